@@ -282,8 +282,6 @@ def read_signals(
 
     Parameters
     ----------
-    eom : Equations
-        Equations of the mechanism.
     inputs : mapping, list of pairs, Solution, or SampledController
         Numbers, arrays of samples on the output grid, expressions, solutions of
         optimal control; or one solution or controller for all.

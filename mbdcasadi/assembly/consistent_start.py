@@ -37,14 +37,10 @@ def consistent_start(
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at given parameters.
     initial : sequence of relations, or State
         Conditions that the start meets; or the start itself, which must meet the constraints.
     time : float
         s.
-    signals : Signals
-        The inputs.
     near : numpy.ndarray, optional
         Estimate of the pose (n,), in place of that of the bodies.
 
@@ -108,8 +104,6 @@ def position_limits(numeric: NumericEquations, angular: np.ndarray | None = None
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations of the mechanism.
     angular : numpy.ndarray of bool, optional
         True for those of the other rows that are angles.
     """

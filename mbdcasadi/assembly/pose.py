@@ -19,41 +19,37 @@ from ..model.conditions import Condition, stacked
 from ..numerics.evaluation import Evaluator
 from ..numerics.homotopy import Step, follow
 from ..numerics.least_squares import largest
-from ..numerics.nearest import multipliers_at, nearest, nearest_by_ipopt, project_with_inequalities
+from ..numerics.nearest import nearest, nearest_by_ipopt
 from ..numerics.newton import Equations, Outcome, refine_root, solve
 from ..numerics.scattered import scattered
+from .nearest_problem import NearestProblem, by_element
 
 #: Largest turn of a body in one step of the continuation, rad.
 LARGEST_TURN = 0.3
 #: Residual from which a row counts as open in a message, rad or characteristic lengths.
 GAP_TOLERANCE = 1e-6
 #: Value of a condition, by what a displacement of characteristic size changes it, that counts as zero.
-HELD_TOLERANCE, INEQUALITY_TOLERANCE = 1e-6, 1e-7
+INEQUALITY_TOLERANCE = 1e-7
 #: By how much an estimate is moved out of a singular pose, rad and characteristic lengths.
 SINGULAR_PERTURBATION = 1e-4
 
 
-class PoseProblem:
+class PoseProblem(NearestProblem):
     """Position constraints and conditions of a mechanism at one time.
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at given parameters.
-    conditions : sequence of Condition
-        On positions.
-    t : float
-        Time, s.
+    conditions, t
+        On positions; see the base class.
     z : numpy.ndarray
         First-order states, which conditions may hold.
     """
 
+    refusal = AssemblyError
+
     def __init__(self, numeric: NumericEquations, conditions: Sequence[Condition], t: float, z: np.ndarray):
-        self.numeric = numeric
-        self.t = t
+        super().__init__(numeric, conditions, t)
         self.z = z
-        self.equalities = [c for c in conditions if c.equality]
-        self.inequalities = [c for c in conditions if not c.equality]
         eom = numeric.eom
         self._sizes = numeric.scale.coordinates
         self._arguments = [eom.q, eom.t, eom.z, eom.p]
@@ -66,44 +62,6 @@ class PoseProblem:
         if self.inequalities:
             q = self._within(q, estimate)
         return refine_root(self.rows_with(self.equalities), q, self.numeric.weights, sizes=self._sizes)
-
-    # --- inequalities ------------------------------------------------------------------------
-    def _within(self, q: np.ndarray, estimate: np.ndarray) -> np.ndarray:
-        """Nearest pose under the inequalities, from the nearest one without them."""
-        try:
-            pose = self._active_set(q, estimate)
-            obstacle = None
-        except AssemblyError as error:
-            pose, obstacle = None, error
-        if pose is not None:
-            return pose
-        # on the way to the limits the linkage locks, or they alternate: look for a pose within all of them at once
-        start = self._by_optimisation(estimate, self.equalities, self.inequalities)
-        if start is None:
-            raise obstacle or self._limits_missed()
-        near = np.flatnonzero(np.abs(self._relative(self.inequalities, start)) <= HELD_TOLERANCE)
-        try:
-            pose = self._active_set(start, estimate, [int(k) for k in near])
-        except AssemblyError:
-            pose = None
-        return start if pose is None else pose
-
-    def _active_set(self, start: np.ndarray, estimate: np.ndarray, active: Sequence[int] = ()) -> np.ndarray | None:
-        limits, last = self.inequalities, start
-
-        def held(active: Sequence[int]) -> list[Condition]:
-            return [*self.equalities, *[limits[k] for k in active]]
-
-        def meet(active: Sequence[int]) -> np.ndarray:
-            nonlocal last
-            last = self._meet(held(active), last, estimate)
-            return last
-
-        def pushes(q: np.ndarray, active: Sequence[int]) -> np.ndarray:
-            jacobian = self.rows_with(held(active))(q)[1]
-            return multipliers_at(jacobian, q - estimate, self.numeric.weights)[len(jacobian) - len(active) :]
-
-        return project_with_inequalities(meet, lambda q: self._relative(limits, q), pushes, active)
 
     # --- closing the linkage -------------------------------------------------------------
     def _rows(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -143,6 +101,9 @@ class PoseProblem:
                 poses.append(outcome.x)
         return min(poses, key=lambda q: float(np.sum(self.numeric.weights * (q - estimate) ** 2)), default=None)
 
+    def _optimised(self, start: np.ndarray, estimate: np.ndarray) -> np.ndarray | None:
+        return self._by_optimisation(estimate, self.equalities, self.inequalities)
+
     def _by_optimisation(
         self, estimate: np.ndarray, equalities: Sequence[Condition], inequalities: Sequence[Condition]
     ) -> np.ndarray | None:
@@ -164,7 +125,7 @@ class PoseProblem:
         return self._compile(conditions)(q, self.t, self.z, self.numeric.p)[0].ravel()
 
     def _relative(self, conditions: Sequence[Condition], q: np.ndarray) -> np.ndarray:
-        """Values of conditions by what a displacement of characteristic size changes them (k,)."""
+        """Values by what a displacement of characteristic size changes them (k,)."""
         values, slope = self._compile(conditions)(q, self.t, self.z, self.numeric.p)
         change = np.abs(slope) @ self._sizes
         return values.ravel() / np.where(change > 0, change, 1.0)
@@ -225,7 +186,7 @@ class PoseProblem:
             raise self._conditions_missed(conditions, _closest(outcomes))
         warn(
             f"assembly: {', '.join(c.label for c in conditions)} cannot be reached from the estimated pose without "
-            "passing a singular pose or coming apart; the pose that was found may lie on another branch of the linkage",
+            "passing a singular pose or coming apart; the pose that was found may lie on another branch of the linkage"
         )
         return q
 
@@ -273,11 +234,7 @@ class PoseProblem:
 
     def _residuals(self, values: np.ndarray) -> dict[str, float]:
         eom = self.numeric.eom
-        largest_rows: dict[str, float] = {}
-        for k, value in zip(eom.position_rows, values, strict=True):
-            name = eom.row_elements[k].name
-            largest_rows[name] = max(largest_rows.get(name, 0.0), abs(float(value)))
-        return dict(sorted(largest_rows.items(), key=lambda item: -item[1]))
+        return by_element([eom.row_elements[k] for k in eom.position_rows], values)
 
 
 def _closest(outcomes: Sequence[Outcome]) -> Outcome:

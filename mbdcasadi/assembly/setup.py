@@ -30,10 +30,6 @@ class Setup:
 
     Parameters
     ----------
-    mechanism : Mechanism
-        The model.
-    analysis : str
-        Name of the analysis, for messages.
     times : sequence of float, optional
         Output times, the first one the start, s.
     duration : float, optional
@@ -126,8 +122,6 @@ class Setup:
 
         Parameters
         ----------
-        grid : numpy.ndarray
-            Output times, s.
         p, levels, channel : numpy.ndarray
             Values of the parameters, of the inputs that are numbers, and of sampled inputs in the intervals of the
             grid.

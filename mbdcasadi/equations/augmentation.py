@@ -30,10 +30,6 @@ def effective_masses(eom: Equations, p: np.ndarray, mass: np.ndarray, scale: Sca
 
     Parameters
     ----------
-    eom : Equations
-        The equations.
-    p : numpy.ndarray
-        Parameter values.
     mass : numpy.ndarray
         Diagonal of M (n,).
     scale : Scale

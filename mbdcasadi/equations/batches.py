@@ -26,11 +26,6 @@ GROUPS = ("q", "v", "a", "z", "lam", "u", "p")
 class Values:
     """Places of the symbols of a mechanism in one column of numbers: ``[t, q, v, a, z, lam, u, p, rates of z, 0, 1]``.
 
-    Parameters
-    ----------
-    eom : Equations
-        The equations.
-
     Attributes
     ----------
     size : int
@@ -226,12 +221,6 @@ def batches_of(
 
     Parameters
     ----------
-    eom : Equations
-        The equations.
-    values : Values
-        Places of their symbols.
-    elements : sequence
-        The elements.
     parts_of : callable
         Returns expressions of an element, columns in the symbols of the mechanism.
 

@@ -15,7 +15,6 @@ from ..numerics.c_interface import definitions, interface
 from ..numerics.writing import whole_file
 from .newton_code import NewtonLoop, newton_step
 from .numeric import NumericEquations
-from .reaction_loads import why_not_unique
 
 if TYPE_CHECKING:
     from .derivation import Equations
@@ -66,7 +65,7 @@ def generate_c(eom: Equations, path: str | Path) -> tuple[Path, Path]:
         raise ModelError(f"generate_c: there is no folder {str(target.resolve().parent)!r}")
     numeric = NumericEquations(eom, eom.parameter_values)
     if (redundant := numeric.has_redundant_rows(0.0, eom.estimate[0])) and eom.Q_depends_on_lam:
-        raise ModelError(f"generate_c: {why_not_unique(eom)}")
+        raise ModelError(f"generate_c: {eom.why_not_unique}")
     try:
         functions = [*_implicit(eom, stem), *_explicit(numeric, stem, redundant=redundant)]
     except UnsupportedOperation as error:

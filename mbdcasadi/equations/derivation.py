@@ -160,6 +160,42 @@ class Equations:
         """True if a force depends on the multipliers (joint friction)."""
         return bool(self.lam.numel()) and bool(ca.depends_on(self.Q, self.lam))
 
+    @property
+    def loaded_by_reactions(self) -> list[str]:
+        """Descriptions of the elements whose forces depend on reactions, such as friction by the load of a joint."""
+        return [
+            element.description
+            for element in self.mechanism.elements
+            if any(ca.depends_on(ca.vec(ca.SX(force)), self.lam) for _, force in element.virtual_work)
+        ]
+
+    @property
+    def why_not_unique(self) -> str:
+        """Sentence on forces that depend on reactions in a mechanism with redundant rows."""
+        return (
+            f"the force of {', '.join(self.loaded_by_reactions[:3])} depends on reactions, and with redundant "
+            "constraints these are not unique: remove the redundant rows (see check), or take LoadIndependentFriction"
+        )
+
+    @cached_property
+    def has_loops(self) -> bool:
+        """True if constraints close loops: a tree of pins, slides and welds is regular in every pose."""
+        parent: dict[int, int] = {}
+
+        def root(key: int) -> int:
+            while parent.setdefault(key, key) != key:
+                key = parent[key]
+            return key
+
+        for element in self.mechanism.constraints:
+            if not getattr(element, "is_lower_pair", False) or len(element.bodies) != 2:
+                return True
+            a, b = (root(id(body)) for body in element.bodies)
+            if a == b:
+                return True
+            parent[a] = b
+        return False
+
     @cached_property
     def estimate(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Estimates of q, v and z that the bodies and states carry."""

@@ -21,11 +21,6 @@ _SOLVER = "csparse"
 class DrivenEquations:
     """Functions of a driven mechanism.
 
-    Parameters
-    ----------
-    eom : Equations
-        Its equations.
-
     Attributes
     ----------
     step : casadi.Function

@@ -92,8 +92,6 @@ def explicit_rows(eom: Equations, *, curved: bool = True, angles: bool = False) 
 
     Parameters
     ----------
-    eom : Equations
-        The equations.
     curved : bool
         True if rows that are not linear are solved as well.
     angles : bool

@@ -165,8 +165,6 @@ class ImpactLaw:
             Time, s.
         q, v : numpy.ndarray
             Pose, and velocities just before (n,).
-        p : numpy.ndarray
-            Values of the parameters.
         """
         eom = self.eom
         key = ("impact", *((joint, float(e)) for joint, e in self.restitution.items()))

@@ -43,13 +43,6 @@ WITHOUT_MASS = 1e-12
 class NumericEquations:
     """The equations of motion at given parameter values.
 
-    Parameters
-    ----------
-    eom : Equations
-        The symbolic equations.
-    p : numpy.ndarray
-        Parameter values.
-
     Raises
     ------
     ModelError

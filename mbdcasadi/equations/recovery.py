@@ -7,6 +7,7 @@ whole batch until the worst point has converged.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -29,8 +30,6 @@ class Recovery:
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at given parameters.
     redundant : bool
         True if rows are dependent: solves are then regularised, multipliers of least norm.
     """
@@ -46,25 +45,23 @@ class Recovery:
     @cached_property
     def position_step(self) -> ca.Function:
         """``(t, q, p, weights) -> (q, |Phi|, regularity)``: one step towards ``Phi = 0``, and what is left after it."""
-        eom = self.numeric.eom
-        return eom.mechanism.cache.get_or_create("position step", lambda: _position_step(eom))
+        return self._kept("position step", lambda: _position_step(self.numeric.eom))
 
     @cached_property
     def velocity_step(self) -> ca.Function:
         """``(t, q, v, p, weights) -> v`` with ``Phi_q v = nu``."""
-        eom = self.numeric.eom
-        return eom.mechanism.cache.get_or_create("velocity step", lambda: _velocity_step(eom))
+        return self._kept("velocity step", lambda: _velocity_step(self.numeric.eom))
 
     @cached_property
     def _position_rows(self) -> Evaluator:
-        return self._evaluator("position step by row", self.position_step)
+        return self._kept("position step by row", lambda: Evaluator(self.position_step))
 
     @cached_property
     def _velocity_rows(self) -> Evaluator:
-        return self._evaluator("velocity step by row", self.velocity_step)
+        return self._kept("velocity step by row", lambda: Evaluator(self.velocity_step))
 
-    def _evaluator(self, key: str, function: ca.Function) -> Evaluator:
-        return self.numeric.eom.mechanism.cache.get_or_create(key, lambda: Evaluator(function))
+    def _kept(self, key: str, make: Callable[[], Any]) -> Any:
+        return self.numeric.eom.mechanism.cache.get_or_create(key, make)
 
     def positions(self, t: np.ndarray, q: np.ndarray, iterations: int = 10) -> np.ndarray:
         """Bring coordinates (k, n) onto ``Phi = 0``."""

@@ -21,7 +21,6 @@ import casadi as ca
 import numpy as np
 
 from ..errors import SingularityError
-from .reaction_loads import why_not_unique
 
 if TYPE_CHECKING:
     from .derivation import Equations
@@ -76,11 +75,7 @@ class SaddlePoint:
         self.force_slope = force_slope
 
     def solution(
-        self,
-        *,
-        augmentation: np.ndarray | None = None,
-        redundant: bool = False,
-        refinements: int = REPORT_REFINEMENTS,
+        self, *, augmentation: np.ndarray | None = None, redundant: bool = False, refinements: int = REPORT_REFINEMENTS
     ) -> tuple[ca.SX, ca.SX]:
         """Return ``(a, lam)`` as expressions.
 
@@ -197,7 +192,7 @@ def forward_dynamics(
     unknowns = ca.vertcat(eom.a, eom.lam)
     residual = ca.vertcat(eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q, eom.Phi_q @ eom.a - eom.gamma)
     if ca.sprank(ca.jacobian_sparsity(residual, unknowns)) < unknowns.numel():
-        raise SingularityError(why_not_unique(eom))
+        raise SingularityError(eom.why_not_unique)
     function = ca.Function("r", [unknowns, *arguments], [residual])
     root = ca.rootfinder("newton", "newton", function, NEWTON)
     symbols = [ca.MX.sym(name, *arg.shape) for name, arg in zip(names, arguments, strict=True)]

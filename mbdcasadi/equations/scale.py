@@ -74,10 +74,6 @@ def scale_of(eom: Equations, p: np.ndarray, mass: np.ndarray) -> Scale:
 
     Parameters
     ----------
-    eom : Equations
-        Its equations.
-    p : numpy.ndarray
-        Parameter values.
     mass : numpy.ndarray
         Diagonal of M (n,).
     """

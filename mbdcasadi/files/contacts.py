@@ -30,15 +30,7 @@ def circle_on_ground(part: Part) -> list[Element]:
 
 
 class SpringDamper(Immutable):
-    """``F = max(kn δ + cn δ̇, 0)``: a linear spring and damper that push only.
-
-    Parameters
-    ----------
-    stiffness : float
-        kn, N/m.
-    damping : float
-        cn, N s/m.
-    """
+    """``F = max(kn δ + cn δ̇, 0)``: a linear spring (kn, N/m) and damper (cn, N s/m) that push only."""
 
     def __init__(self, stiffness: float, damping: float):
         self.stiffness, self.damping = stiffness, damping
@@ -56,17 +48,10 @@ class SpringDamper(Immutable):
 
 
 class TangentialSpring(FrictionLaw):
-    """``F = -(kt u + ct v)``: a spring and damper along the surface, without sliding.
+    """``F = -(kt u + ct v)``: a spring (kt, N/m) and damper (ct > 0, N s/m) along the surface, without sliding.
 
     The deflection u is a state: ``u̇ = v`` while the surfaces press on each other; after lift-off the spring relaxes
     against its damper, ``u̇ = -(kt/ct) u``. A file gives no coefficient of friction, and so nothing limits F.
-
-    Parameters
-    ----------
-    stiffness : float
-        kt, N/m.
-    damping : float
-        ct, N s/m, above 0.
     """
 
     def __init__(self, stiffness: float, damping: float):

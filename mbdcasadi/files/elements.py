@@ -77,25 +77,19 @@ def _depends_on_time(value: ca.SX) -> bool:
     return any(symbol.element_hash() == t.element_hash() for symbol in symbols_of(value))
 
 
-def _absolute(kind: Any, coordinate: Callable[[Marker], ca.SX]) -> Builder:
+def _prescribed(kind: Any, count: int) -> Builder:
+    """Return the builder of a coordinate of one marker, or between two: a driver if its value depends on time."""
+
     def build(part: Part) -> list[Element]:
-        part.moving()
-        marker = part.angle_marker(1) if kind is AbsoluteAngle else part.marker(1)
+        if count == 1:
+            part.moving()
+        make = part.angle_marker if kind.coordinate == "angle" else part.marker
+        markers = [make(k + 1) for k in range(count)]
         value = part.fields.function()
-        if _depends_on_time(value):
-            return [Driver(part.name, coordinate(marker), value)]
-        return [kind(part.name, marker, value)]
-
-    return build
-
-
-def _relative(kind: Any, coordinate: Callable[[Marker], ca.SX]) -> Builder:
-    def build(part: Part) -> list[Element]:
-        a, b = (part.angle_marker(k) if kind is RelativeAngle else part.marker(k) for k in (1, 2))
-        value = part.fields.function()
-        if _depends_on_time(value):
-            return [Driver(part.name, coordinate(b) - coordinate(a), value)]
-        return [kind(part.name, a, b, value)]
+        if not _depends_on_time(value):
+            return [kind(part.name, *markers, value)]
+        first, *others = (getattr(marker, kind.coordinate) for marker in markers)
+        return [Driver(part.name, others[0] - first if others else first, value)]
 
     return build
 
@@ -215,12 +209,12 @@ def _translational_spring(part: Part) -> list[Element]:
 
 
 CONSTRAINTS: dict[str, Builder] = {
-    "AbsoluteX": _absolute(AbsoluteX, lambda marker: marker.x),
-    "AbsoluteY": _absolute(AbsoluteY, lambda marker: marker.y),
-    "AbsoluteAngle": _absolute(AbsoluteAngle, lambda marker: marker.angle),
-    "RelativeX": _relative(RelativeX, lambda marker: marker.x),
-    "RelativeY": _relative(RelativeY, lambda marker: marker.y),
-    "RelativeAngle": _relative(RelativeAngle, lambda marker: marker.angle),
+    "AbsoluteX": _prescribed(AbsoluteX, 1),
+    "AbsoluteY": _prescribed(AbsoluteY, 1),
+    "AbsoluteAngle": _prescribed(AbsoluteAngle, 1),
+    "RelativeX": _prescribed(RelativeX, 2),
+    "RelativeY": _prescribed(RelativeY, 2),
+    "RelativeAngle": _prescribed(RelativeAngle, 2),
     "RelativeDistance": _relative_distance,
     "RevoluteJoint": _revolute,
     "TranslationalJoint": _translational,

@@ -17,17 +17,7 @@ _REQUIRED: Any = object()
 
 
 class Fields:
-    """The fields of one object of a file.
-
-    Parameters
-    ----------
-    data : dict
-        The object, as :func:`~mbdcasadi.files.text.read_json` gives it.
-    file : str
-        Name of the file.
-    what : str
-        The object in words, for messages: ``"constraint 'driver'"``.
-    """
+    """The fields of one object of a file, which messages call `what`: ``"constraint 'driver'"``."""
 
     def __init__(self, data: Any, file: str, what: str):
         self.file = file

@@ -15,21 +15,7 @@ from ..errors import FileError
 
 @dataclass(eq=False)
 class XmlElement:
-    """One element of a file.
-
-    Attributes
-    ----------
-    file : str
-        Name of the file.
-    tag : str
-        Kind of the element.
-    line : int
-        Line of its beginning.
-    attributes : dict of str to str
-        Its attributes.
-    children : list of XmlElement
-        Elements inside it.
-    """
+    """One element of a file: its kind, the line of its beginning, and the elements inside it."""
 
     file: str
     tag: str
@@ -53,13 +39,7 @@ class XmlElement:
         return (child for child in self.children if not tags or child.tag in tags)
 
     def one(self, tag: str) -> XmlElement | None:
-        """Return the child of a kind, or None.
-
-        Raises
-        ------
-        FileError
-            If there are several.
-        """
+        """Return the child of a kind, or None; several are refused."""
         children = list(self.all(tag))
         if len(children) > 1:
             raise children[1].refuse("is the second one; at most one is allowed")
@@ -72,26 +52,14 @@ class XmlElement:
                 raise child.refuse("is not supported here")
 
     def get(self, name: str, default: str | None = None) -> str:
-        """Return an attribute as text.
-
-        Raises
-        ------
-        FileError
-            If it is missing, and there is no default.
-        """
+        """Return an attribute as text; one that is missing without a default is refused."""
         value = self.attributes.get(name, default)
         if value is None:
             raise self.refuse(f"has no attribute '{name}'")
         return value
 
     def numbers(self, name: str, default: str | None = None, sizes: tuple[int, ...] = ()) -> np.ndarray:
-        """Return an attribute that is a list of finite numbers.
-
-        Raises
-        ------
-        FileError
-            For anything else, and for another number of them than one of `sizes`.
-        """
+        """Return an attribute that is a list of finite numbers, as many as one of `sizes`; else it is refused."""
         text = self.get(name, default)
         try:
             values = np.array([float(part) for part in text.split()])
@@ -119,13 +87,7 @@ class XmlElement:
 
 
 def read_xml(path: str | Path, root: str) -> XmlElement:
-    """Read a file with a given outermost element.
-
-    Raises
-    ------
-    FileError
-        For a file that does not exist, is not XML, or begins with another element.
-    """
+    """Read a file with a given outermost element; raise a :class:`FileError` for any other."""
     path = Path(path)
     try:
         content = path.read_bytes()

@@ -28,22 +28,9 @@ PARALLEL = 1e-3
 
 
 class Plane:
-    """The plane of a motion.
+    """The plane of a motion of a robot with at least one joint.
 
-    Parameters
-    ----------
-    robot : Robot
-        A robot with at least one joint.
-
-    Attributes
-    ----------
-    axes : numpy.ndarray
-        Horizontal and vertical axis of the plane, and its normal, by row (3, 3).
-
-    Raises
-    ------
-    FileError
-        For a hinge that is not parallel to others, and a slide across the plane, by name and line.
+    A hinge that is not parallel to others, and a slide across the plane, are refused by name and line.
     """
 
     def __init__(self, robot: Robot):
@@ -72,6 +59,7 @@ class Plane:
         # to the right is where the axes of the world point
         if across[np.argmax(np.abs(across))] < 0:
             normal, across = -normal, -across
+        #: horizontal and vertical axis of the plane, and its normal, by row (3, 3)
         self.axes = np.array([across, up, normal])
 
     @staticmethod
@@ -122,13 +110,7 @@ def _triple(values: np.ndarray) -> str:
 
 
 class PlanarBuilder:
-    """Bodies, joints and forces of a robot, in its plane.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    """
+    """Bodies, joints and forces of a robot, in its plane."""
 
     def __init__(self, robot: Robot):
         self.robot, self.plane = robot, Plane(robot)
@@ -140,13 +122,7 @@ class PlanarBuilder:
         self._names: set[str] = set()
 
     def mechanism(self) -> Mechanism:
-        """Return the mechanism.
-
-        Raises
-        ------
-        FileError
-            For what is not planar or has no mass, by name and line.
-        """
+        """Return the mechanism; what is not planar or has no mass is refused by name and line."""
         robot = self.robot
         for link in robot.links:
             if link.joints:

@@ -16,15 +16,7 @@ from .markup import XmlElement
 
 @dataclass(eq=False)
 class RobotPart:
-    """A part of a robot.
-
-    Attributes
-    ----------
-    source : XmlElement
-        Element of the file that describes it.
-    name : str
-        Its name.
-    """
+    """A part of a robot, and the element of the file that describes it."""
 
     source: XmlElement
     name: str
@@ -41,52 +33,34 @@ class Mass:
 
 @dataclass(eq=False)
 class SpatialJoint(RobotPart):
-    """A hinge or slide with which a link moves relative to its parent.
+    """A hinge or slide with which a link moves relative to its parent."""
 
-    Attributes
-    ----------
-    kind : {"hinge", "slide"}
-        Kind of the joint.
-    axis, point : numpy.ndarray
-        In the frame of the link (3,).
-    reference : float
-        Its coordinate in the pose of the file.
-    damping, stiffness, rest : float
-        Of its damper, its spring, and the coordinate at which that is free.
-    armature : float
-        Inertia of its rotor: kg m², or kg of a slide.
-    """
-
+    #: "hinge" or "slide"
     kind: str
+    #: in the frame of the link (3,)
     axis: np.ndarray
     point: np.ndarray
+    #: its coordinate in the pose of the file
     reference: float = 0.0
     damping: float = 0.0
     stiffness: float = 0.0
+    #: coordinate at which the spring is free
     rest: float = 0.0
+    #: inertia of its rotor: kg m², or kg of a slide
     armature: float = 0.0
 
 
 @dataclass(eq=False)
 class Link(RobotPart):
-    """A body in space, in the pose of the file.
+    """A body in space, in the pose of the file."""
 
-    Attributes
-    ----------
-    parent : Link or None
-        None for the world.
-    rotation, position : numpy.ndarray
-        Of its frame in the world (3, 3), (3,).
-    masses : list of Mass
-        Its parts.
-    joints : list of SpatialJoint
-        By which it moves, the first one next to the parent; none if it is fixed to it.
-    """
-
+    #: None for the world
     parent: Link | None
+    #: of its frame in the world (3, 3), (3,)
     rotation: np.ndarray
     position: np.ndarray
     masses: list[Mass] = field(default_factory=list)
+    #: by which it moves, the first one next to the parent; none if it is fixed to it
     joints: list[SpatialJoint] = field(default_factory=list)
 
     @property
@@ -112,13 +86,7 @@ Law = Callable[[Sequence["Coordinate"]], Element | None]
 
 @dataclass(frozen=True)
 class Coordinate:
-    """The coordinate of a joint, with what a force along it needs.
-
-    Attributes
-    ----------
-    value, rate : casadi.SX
-        Coordinate and its rate: rad or m.
-    """
+    """The coordinate of a joint and its rate, rad or m."""
 
     value: ca.SX
     rate: ca.SX
@@ -126,30 +94,18 @@ class Coordinate:
 
 @dataclass(eq=False)
 class Robot(RobotPart):
-    """Robot that a file describes, in space; its source is the outermost element.
+    """Robot that a file describes, in space; its source is the outermost element."""
 
-    Attributes
-    ----------
-    links : list of Link
-        All links, parents first; the world is the first one.
-    gravity : numpy.ndarray
-        m/s² (3,).
-    loops : list of Loop
-        Points at which loops are closed.
-    forces, constraints : list
-        Names of joints, and what makes an element of their coordinates.
-    inputs : list of Input
-        Inputs of the actuators.
-    left_out : list of str
-        Contents of the file that no element represents.
-    """
-
+    #: m/s² (3,)
     gravity: np.ndarray
+    #: parents first; the world is the first one
     links: list[Link] = field(default_factory=list)
     loops: list[Loop] = field(default_factory=list)
+    #: names of joints, and what makes an element of their coordinates
     forces: list[tuple[tuple[str, ...], Law]] = field(default_factory=list)
     constraints: list[tuple[tuple[str, ...], Law]] = field(default_factory=list)
     inputs: list[Input] = field(default_factory=list)
+    #: contents of the file that no element represents
     left_out: list[str] = field(default_factory=list)
 
     def joint(self, name: str, source: XmlElement) -> SpatialJoint:

@@ -39,22 +39,9 @@ class JsonObject(dict):
 
 
 def read_json(path: str | Path) -> JsonObject:
-    """Read a file that holds one JSON object.
+    """Read a file that holds one JSON object; ``"vis"`` is missing if it could not be read.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    JsonObject
-        Its content; ``"vis"`` is missing if it could not be read.
-
-    Raises
-    ------
-    FileError
-        For a file that does not exist or holds something else, with line and column.
+    A :class:`FileError` with line and column is raised for a file that does not exist or holds something else.
     """
     path = Path(path)
     try:

@@ -12,7 +12,6 @@ from ..assembly.consistent_start import levels_of
 from ..equations import Equations
 from ..equations.newton_code import NewtonLoop, linearised, newton_step
 from ..equations.numeric import NumericEquations
-from ..equations.reaction_loads import why_not_unique
 from ..equations.saddle import SaddlePoint
 from ..equations.switching.explicit_time import explicit_time
 from ..errors import ModelError
@@ -90,7 +89,7 @@ class Model:
     def refuse_unsupported(self) -> None:
         """Raise if the reactions on which forces depend are not unique."""
         if self.eom.Q_depends_on_lam and self.is_redundant:
-            raise ModelError(f"export_fmu: {why_not_unique(self.eom)}")
+            raise ModelError(f"export_fmu: {self.eom.why_not_unique}")
 
     def _solve(self, force: ca.SX, gamma: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Changes of (a, lam) that changes of the force and of the right side of the acceleration equation cause."""

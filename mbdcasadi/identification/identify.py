@@ -265,20 +265,9 @@ def _first_noise(motions: Sequence[Experiment]) -> list[np.ndarray]:
 
 
 def _range(experiment: Experiment) -> np.ndarray:
-    spread = np.array(
-        [
-            np.ptp(row[there]) if there.any() else 0.0
-            for row, there in zip(experiment.samples, experiment.measured, strict=True)
-        ]
-    )
-    size = np.array(
-        [
-            np.max(np.abs(row[there]), initial=0.0)
-            for row, there in zip(experiment.samples, experiment.measured, strict=True)
-        ]
-    )
-    ranges = np.where(spread > 0, spread, size)
-    return np.where(ranges > 0, ranges, 1.0)
+    """Range of each row of samples; the size of one that does not vary, one for zeros."""
+    rows = [row[there] for row, there in zip(experiment.samples, experiment.measured, strict=True)]
+    return np.array([(np.ptp(row) if row.size else 0.0) or np.max(np.abs(row), initial=0.0) or 1.0 for row in rows])
 
 
 def _noise(motions: Sequence[Experiment], outcome: GaussNewtonOutcome, loss: Loss) -> list[np.ndarray]:

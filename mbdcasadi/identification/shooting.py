@@ -68,10 +68,6 @@ class Shooting:
 
     Parameters
     ----------
-    setup : MotionSetup
-        Mechanism, grid, start and inputs.
-    experiment : Experiment
-        The data.
     places : list of int
         Positions of the unknowns among the parameters.
     segments : int

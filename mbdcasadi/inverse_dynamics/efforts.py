@@ -26,8 +26,6 @@ class EffortProblem:
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at given parameters.
     unknown : sequence of int
         Inputs to find, by position.
     """

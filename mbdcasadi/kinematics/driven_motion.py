@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -32,24 +30,10 @@ class DrivenMotion:
 
 
 class MotionFollower:
-    """Follows the pose of a driven mechanism.
+    """Follows the pose of a driven mechanism; its errors carry the motion so far."""
 
-    Parameters
-    ----------
-    numeric : NumericEquations
-        Its equations.
-    progress : bool
-        Show a progress bar.
-    wrap : callable, optional
-        Makes the partial result that an error carries.
-    """
-
-    def __init__(
-        self, numeric: NumericEquations, *, progress: bool = False, wrap: Callable[[DrivenMotion], Any] | None = None
-    ):
+    def __init__(self, numeric: NumericEquations):
         self.numeric = numeric
-        self._progress = progress
-        self._wrap = wrap or (lambda motion: motion)
 
     def _singular(self, t: float, q: np.ndarray, motion: DrivenMotion) -> SingularityError:
         pose = describe_singularity(self.numeric, t, q, shaky=bool(mobility(self.numeric, t, q).shaky))
@@ -57,7 +41,7 @@ class MotionFollower:
             f"the motion cannot be continued beyond t = {t:.9g} s: the pose is singular, {pose.text}; "
             "what was computed is in .partial",
             time=t,
-            partial=self._wrap(motion),
+            partial=motion,
         )
 
     def _interrupted(self, motion: DrivenMotion) -> Interrupted:
@@ -65,5 +49,5 @@ class MotionFollower:
         return Interrupted(
             f"stopped by the user at t = {reached:.6g} s; what was computed is in .partial",
             time=reached,
-            partial=self._wrap(motion),
+            partial=motion,
         )

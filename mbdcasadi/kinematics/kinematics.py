@@ -11,7 +11,7 @@ from ..assembly.pose import PoseProblem
 from ..assembly.setup import Setup
 from ..equations.numeric import NumericEquations
 from ..equations.switching.explicit_time import explicit_time, first_jump
-from ..errors import MechanismError, ModelError, warn
+from ..errors import Interrupted, MechanismError, ModelError, warn
 from ..model.mechanism import Mechanism
 from ..numerics.console import keyboard_interrupts
 from ..results.trajectory import Statistics, Trajectory
@@ -92,7 +92,12 @@ def driven_motion(numeric: NumericEquations, grid: np.ndarray, *, progress: bool
     q = PoseProblem(numeric, [], float(grid[0]), eom.estimate[2]).solve(eom.estimate[0])
     _check_driven(numeric, float(grid[0]), q, what)
     reached = grid if jump is None else grid[: max(np.searchsorted(grid, jump.time), 1)]
-    motion = _follower(numeric, progress, lambda part: kinematic_trajectory(numeric, part)).run(reached, q)
+    try:
+        motion = _follower(numeric).run(reached, q, progress=progress)
+    except (MechanismError, Interrupted) as error:
+        if error.partial is not None:
+            error.partial = kinematic_trajectory(numeric, error.partial)
+        raise
     motion.seconds = clock.perf_counter() - began
     if jump is not None:
         raise ModelError(
@@ -105,13 +110,11 @@ def driven_motion(numeric: NumericEquations, grid: np.ndarray, *, progress: bool
     return motion
 
 
-def _follower(
-    numeric: NumericEquations, progress: bool = False, wrap: Any = None
-) -> Continuation | VelocityLevelMotion:
+def _follower(numeric: NumericEquations) -> Continuation | VelocityLevelMotion:
     """Follower of the pose: Newton's method, or an integration if there are velocity-level rows."""
     if numeric.eom.position_rows.size < numeric.eom.lam.numel():
-        return VelocityLevelMotion(numeric, progress=progress, wrap=wrap)
-    return Continuation(numeric, progress=progress, wrap=wrap)
+        return VelocityLevelMotion(numeric)
+    return Continuation(numeric)
 
 
 def kinematic_trajectory(numeric: NumericEquations, motion: DrivenMotion) -> Trajectory:

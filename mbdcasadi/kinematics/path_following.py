@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -35,15 +34,13 @@ SMALLEST_STEP = 1e-12
 class Continuation(MotionFollower):
     """Follows the pose of a driven mechanism by Newton's method; see the base class."""
 
-    def __init__(
-        self, numeric: NumericEquations, *, progress: bool = False, wrap: Callable[[DrivenMotion], Any] | None = None
-    ):
-        super().__init__(numeric, progress=progress, wrap=wrap)
+    def __init__(self, numeric: NumericEquations):
+        super().__init__(numeric)
         self.driven = driven_equations(numeric.eom)
         self._contradiction = CONTRADICTION_TOLERANCE * max(1.0, numeric.scale.length)
 
     # --- the motion -------------------------------------------------------------------
-    def run(self, grid: np.ndarray, q: np.ndarray) -> DrivenMotion:
+    def run(self, grid: np.ndarray, q: np.ndarray, *, progress: bool = False) -> DrivenMotion:
         """Follow the motion over a grid from the pose at its first time."""
         zero = np.zeros_like(q)
         singular = self.numeric.rank(float(grid[0]), q).rank < q.size
@@ -56,7 +53,7 @@ class Continuation(MotionFollower):
         done = 1
         with (
             interruptible() as interruption,
-            progress_bar(grid.size - 1, "kinematics", " times", show=self._progress) as bar,
+            progress_bar(grid.size - 1, "kinematics", " times", show=progress) as bar,
         ):
             while done < grid.size:
                 try:
@@ -106,9 +103,7 @@ class Continuation(MotionFollower):
     def _recursion(self, count: int) -> Any:
         names = ["q0", "v0", "a0", "t0"], ["q", "v", "a", "t_now"]
         return self.numeric.eom.mechanism.cache.get_or_create(
-            ("kinematic recursion", count),
-            lambda: self.driven.step.mapaccum("kinematics", count, *names),
-            bounded=True,
+            ("kinematic recursion", count), lambda: self.driven.step.mapaccum("kinematics", count, *names), bounded=True
         )
 
     def _watch_branch(self, motion: DrivenMotion) -> None:
@@ -127,7 +122,7 @@ class Continuation(MotionFollower):
             times = motion.t[every]
             warn(
                 f"the motion passes a singular pose between t = {times[k]:.6g} and {times[k + 1]:.6g} s (the "
-                "determinant of Phi_q changes its sign there); the branch was continued smoothly, another one meets it",
+                "determinant of Phi_q changes its sign there); the branch was continued smoothly, another one meets it"
             )
 
     # --- one difficult step -----------------------------------------------------------------
@@ -210,7 +205,7 @@ class Continuation(MotionFollower):
             "on: data of a spline that end, a division by zero, or a root of a negative number; what was computed is "
             "in .partial",
             time=now,
-            partial=self._wrap(motion),
+            partial=motion,
         )
 
     def _contradicting(self, q: np.ndarray, now: float, goal: float, motion: DrivenMotion) -> AssemblyError | None:
@@ -235,5 +230,5 @@ class Continuation(MotionFollower):
             "contradict each other from there on; what was computed is in .partial",
             residuals={name: float(value) for name, value in zip(rows, sorted(np.abs(residual))[::-1], strict=False)},
             time=now,
-            partial=self._wrap(motion),
+            partial=motion,
         )

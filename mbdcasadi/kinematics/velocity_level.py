@@ -7,9 +7,6 @@ integrated; every output is brought onto the position constraints.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import casadi as ca
 import numpy as np
 
@@ -32,18 +29,16 @@ CHUNK = 100
 class VelocityLevelMotion(MotionFollower):
     """Follows the pose of a mechanism whose velocity is determined and whose pose is not; see the base class."""
 
-    def __init__(
-        self, numeric: NumericEquations, *, progress: bool = False, wrap: Callable[[DrivenMotion], Any] | None = None
-    ):
-        super().__init__(numeric, progress=progress, wrap=wrap)
+    def __init__(self, numeric: NumericEquations):
+        super().__init__(numeric)
         self._rates = driven_equations(numeric.eom).rates
         self._recovery = Recovery(numeric, redundant=True)
 
-    def run(self, grid: np.ndarray, q: np.ndarray) -> DrivenMotion:
+    def run(self, grid: np.ndarray, q: np.ndarray, *, progress: bool = False) -> DrivenMotion:
         """Follow the motion over a grid from the pose at its first time."""
         integrator = CompiledIntegrator(self._system(), IDAS(INTEGRATION_TOLERANCE, INTEGRATION_TOLERANCE))
         poses, done = q[None, :], 1
-        with interruptible() as stop, progress_bar(grid.size - 1, "kinematics", " times", show=self._progress) as bar:
+        with interruptible() as stop, progress_bar(grid.size - 1, "kinematics", " times", show=progress) as bar:
             while done < grid.size:
                 times = grid[done : done + CHUNK]
                 v = self._speeds(grid[done - 1 : done], poses[-1:])[0][0]

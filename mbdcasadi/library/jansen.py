@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..model.bodies import ground
-from ..model.forces.applied import Torque
 from ..model.joints.lower_pairs import Revolute
-from ..model.mechanism import Mechanism
-from ..model.symbols import Input, number
-from .model import GRAVITY, Model, at_angle, bar, ends, lengths, meeting_point, weight
+from ..model.symbols import number
+from .model import GRAVITY, Model, at_angle, bar, cranked, ends, lengths, meeting_point
 
 #: Jansen's lengths of the bars, in units of which the crank has 15; ``a`` and ``l`` place the fixed pivot.
 LENGTHS = {
@@ -85,7 +83,5 @@ def jansen(scale: float = 0.01, density: float = 1.0, angle: float = 0.0, gravit
         for name, marker in markers if fixed else markers[1:]:
             joints.append(Revolute(f"{place} {name}", first, marker))
     main = joints[0]
-    tau = Input("tau", unit="N m")
-    forces = [*weight(gravity), Torque("motor", bars["m"], tau)]
-    mechanism = Mechanism(list(bars.values()), joints, forces=forces, inputs=[tau], name="Jansen linkage")
-    return Model(mechanism, {"crank": main.angle}, **bars, main=main, tau=tau, foot=ends(bars["h"])[1])
+    parts = {**bars, "main": main, "foot": ends(bars["h"])[1]}
+    return cranked("Jansen linkage", list(bars.values()), joints, {"crank": main.angle}, gravity, parts)

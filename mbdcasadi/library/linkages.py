@@ -19,13 +19,14 @@ from .model import (
     Model,
     at_angle,
     bar,
+    cranked,
     ends,
     lengths,
     masses_of,
     meeting_point,
     pair_of_numbers,
     weight,
-)
+)  # fmt: skip
 
 
 def four_bar(
@@ -75,17 +76,10 @@ def four_bar(
         "C": Revolute("C", c2, c3),
         "D": Revolute("D", ground.at(ad, 0), d3),
     }
-    tau = Input("tau", unit="N m")
-    mechanism = Mechanism(
-        bodies=[first, second, third],
-        joints=list(pins.values()),
-        forces=[*weight(gravity), Torque("motor", first, tau)],
-        inputs=[tau],
-        name="four-bar",
-    )
     coordinates = {"crank": pins["A"].angle, "rocker": pins["D"].angle}
     marker = second.at(*pair_of_numbers(point, what, "point"))
-    return Model(mechanism, coordinates, crank=first, coupler=second, rocker=third, **pins, tau=tau, point=marker)
+    parts = {"crank": first, "coupler": second, "rocker": third, **pins, "point": marker}
+    return cranked("four-bar", [first, second, third], list(pins.values()), coordinates, gravity, parts)
 
 
 def five_bar(
@@ -199,12 +193,7 @@ def slider_crank(
     pin = Revolute("crank pin", ends(first)[1], ends(second)[0])
     wrist = Revolute("wrist pin", ends(second)[1], slider.at(0, 0))
     guide = Translational("guide", ground.at(0, height), slider.at(0, 0))
-    tau = Input("tau", unit="N m")
-    forces = [*weight(gravity), Torque("motor", first, tau)]
-    joints = [main, pin, wrist, guide]
-    mechanism = Mechanism([first, second, slider], joints, forces=forces, inputs=[tau], name="slider-crank")
     coordinates = {"crank": main.angle, "slider": guide.displacement}
-    return Model(
-        mechanism, coordinates, crank=first, rod=second, slider=slider, main=main, pin=pin, wrist=wrist, guide=guide,
-        tau=tau,
-    )  # fmt: skip
+    bodies: dict[str, Any] = {"crank": first, "rod": second, "slider": slider}
+    joints = {"main": main, "pin": pin, "wrist": wrist, "guide": guide}
+    return cranked("slider-crank", list(bodies.values()), list(joints.values()), coordinates, gravity, bodies | joints)

@@ -19,7 +19,7 @@ from ..model.joints.lower_pairs import Revolute, Translational
 from ..model.mechanism import Mechanism
 from ..model.quantities import whole
 from ..model.symbols import Input, number
-from .model import GRAVITY, Model, at_angle, lengths, masses_of, weight
+from .model import GRAVITY, Model, at_angle, cranked, lengths, masses_of, weight
 
 
 def planetary_gear(
@@ -162,15 +162,12 @@ def cam_follower(
         contact: Any = CamFlatFollower("contact", cam.at(0, 0), follower.at(0, 0), outline)
     else:
         contact = CamPointFollower("contact", cam.at(0, 0), follower.at(0, 0), outline, roller)
-    tau = Input("tau", unit="N m")
-    forces: list[Any] = [*weight(gravity), Torque("motor", cam, tau)]
     spring = None if stiffness == 0 and preload == 0 else _spring(follower, x, height, base, stiffness, preload)
-    forces += [] if spring is None else [spring]
-    joints = [shaft, guide, contact]
-    mechanism = Mechanism([cam, follower], joints, forces=forces, inputs=[tau], name="cam and follower")
-    return Model(
-        mechanism, {"cam": shaft.angle, "lift": guide.displacement}, cam=cam, follower=follower, shaft=shaft,
-        guide=guide, contact=contact, spring=spring, outline=outline, tau=tau,
+    coordinates = {"cam": shaft.angle, "lift": guide.displacement}
+    parts = {"cam": cam, "follower": follower, "shaft": shaft, "guide": guide, "contact": contact}
+    return cranked(
+        "cam and follower", [cam, follower], [shaft, guide, contact], coordinates, gravity,
+        parts | {"spring": spring, "outline": outline}, [] if spring is None else [spring],
     )  # fmt: skip
 
 

@@ -11,11 +11,12 @@ import numpy as np
 from ..errors import ModelError
 from ..model.bodies import Body
 from ..model.drivers import Driver
+from ..model.forces.applied import Torque
 from ..model.forces.field import Gravity
 from ..model.geometry.shapes import Rod
 from ..model.immutable import HoldsSymbols, Immutable
 from ..model.mechanism import Mechanism
-from ..model.symbols import number
+from ..model.symbols import Input, number
 
 #: Free-fall acceleration, m/s².
 GRAVITY = (0.0, -9.81)
@@ -69,6 +70,21 @@ class Model(Immutable, HoldsSymbols):
         return (
             f"Model of {self.mechanism!r}\n  coordinates {', '.join(self.coordinates)}; parts {', '.join(self._names)}"
         )
+
+
+def cranked(
+    name: str,
+    bodies: Sequence[Body],
+    joints: Sequence[Any],
+    coordinates: Mapping[str, Any],
+    gravity: Any,
+    parts: Mapping[str, Any],
+    forces: Sequence[Any] = (),
+) -> Model:
+    """Return a mechanism with a torque on its first body, the input ``tau``."""
+    tau = Input("tau", unit="N m")
+    loads = [*weight(gravity), Torque("motor", bodies[0], tau), *forces]
+    return Model(Mechanism(bodies, joints, forces=loads, inputs=[tau], name=name), coordinates, **parts, tau=tau)
 
 
 def weight(gravity: Any) -> list[Gravity]:

@@ -8,12 +8,10 @@ import numpy as np
 
 from ..errors import ModelError
 from ..model.bodies import Body, ground
-from ..model.forces.applied import Torque
 from ..model.geometry.shapes import Rectangle
 from ..model.joints.lower_pairs import PointOnLine, Revolute, Translational
-from ..model.mechanism import Mechanism
-from ..model.symbols import Input, number
-from .model import GRAVITY, Model, at_angle, bar, ends, lengths, masses_of, weight
+from ..model.symbols import number
+from .model import GRAVITY, Model, at_angle, bar, cranked, ends, lengths, masses_of
 
 
 def quick_return(
@@ -60,11 +58,9 @@ def quick_return(
     main = Revolute("main bearing", ground.at(0, 0), ends(first)[0])
     hinge = Revolute("arm pivot", ground.at(*pivot), ends(second)[0])
     slot = PointOnLine("slot", ends(second)[0], ends(first)[1])
-    tau = Input("tau", unit="N m")
-    forces = [*weight(gravity), Torque("motor", first, tau)]
-    mechanism = Mechanism([first, second], [main, hinge, slot], forces=forces, inputs=[tau], name="quick-return")
     coordinates = {"crank": main.angle, "arm": hinge.angle, "block": slot.displacement}
-    return Model(mechanism, coordinates, crank=first, arm=second, main=main, pivot=hinge, slot=slot, tau=tau)
+    parts = {"crank": first, "arm": second, "main": main, "pivot": hinge, "slot": slot}
+    return cranked("quick-return", [first, second], [main, hinge, slot], coordinates, gravity, parts)
 
 
 def scotch_yoke(crank: float = 0.12, angle: float = 1.0, masses: Any = (1.0, 2.5), gravity: Any = GRAVITY) -> Model:
@@ -101,8 +97,6 @@ def scotch_yoke(crank: float = 0.12, angle: float = 1.0, masses: Any = (1.0, 2.5
     main = Revolute("main bearing", ground.at(0, 0), ends(first)[0])
     guide = Translational("guide", ground.at(0, 0), yoke.at(0, 0))
     slot = PointOnLine("slot", yoke.at(0, 0, angle=np.pi / 2), ends(first)[1])
-    tau = Input("tau", unit="N m")
-    forces = [*weight(gravity), Torque("motor", first, tau)]
-    mechanism = Mechanism([first, yoke], [main, guide, slot], forces=forces, inputs=[tau], name="Scotch yoke")
     coordinates = {"crank": main.angle, "yoke": guide.displacement}
-    return Model(mechanism, coordinates, crank=first, yoke=yoke, main=main, guide=guide, slot=slot, tau=tau)
+    parts = {"crank": first, "yoke": yoke, "main": main, "guide": guide, "slot": slot}
+    return cranked("Scotch yoke", [first, yoke], [main, guide, slot], coordinates, gravity, parts)

@@ -30,8 +30,6 @@ class Directions:
 
     Parameters
     ----------
-    eom : Equations
-        The equations.
     state : State
         State about which to linearise.
     positions, rates : casadi.SX

@@ -19,15 +19,11 @@ RECENT = 256
 class Cache(Mapping[Hashable, Any]):
     """Values by key, each made once, whatever the number of threads that request it.
 
-    A key lives as long as its value, and so do the objects in it: use the objects themselves
-    (or an :class:`ExpressionKey`) as keys, never their ``id()``.
+    A key lives as long as its value, and so do the objects in it: use the objects themselves (or an
+    :class:`ExpressionKey`) as keys, never their ``id()``.
 
-    A copy and an unpickled cache are empty, since the values can be made again.
-
-    Parameters
-    ----------
-    recent : int, default 256
-        Number of values requested with ``bounded=True`` that are kept.
+    A copy and an unpickled cache are empty, since the values can be made again. Of the values requested with
+    ``bounded=True`` the most recent ones are kept.
     """
 
     def __init__(self, recent: int = RECENT):
@@ -40,15 +36,8 @@ class Cache(Mapping[Hashable, Any]):
     def get_or_create(self, key: Hashable, make: Callable[[], T], *, bounded: bool = False) -> T:
         """Return the value of a key; if there is none yet, make it and keep it.
 
-        Parameters
-        ----------
-        key : hashable
-            Its key.
-        make : callable
-            Returns the value. Another thread that requests it meanwhile waits for it.
-        bounded : bool, default False
-            If True, only the most recent values are kept: for keys that depend on the user's requests
-            (expressions, meshes, numbers), of which there may be any number.
+        If `bounded`, the value may be forgotten when others have been requested since; for keys of which there may be
+        any number.
         """
         # without the lock, since what is kept for good is requested often and never removed
         if key in self._kept:

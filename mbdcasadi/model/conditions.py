@@ -23,26 +23,16 @@ from .symbols import role_of, symbols_of
 
 @dataclass(frozen=True, eq=False)
 class Condition:
-    """One scalar condition, ``expression == 0`` or ``expression <= 0``.
+    """One scalar condition, ``expression == 0`` or ``expression <= 0``."""
 
-    Attributes
-    ----------
-    expression : casadi.SX
-        Left side less right side.
-    equality : bool
-        True for an equality.
-    label : str
-        The relation as the user wrote it.
-    opposite : Condition, optional
-        Lower side of a two-sided limit of which this is the upper side, if both limits are numbers.
-    span : float
-        Range of the expression below zero until the opposite side becomes active.
-    """
-
+    #: left side less right side
     expression: ca.SX
     equality: bool
+    #: the relation as the user wrote it
     label: str
+    #: lower side of a two-sided limit of which this is the upper side, if both limits are numbers
     opposite: Condition | None = None
+    #: range of the expression below zero until the opposite side becomes active
     span: float = math.inf
 
     @cached_property
@@ -115,22 +105,9 @@ _RELATIONS = {ca.OP_EQ: "==", ca.OP_LE: "<=", ca.OP_LT: "<="}
 
 
 def read_conditions(conditions: Any) -> tuple[Condition, ...]:
-    """Return relations as scalar conditions.
+    """Return relations, scalars, vectors and :func:`bounded` ones, as scalar conditions.
 
-    Parameters
-    ----------
-    conditions : relation or iterable of relations
-        Scalar or vector relations, and :func:`bounded` ones.
-
-    Returns
-    -------
-    tuple of Condition
-        One for each scalar relation.
-
-    Raises
-    ------
-    ConditionError
-        For an entry that is not a relation, a relation between numbers, or ``!=``.
+    A :class:`ConditionError` is raised for an entry that is not a relation, a relation between numbers, or ``!=``.
     """
     if isinstance(conditions, ca.SX | Bounded):
         conditions = [conditions]

@@ -349,17 +349,8 @@ class Reaction:
 class Impulse(Reaction):
     """Impulse and impulsive couple that a constraint exerts on a body at an impact.
 
-    As the reaction, with the impulses ``Λ`` in place of the multipliers:
-    ``M (v⁺ - v⁻) + Phi_q^T Λ = 0``.
-
-    Attributes
-    ----------
-    force : casadi.SX
-        (2,), global axes, N s.
-    torque : casadi.SX
-        Scalar, about the joint marker on the body, N m s.
-    force_in_joint : casadi.SX
-        (2,), in the axes of the body's own marker, N s.
+    As the reaction, with the impulses ``Λ`` in place of the multipliers, ``M (v⁺ - v⁻) + Phi_q^T Λ = 0``: force, N s,
+    and torque, N m s.
     """
 
     @property

@@ -145,13 +145,7 @@ def _read_during(during: Any, what: str) -> tuple[Mechanism, ...] | None:
 
 
 def read_restitution(restitution: Any, what: str) -> dict[Any, float]:
-    """Return joints with coefficients of restitution, checked.
-
-    Raises
-    ------
-    ModelError
-        For what is not a joint, and coefficients that are not between 0 and 1.
-    """
+    """Return joints with coefficients of restitution, which are from 0 to 1."""
     if restitution is None:
         return {}
     if not isinstance(restitution, Mapping):

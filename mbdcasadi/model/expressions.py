@@ -1,7 +1,7 @@
 """Functions of expressions and numbers.
 
-The functions of Python's ``math`` return NaN for symbols, NumPy's give a warning
-of CasADi, and some of CasADi's have no derivative at a point that a mechanism
+The functions of Python's ``math`` return NaN for symbols, NumPy's give a notice
+of CasADi, which begins with the remedy here, and some of CasADi's have no derivative at a point that a mechanism
 passes through (the norm of a force that vanishes, the power of a penetration at
 first touch). The functions here
 accept ``casadi.SX`` and numbers; :func:`norm`, :func:`distance`,
@@ -72,6 +72,16 @@ __all__ = [
     "tanh",
     "vertcat",
 ]
+
+# CasADi gives its notice for every expression, the sums and products of symbols included, for which a class of our own
+# would not be asked. It recommends a mode that returns expressions of another type.
+_NOTICE = getattr(ca.casadi, "_NUMPY_LEGACY_NOTICE", "")
+_REMEDY = (
+    "in expressions of mbdcasadi write mbd.sin for np.sin, mbd.norm for np.linalg.norm, mbd.if_else for np.where, "
+    "mbd.spline for np.interp; what follows is the notice of CasADi, whose setNumpyMode(1) does not help here"
+)
+if _NOTICE and not _NOTICE.startswith(_REMEDY):
+    ca.casadi._NUMPY_LEGACY_NOTICE = f"{_REMEDY}\n{_NOTICE}"
 
 
 def _plain(value: Any) -> Any:

@@ -28,17 +28,7 @@ def known_value(value: Any) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class Limit:
-    """Range of a quantity of the model, whatever values its parameters have.
-
-    Attributes
-    ----------
-    owner, name : str
-        Element and quantity, for the message.
-    expression : casadi.SX
-        The quantity.
-    at_least, above : float or None
-        Its limits.
-    """
+    """Range of a quantity of the model, whatever values its parameters have."""
 
     owner: str
     name: str
@@ -68,27 +58,10 @@ def quantity(
 ) -> float | ca.SX:
     """Return a scalar quantity: a float if it is a number, else the expression.
 
-    Parameters
-    ----------
-    value : float or casadi.SX
-        The quantity as the user gave it.
-    what, name : str
-        Element and quantity, for the message.
-    at_least, above : float, optional
-        Limits of the value; checked here if the number behind it is known.
-    limits : list of Limit, optional
-        List to which the limits of an expression are added. An element keeps them in
-        its attribute ``limits``, so that they are checked again for the
-        parameter values of each analysis.
-    fixed : bool, default False
-        If True, it may contain parameters only: a radius, a ratio.
-
-    Raises
-    ------
-    ModelError
-        For a value that is not a scalar, not finite or out of its limits.
-    ExpressionError
-        For a fixed quantity that varies.
+    `what` and `name`, the element and the quantity, are for the messages. Its limits are checked here if the number
+    behind it is known; those of an expression are added to the list `limits`, which an element keeps as its attribute,
+    so that they are checked again for the parameter values of each analysis. A `fixed` quantity, a radius or a ratio,
+    may contain parameters only; one that varies raises an :class:`ExpressionError`.
     """
     if isinstance(value, ca.MX):
         raise ModelError(f"{what}: {name} is a casadi.MX; the model is written in casadi.SX")
@@ -118,15 +91,7 @@ def quantity(
 
 
 class Quantities:
-    """Reader of the quantities of one element: checks each, and collects the limits of those that are expressions.
-
-    Parameters
-    ----------
-    what : str
-        The element, for messages.
-    limits : iterable of Limit, optional
-        Limits of its parts.
-    """
+    """Reader of the quantities of one element: checks each, and collects the limits of those that are expressions."""
 
     def __init__(self, what: str, limits: Iterable[Limit] = ()):
         self._what, self._limits = what, list(limits)

@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 
-from ..numerics.lazy import cached_property
 from .element import cross
+from .immutable import HoldsSymbols
 from .mechanism import Mechanism
 from .quantities import vector2
 
 
-class ShakingForce:
+@dataclass(frozen=True, eq=False)
+class ShakingForce(HoldsSymbols):
     """Force and moment of a whole mechanism on the ground, as expressions.
-
-    The sum of what joints, drivers and forces exert on the ground, the reactions of applied forces and couples
-    that name no other body included. Weight and field forces come from outside: the ground does not take their
-    reaction, but carries them through the joints. With the gravity g the sum is, by Newton's law of all bodies,
-    ``Σ m (g - a)``, and about the point P ``Σ (r - r_P) × m (g - a) - J' α``.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        The model.
-    point : (float, float), default (0, 0)
-        Point about which the moment is taken, m.
 
     Attributes
     ----------
@@ -35,50 +25,17 @@ class ShakingForce:
         About the point, N m.
     """
 
-    def __init__(self, mechanism: Mechanism, point: Any = (0.0, 0.0)):
-        self.mechanism = mechanism
-        self.point = vector2(point, "shaking_force", "point")
-
-    @cached_property
-    def _wrench(self) -> tuple[ca.SX, ca.SX]:
-        load, force, moment = self._generalised, ca.SX(2, 1), ca.SX(0)
-        for k, body in enumerate(self.mechanism.bodies):
-            on_body = load[3 * k : 3 * k + 3]
-            force -= on_body[:2]
-            moment -= on_body[2] + cross(body.position - self.point, on_body[:2])
-        return force, moment
-
-    @property
-    def _generalised(self) -> ca.SX:
-        """Generalised force on the moving bodies of every element whose reaction the ground takes."""
-        q = ca.vertcat(*[body.q for body in self.mechanism.bodies])
-        v = ca.vertcat(*[body.v for body in self.mechanism.bodies])
-        load = ca.SX(q.numel(), 1)
-        for element in self.mechanism.elements:
-            if getattr(element, "external", False):
-                continue
-            count = element.rows.numel()
-            if count:
-                load -= ca.jtimes(element.rows, q, element.multipliers[:count], True)
-            if element.velocity_rows.numel():
-                load -= ca.jtimes(element.velocity_rows, v, element.multipliers[count:], True)
-            for displacement, effort in element.virtual_work:
-                load += ca.jtimes(ca.vec(ca.SX(displacement)), q, ca.vec(ca.SX(effort)), True)
-        return load
-
-    @property
-    def force(self) -> ca.SX:
-        """Force on the ground (2,), N."""
-        return self._wrench[0]
-
-    @property
-    def moment(self) -> ca.SX:
-        """Moment on the ground about the point, N m."""
-        return self._wrench[1]
+    force: ca.SX
+    moment: ca.SX
 
 
 def shaking_force(mechanism: Mechanism, point: Any = (0.0, 0.0)) -> ShakingForce:
     """Return the force and moment of a mechanism on the ground.
+
+    The sum of what joints, drivers and forces exert on the ground, the reactions of applied forces and couples
+    that name no other body included. Weight and field forces come from outside: the ground does not take their
+    reaction, but carries them through the joints. With the gravity g the sum is, by Newton's law of all bodies,
+    ``Σ m (g - a)``, and about the point P ``Σ (r - r_P) × m (g - a) - J' α``.
 
     Parameters
     ----------
@@ -92,4 +49,28 @@ def shaking_force(mechanism: Mechanism, point: Any = (0.0, 0.0)) -> ShakingForce
     ShakingForce
         ``.force`` and ``.moment`` as expressions.
     """
-    return ShakingForce(mechanism, point)
+    centre = vector2(point, "shaking_force", "point")
+    load, force, moment = _internal_load(mechanism), ca.SX(2, 1), ca.SX(0)
+    for k, body in enumerate(mechanism.bodies):
+        on_body = load[3 * k : 3 * k + 3]
+        force -= on_body[:2]
+        moment -= on_body[2] + cross(body.position - centre, on_body[:2])
+    return ShakingForce(force, moment)
+
+
+def _internal_load(mechanism: Mechanism) -> ca.SX:
+    """Generalised force on the moving bodies of every element whose reaction the ground takes."""
+    q = ca.vertcat(*[body.q for body in mechanism.bodies])
+    v = ca.vertcat(*[body.v for body in mechanism.bodies])
+    load = ca.SX(q.numel(), 1)
+    for element in mechanism.elements:
+        if getattr(element, "external", False):
+            continue
+        count = element.rows.numel()
+        if count:
+            load -= ca.jtimes(element.rows, q, element.multipliers[:count], True)
+        if element.velocity_rows.numel():
+            load -= ca.jtimes(element.velocity_rows, v, element.multipliers[count:], True)
+        for displacement, effort in element.virtual_work:
+            load += ca.jtimes(ca.vec(ca.SX(displacement)), q, ca.vec(ca.SX(effort)), True)
+    return load

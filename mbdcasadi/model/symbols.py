@@ -35,23 +35,15 @@ KINDS = (
 
 @dataclass(frozen=True, eq=False)
 class Role:
-    """Meaning of a symbol.
+    """Meaning of a symbol."""
 
-    Attributes
-    ----------
-    kind : str
-        One of :data:`KINDS`.
-    label : str
-        Name to print.
-    owner : object
-        Body, element or symbol that it belongs to.
-    rate : casadi.SX or None
-        Its rate of change, if that is a symbol or a number.
-    """
-
+    #: one of :data:`KINDS`
     kind: str
+    #: name to print
     label: str
+    #: body, element or symbol that it belongs to
     owner: Any
+    #: its rate of change, if that is a symbol or a number
     rate: Any = None
 
 
@@ -320,10 +312,7 @@ def symbols_of(expression: Any) -> list[ca.SX]:
 def values_of(expression: Any) -> np.ndarray:
     """Return the value of an expression (same shape) with the parameters' own values.
 
-    Raises
-    ------
-    ExpressionError
-        If it depends on anything but parameters.
+    An :class:`ExpressionError` is raised if it depends on anything but parameters.
     """
     expression = ca.SX(expression)
     used = symbols_of(expression)

@@ -88,8 +88,6 @@ def keyboard_interrupts(analysis: str, partial: Callable[[], Any] | None = None)
 
     Parameters
     ----------
-    analysis : str
-        Name of the analysis, for the message.
     partial : callable, optional
         Returns what was computed so far; None if that is nothing.
     """

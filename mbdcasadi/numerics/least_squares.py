@@ -83,11 +83,7 @@ def row_scale(jacobian: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def least_norm_step(
-    jacobian: np.ndarray,
-    residual: np.ndarray,
-    weights: np.ndarray,
-    damping: float,
-    scale: np.ndarray | None = None,
+    jacobian: np.ndarray, residual: np.ndarray, weights: np.ndarray, damping: float, scale: np.ndarray | None = None
 ) -> np.ndarray:
     """Step that minimises ``|J d + r|² + damping |d|²``, rows of unit size, in the metric of the weights.
 

@@ -16,13 +16,7 @@ _lock = threading.Lock()
 
 
 class Packed:
-    """A function that unpacks once in each process and thread: an integrator keeps a memory of its own.
-
-    Parameters
-    ----------
-    function : casadi.Function
-        The function.
-    """
+    """A function that unpacks once in each process and thread: an integrator keeps a memory of its own."""
 
     def __init__(self, function: ca.Function):
         self._key, self._text = uuid4().hex, function.serialize()

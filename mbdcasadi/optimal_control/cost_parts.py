@@ -16,15 +16,7 @@ from .placeholders import PARTS, Placeholder, integral, with_values
 class CostParts:
     """Symbols in place of the parts in costs, and the limits below which they cannot fall.
 
-    Parameters
-    ----------
-    make : callable
-        Makes a symbol from its label: an input along the path, a parameter at an instant.
-
-    Attributes
-    ----------
-    symbols : list of Symbol
-        One for each part.
+    `make` makes a symbol from its label: an input along the path, a parameter at an instant.
     """
 
     def __init__(self, make: Callable[[str], Symbol]):
@@ -37,13 +29,7 @@ class CostParts:
         return read_conditions(self._limits)
 
     def split(self, cost: ca.SX, where: str) -> ca.SX:
-        """Return a cost with a symbol for each :func:`positive_part` and :func:`absolute`.
-
-        Raises
-        ------
-        ExpressionError
-            If the cost falls with a part.
-        """
+        """Return a cost with a symbol for each :func:`positive_part` and :func:`absolute`; it must grow with them."""
         return self._refuse_falling(with_values(cost, self._value), where)
 
     def split_integrals(self, expression: ca.SX, where: str) -> ca.SX:
@@ -83,17 +69,7 @@ class CostParts:
 def split_along_path(
     mechanism: Mechanism, path: tuple[Condition, ...], split: Callable[[CostParts], Sequence[ca.SX]]
 ) -> tuple[Mechanism, tuple[Condition, ...], Sequence[ca.SX]]:
-    """Return mechanism and path conditions with an input for each part that is split, and the expressions.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Model of the phase.
-    path : tuple of Condition
-        Conditions that hold throughout.
-    split : callable
-        Splits expressions.
-    """
+    """Return mechanism and path conditions with an input for each part that is split, and the expressions."""
     parts = CostParts(Input)
     expressions = split(parts)
     if not parts.symbols:

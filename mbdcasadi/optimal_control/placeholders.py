@@ -30,23 +30,15 @@ _MARKED = ca.OP_PRINTME
 
 @dataclass(frozen=True, eq=False)
 class Placeholder:
-    """Value at the start, value at the end, or integral of an expression.
+    """Value at the start, value at the end, or integral of an expression, or a part of a cost."""
 
-    Attributes
-    ----------
-    kind : {"at_start", "at_end", "integral", "positive_part", "absolute"}
-        Value that is meant.
-    expression : casadi.SX
-        Scalar expression of the model.
-    node : casadi.SX
-        Node that stands for it in other expressions.
-    phase : Phase or None
-        Phase that is meant; None for the whole motion.
-    """
-
+    #: "at_start", "at_end", "integral", "positive_part" or "absolute"
     kind: str
+    #: scalar expression of the model
     expression: ca.SX
+    #: node that stands for it in other expressions
     node: ca.SX
+    #: phase that is meant; None for the whole motion
     phase: Any = None
 
     @property

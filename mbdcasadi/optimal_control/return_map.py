@@ -111,7 +111,8 @@ def _stability_of_simulation(
     motion: Trajectory, boundary: Sequence[Condition], events: Sequence[Event], inputs: Any, integrator: Integrator
 ) -> Stability:
     first, last = motion.phases[0], motion.phases[-1]
-    start, end = _own(first.initial), _own(last.final)
+    # in the symbols of their own mechanisms
+    start, end = (State(state.mechanism, *state.arguments) for state in (first.initial, last.final))
     if inputs is None:
         held = [list(zip(p.mechanism.inputs, p.initial.inputs.tolist(), strict=True)) for p in motion.phases]
         inputs = [pair for pairs in reversed(held) for pair in pairs]
@@ -129,13 +130,6 @@ def _stability_of_simulation(
         left.append(by_start @ tangent)
         right.append(-by_end @ variation.end)
     return next_start(np.array(left), np.array(right), "state it in boundary=")
-
-
-def _own(state: State) -> State:
-    """A state in the symbols of its own mechanism."""
-    return State(
-        state.mechanism, state.t, state.q, state.v, state.a, state.z, state.lam, state.inputs, state.parameters
-    )
 
 
 def _slopes(relation: Condition, start: State, end: State) -> tuple[np.ndarray, np.ndarray, float]:

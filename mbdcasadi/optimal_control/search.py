@@ -35,20 +35,7 @@ DETOURS = 3
 class Search:
     """Solves of one problem with the same settings, at any parameter values.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        Problem to be solved.
-    intervals : int or "auto"
-        Number of intervals of the mesh of each phase.
-    initial : State or sequence of relations, optional
-        Start, in place of the problem's own.
-    settings : tuple
-        Transcription, degree, control, options, progress and solver, as ``optimize`` takes them.
-    best : BestSoFar
-        Record of the solutions.
-    executor : concurrent.futures.Executor, optional
-        Solves from several guesses at a time.
+    `settings` are transcription, degree, control, options, progress and solver, as ``optimize`` takes them.
     """
 
     problem: OptimalControlProblem
@@ -75,18 +62,7 @@ class Search:
     ) -> Solution:
         """Solve from one or several guesses, and refine the mesh if a tolerance is given.
 
-        Parameters
-        ----------
-        parameters : mapping, optional
-            Parameter to number.
-        guess : Solution, Shifted or Trajectory, optional
-            Initial guess.
-        starts : int or sequence, optional
-            Number of starts, or guesses.
-        tolerance : float, optional
-            Largest local error of an interval.
-        goes_on : bool
-            True if a failure is followed by a search with limits that close in.
+        If `goes_on`, a failure is followed by a search with limits that close in.
         """
         near = guess.solution if isinstance(guess, Shifted) else guess
         warm = isinstance(near, Solution) and starts is None

@@ -156,8 +156,7 @@ class Solution:
         events = []
         for change, (before, after) in zip(self.program.changes, itertools.pairwise(parts), strict=True):
             first = after.initial
-            own = (first.q, first.v, first.a, first.z, first.lam, first.inputs, first.parameters)
-            state = State(first.mechanism, first.t, *own, first.obstacle, change.impulses(self.variables))
+            state = State(first.mechanism, *first.arguments, first.obstacle, change.impulses(self.variables))
             ends = [in_whole(one, whole, values) for one in (before.final, state)]
             events.append(EventOccurrence(change.after.phase.name, first.t, *ends))
         statistics = Statistics(parts[0].statistics.method, parts[0].statistics.formulation, self.statistics.seconds)

@@ -21,15 +21,7 @@ def write_arrays(path: str | Path, content: dict[str, Any]) -> None:
 
 
 class Archive(dict[str, np.ndarray]):
-    """Entries of a file by name; one that is missing or damaged raises a :class:`FileError` that names file and entry.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    content : dict of str to numpy.ndarray
-        Its entries.
-    """
+    """Entries of a file by name; one that is missing or damaged raises a :class:`FileError` with file and entry."""
 
     def __init__(self, path: str | Path, content: dict[str, np.ndarray]):
         super().__init__(content)
@@ -43,16 +35,9 @@ class Archive(dict[str, np.ndarray]):
         return FileError(f"{self.path}: {reason}; the file is damaged, or was not written by this package")
 
     def numbers(self, name: str, *shape: int | None, unknown: bool = False) -> np.ndarray:
-        """Return an array of finite numbers.
+        """Return an array of finite numbers of a shape, with None for any length.
 
-        Parameters
-        ----------
-        name : str
-            Name of the entry.
-        shape : int or None
-            Its shape; None for any length.
-        unknown : bool, default False
-            True if rows may be unknown: NaN throughout.
+        With `unknown`, rows may be NaN throughout.
         """
         values = self[name]
         if values.dtype.kind not in "fiub":
@@ -92,21 +77,10 @@ class Archive(dict[str, np.ndarray]):
 
 
 def read_arrays(path: str | Path, form: str | tuple[str, ...], kind: str, writer: str) -> Archive:
-    """Read what :func:`write_arrays` wrote.
+    """Read what :func:`write_arrays` wrote, in one of the formats `form`.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    form : str or tuple of str
-        Its entry ``format``, or several that are read.
-    kind, writer : str
-        Expected kind of file, and the function that writes such files, for the message.
-
-    Raises
-    ------
-    FileError
-        If the file is not there or cannot be read, and for one of another kind or format.
+    `kind` and `writer`, the expected kind of file and the function that writes such files, are for the messages. A
+    :class:`FileError` is raised if the file is not there or cannot be read, and for one of another kind or format.
     """
     if not isinstance(path, str | os.PathLike):
         raise FileError(f"the path of a {kind} is a text or a pathlib.Path, got {path!r}")
@@ -125,18 +99,8 @@ def read_arrays(path: str | Path, form: str | tuple[str, ...], kind: str, writer
 def check_names(archive: Archive, kind: str, owner: str, expected: Sequence[str], *, prefix: str = "") -> None:
     """Raise a :class:`FileError` that names the first difference, if an entry holds other names than expected.
 
-    Parameters
-    ----------
-    archive : Archive
-        The file.
-    kind : str
-        Kind of the names: ``"coordinate"`` for the entry ``coordinate names``.
-    owner : str
-        Content of the file, for the message: ``"trajectory"``.
-    expected : sequence of str
-        The names in their order.
-    prefix : str, default ""
-        Beginning of the name of the entry.
+    The entry is that of a kind of names, ``"coordinate"`` for ``coordinate names``, after a prefix; `owner` is the
+    content of the file, for the message.
     """
     saved = archive.names(f"{prefix}{kind} names")
     for k in range(max(len(saved), len(expected))):

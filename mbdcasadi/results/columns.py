@@ -122,15 +122,9 @@ def component_names(name: str, shape: tuple[int, int]) -> list[str]:
 
 
 def columns(motion: Trajectory, expressions: Any = None) -> dict[str, np.ndarray]:
-    """Values over time by name, each (n_t,).
+    """Values over time by name, each (n_t,); without expressions the columns of ``Trajectory.to_csv``.
 
-    Parameters
-    ----------
-    motion : Trajectory
-        The motion.
-    expressions : dict of str to expression, optional
-        A vector of two gives ``name.x`` and ``name.y``, others ``name[0]``
-        and so on. Without, the columns of ``Trajectory.to_csv``.
+    A vector of two gives ``name.x`` and ``name.y``, others ``name[0]`` and so on.
     """
     named = (
         default_expressions(motion.mechanism, loads=has_multipliers(motion))

@@ -22,18 +22,8 @@ STEP = 1e-2, 1.0
 def fingerprint(eom: Equations, states: Sequence[np.ndarray]) -> np.ndarray:
     """Evaluate masses, forces and constraints at some states.
 
-    Parameters
-    ----------
-    eom : Equations
-        Equations of the mechanism.
-    states : sequence of numpy.ndarray
-        ``t, q, v, a, z, lam, u, p`` by time (n_t, k), parameters (1, k).
-
-    Returns
-    -------
-    numpy.ndarray
-        (k, size): the first, a middle and the last state, and states beside them,
-        at which springs are not relaxed and dampers not at rest.
+    Of ``t, q, v, a, z, lam, u, p`` by time (n_t, k), the parameters (1, k), the first, a middle and the last state are
+    taken, and states beside them, at which springs are not relaxed and dampers not at rest: (k, size).
     """
     t, q, v, *others, p = (np.asarray(x, float) for x in states)
     if not len(t):

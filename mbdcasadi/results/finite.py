@@ -16,23 +16,8 @@ from ..printing import to_text
 def refuse_nan(eom: Equations, expression: ca.SX, values: np.ndarray, arguments: Sequence[np.ndarray]) -> None:
     """Raise an error if an expression is NaN at a state although all that it depends on is finite.
 
-    Unknown quantities may be NaN: the multipliers of a kinematic analysis.
-
-    Parameters
-    ----------
-    eom : Equations
-        Whose symbols the expression holds.
-    expression : casadi.SX
-        Any shape.
-    values : numpy.ndarray
-        Its values, by time first.
-    arguments : sequence of numpy.ndarray
-        ``t, q, v, a, z, lam, u, p`` by row: (n_t, k), or (1, k) for what does not vary.
-
-    Raises
-    ------
-    ExpressionError
-        Naming the expression and the first such time.
+    Unknown quantities may be NaN: the multipliers of a kinematic analysis. The values have the time first; the
+    arguments ``t, q, v, a, z, lam, u, p`` are (n_t, k), or (1, k) for what does not vary.
     """
     missing = np.isnan(values)
     if not missing.any():

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from ..equations import Equations, equations
+from ..equations import equations
 from ..errors import FileError, warn
 from ..model.mechanism import Mechanism
 from .archives import Archive, write_arrays
 from .fingerprint import difference, fingerprint
-from .phases import PhasedTrajectory, in_whole, six, union_of
-from .state import EventOccurrence, State
+from .phases import PhasedTrajectory, in_whole, union_of
+from .state import Arrays, EventOccurrence, State, six
 from .stored_states import (
     ARRAYS,
     check_columns,
@@ -35,15 +35,7 @@ PHASED_FORMAT = "mbdcasadi phased trajectory 1"
 
 
 def save_phased(motion: PhasedTrajectory, path: str | Path) -> None:
-    """Write a motion through several mechanisms; see :func:`mbdcasadi.read_trajectory`.
-
-    Parameters
-    ----------
-    motion : PhasedTrajectory
-        The motion.
-    path : str or Path
-        The file.
-    """
+    """Write a motion through several mechanisms; see :func:`mbdcasadi.read_trajectory`."""
     parts, whole = motion.phases, motion.mechanism
     mechanisms = list(dict.fromkeys(part.mechanism for part in parts))
     content: dict[str, Any] = {
@@ -102,27 +94,14 @@ def _phase_of(event: EventOccurrence, motion: PhasedTrajectory) -> int:
 
 
 def read_phased(archive: Archive, candidates: Sequence[Mechanism]) -> PhasedTrajectory:
-    """Read what :func:`save_phased` wrote.
-
-    Parameters
-    ----------
-    archive : Archive
-        The file.
-    candidates : sequence of Mechanism
-        The mechanisms, in any order.
-
-    Raises
-    ------
-    FileError
-        See :func:`mbdcasadi.read_trajectory`.
-    """
+    """Read what :func:`save_phased` wrote, with the mechanisms in any order; see :func:`mbdcasadi.read_trajectory`."""
     numbers, times = _read_phases(archive)
     count = int(numbers.max()) + 1
     labels = archive.names("parameter names")
     values = archive.numbers("parameters", numbers.size, len(labels))
     matching = _Matching(archive, candidates, count)
     mechanisms: list[Mechanism] = []
-    tables: list[list[np.ndarray]] = []
+    tables: list[Arrays] = []
     for k in range(count):
         chosen = np.flatnonzero(numbers == k)
         own_t, first = np.concatenate([times[i] for i in chosen]), chosen[0]
@@ -140,12 +119,12 @@ def read_phased(archive: Archive, candidates: Sequence[Mechanism]) -> PhasedTraj
     for i, k in enumerate(numbers):
         eom, rows = equations(mechanisms[k]), slice(used[k], used[k] + times[i].size)
         used[k] += times[i].size
-        columns = [x[rows] for x in tables[k]]
-        p = _own_parameters(eom, labels, values[i])
+        columns = six(x[rows] for x in tables[k])
+        p = _parameters_in(eom.mechanism, labels, values[i])
         part = Trajectory(
             mechanisms[k],
             times[i],
-            *six(columns),
+            *columns,
             p,
             events=own_events[i],
             statistics=read_statistics(archive, all_statistics[i]),
@@ -186,13 +165,13 @@ class _Matching:
 
     def find(
         self, number: int, t: np.ndarray, count: int, labels: Sequence[str], values: np.ndarray
-    ) -> tuple[Mechanism, list[np.ndarray]]:
+    ) -> tuple[Mechanism, Arrays]:
         """Return a mechanism and its columns ``q, v, a, z, lam, u``; `count` times are those of its first phase."""
-        candidates: list[tuple[bool, bool, Mechanism, list[np.ndarray], str]] = []
+        candidates: list[tuple[bool, bool, Mechanism, Arrays, str]] = []
         for mechanism in self._with_names(number):
             eom = equations(mechanism)
             columns = read_columns(self._archive, f"mechanism {number} ", eom, t.size)
-            p = _own_parameters(eom, labels, values)
+            p = _parameters_in(eom.mechanism, labels, values)
             first = [x[:count] for x in columns]
             here = fingerprint(eom, (t[:count, None], *first, p[None]))
             other = difference(eom, self._archive.rows(f"mechanism {number} fingerprint"), here)
@@ -248,7 +227,7 @@ def _read_events(
         state_places = sorted(place for number, place in by_place if number == k)
         eom = equations(mechanism)
         at = np.array([by_place[k, place][0] for place in state_places], float)
-        p = [_own_parameters(eom, labels, by_place[k, place][1]) for place in state_places]
+        p = [_parameters_in(eom.mechanism, labels, by_place[k, place][1]) for place in state_places]
         read = read_states(archive, f"mechanism {k} event ", eom, at, p)
         states |= {(k, place): state for place, state in zip(state_places, read, strict=True)}
     events: list[EventOccurrence] = []
@@ -271,7 +250,3 @@ def _parameters_in(whole: Mechanism, labels: Sequence[str], values: np.ndarray) 
     """Values of all parameters; those that the file does not have keep their own."""
     known = dict(zip(labels, values.tolist(), strict=True))
     return np.array([known.get(p.label, p.value) for p in whole.parameters], float)
-
-
-def _own_parameters(eom: Equations, labels: Sequence[str], values: np.ndarray) -> np.ndarray:
-    return _parameters_in(eom.mechanism, labels, values)

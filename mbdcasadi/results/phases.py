@@ -10,26 +10,22 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..equations import equations
+from ..equations import Equations, equations
 from ..model.cache import ExpressionKey
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
 from ..numerics.lazy import cached_property
 from .energy_and_drift import Energy
-from .state import EventOccurrence, State
+from .state import Arguments, Arrays, EventOccurrence, State, six
 from .trajectory import Statistics, Trajectory
 
 
 def union_of(mechanisms: Iterable[Mechanism]) -> Mechanism:
     """Return a mechanism with all parts of several, in whose symbols a motion through them is expressed.
 
-    It is for names and symbols; nothing moves by its equations. Of forces with the same name, such as
-    gravity, the first one stands for all.
-
-    Raises
-    ------
-    ModelError
-        If different joints, inputs, parameters or states have the same name.
+    It is for names and symbols; nothing moves by its equations. Of forces with the same name, such as gravity, the
+    first one stands for all. A :class:`ModelError` is raised if different joints, inputs, parameters or states have the
+    same name.
     """
     different = list(dict.fromkeys(mechanisms))
     if len(different) == 1:
@@ -91,28 +87,25 @@ def in_whole(state: State, whole: Mechanism, parameters: np.ndarray) -> State:
     """Return a state of one mechanism that knows the symbols of all mechanisms of its motion.
 
     Reactions of joints that are not there are zero; coordinates of bodies that are not there are NaN.
-
-    Parameters
-    ----------
-    state : State
-        In the mechanism that holds.
-    whole : Mechanism
-        All parts, see :func:`union_of`.
-    parameters : numpy.ndarray
-        Values of all parameters.
     """
     if state.mechanism is whole:
         return state
-    theirs, all_of = state.equations, equations(whole)
-    values = {}
-    for name in ("q", "v", "a", "z", "lam", "u"):
-        column = np.full(getattr(all_of, name).numel(), 0.0 if name == "lam" else np.nan)
-        own = state.inputs if name == "u" else getattr(state, name)
-        column[places_in(getattr(all_of, name), getattr(theirs, name))] = own
-        values[name] = column
-    wide = _WideState(state.mechanism, whole, state.t, *values.values(), parameters)
-    own = (state.q, state.v, state.a, state.z, state.lam, state.inputs, state.parameters)
-    return State(state.mechanism, state.t, *own, state.obstacle, state.impulses, wide)
+    arrays = _widened(equations(whole), [(state.equations, [x[None] for x in state.arguments[1:-1]])])
+    wide = _WideState(state.mechanism, whole, state.t, *arrays, parameters)
+    return State(state.mechanism, *state.arguments, state.obstacle, state.impulses, wide)
+
+
+def _widened(whole: Equations, parts: Sequence[tuple[Equations, Sequence[np.ndarray]]]) -> Arrays:
+    """``q, v, a, z, lam, u`` by time in the symbols of all mechanisms, from those of parts that follow each other."""
+    wide = []
+    for k, name in enumerate(("q", "v", "a", "z", "lam", "u")):
+        symbols, rows = getattr(whole, name), []
+        for eom, arrays in parts:
+            values = np.full((len(arrays[k]), symbols.numel()), 0.0 if name == "lam" else np.nan)
+            values[:, places_in(symbols, getattr(eom, name))] = arrays[k]
+            rows.append(values)
+        wide.append(np.vstack(rows))
+    return six(wide)
 
 
 class PhasedTrajectory(Trajectory):
@@ -146,22 +139,10 @@ class PhasedTrajectory(Trajectory):
     ):
         self._parts, self._values = tuple(parts), [np.asarray(p, float) for p in parameters]
         self._starts = np.cumsum([0, *map(len, parts)])
-        eom, arrays = equations(whole), []
-        for name, own in (("q", "q"), ("v", "v"), ("a", "a"), ("z", "z"), ("lam", "lam"), ("u", "inputs")):
-            column = np.full((int(self._starts[-1]), getattr(eom, name).numel()), 0.0 if name == "lam" else np.nan)
-            for part, (first, last) in zip(parts, pairwise(self._starts), strict=True):
-                places = places_in(getattr(eom, name), getattr(part.equations, name))
-                column[first:last, places] = getattr(part, own)
-            arrays.append(column)
-        super().__init__(
-            whole,
-            np.concatenate([part.t for part in parts]),
-            *six(arrays),
-            self._values[0],
-            events=events,
-            statistics=statistics,
-            missing_multipliers=next((p.missing_multipliers for p in parts if p.missing_multipliers), ""),
-        )
+        arrays = _widened(equations(whole), [(part.equations, part.arguments[1:-1]) for part in parts])
+        missing = next((p.missing_multipliers for p in parts if p.missing_multipliers), "")
+        more: dict[str, Any] = {"events": events, "statistics": statistics, "missing_multipliers": missing}
+        super().__init__(whole, np.concatenate([part.t for part in parts]), *arrays, self._values[0], **more)
 
     @property
     def phases(self) -> tuple[Trajectory, ...]:
@@ -176,17 +157,11 @@ class PhasedTrajectory(Trajectory):
     @cached_property
     def _wide(self) -> list[Trajectory]:
         """The parts in the symbols of all mechanisms."""
-        arrays = (self.q, self.v, self.a, self.z, self.lam, self.inputs)
-        return [
-            Trajectory(
-                self.mechanism,
-                self.t[first:last],
-                *six([x[first:last] for x in arrays]),
-                p,
-                missing_multipliers=part.missing_multipliers,
-            )
-            for part, p, (first, last) in zip(self._parts, self._values, pairwise(self._starts), strict=True)
-        ]
+        wide = []
+        for part, p, (first, last) in zip(self._parts, self._values, pairwise(self._starts), strict=True):
+            t, arrays = self.t[first:last], six(x[first:last] for x in self.arguments[1:-1])
+            wide.append(Trajectory(self.mechanism, t, *arrays, p, missing_multipliers=part.missing_multipliers))
+        return wide
 
     def __getitem__(self, expression: Any) -> np.ndarray:
         expression = as_expression(expression, "motion[…]")
@@ -194,7 +169,7 @@ class PhasedTrajectory(Trajectory):
         return np.concatenate([wide[present(expression, self.mechanism, part.mechanism)] for wide, part in parts])
 
     @property
-    def arguments(self) -> tuple[np.ndarray, ...]:
+    def arguments(self) -> Arguments:
         """``(t, q, v, a, z, lam, u, p)`` for compiled expressions, by time (n_t, k)."""
         by_time = np.repeat(np.array(self._values), np.diff(self._starts), axis=0)
         return (*super().arguments[:-1], by_time.reshape(len(self), self.parameters.size))
@@ -264,9 +239,8 @@ class PhasedTrajectory(Trajectory):
         Parameters have their last values.
         """
         q = np.where(np.isnan(self.q), self.last_seen if last_seen is None else last_seen, self.q)
-        others = [np.nan_to_num(x) for x in (self.v, self.a, self.z, self.lam, self.inputs)]
-        v, a, z, lam, u = others
-        return Trajectory(self.mechanism, self.t, q, v, a, z, lam, u, self._values[-1], events=self.events)
+        arrays = six([q, *(np.nan_to_num(x) for x in self.arguments[2:-1])])
+        return Trajectory(self.mechanism, self.t, *arrays, self._values[-1], events=self.events)
 
     def save(self, path: str | Path) -> None:
         """Write all phases to a ``.npz`` file; ``read_trajectory(path, [mechanisms])`` reads it."""
@@ -279,9 +253,3 @@ class PhasedTrajectory(Trajectory):
         """Kinetic and potential energy of the bodies that are present, J; it falls by the loss of each impact."""
         found = [part.energy for part in self._parts]
         return Energy(*(np.concatenate([getattr(e, name) for e in found]) for name in ("kinetic", "potential")))
-
-
-def six(arrays: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """``q, v, a, z, lam, u``."""
-    q, v, a, z, lam, u = arrays
-    return q, v, a, z, lam, u

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,17 @@ from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression, role_of, symbols_of
 from .finite import refuse_nan
 from .notebook import html_table
+
+#: ``q, v, a, z, lam, u``: of a state, or by time.
+Arrays = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+#: ``t, q, v, a, z, lam, u, p``: of a state, or by time.
+Arguments = tuple[Any, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+def six(arrays: Iterable[np.ndarray]) -> Arrays:
+    """Return ``q, v, a, z, lam, u``."""
+    q, v, a, z, lam, u = arrays
+    return q, v, a, z, lam, u
 
 
 class State(HoldsSymbols):
@@ -89,7 +100,7 @@ class State(HoldsSymbols):
         return self._obstacle
 
     @property
-    def arguments(self) -> tuple[Any, ...]:
+    def arguments(self) -> Arguments:
         """``(t, q, v, a, z, lam, u, p)`` for compiled expressions."""
         return self.t, self.q, self.v, self.a, self.z, self.lam, self.inputs, self.parameters
 
@@ -127,7 +138,7 @@ class State(HoldsSymbols):
 
     def __repr__(self) -> str:
         eom = self.equations
-        names = [n for n in eom.coordinate_names]
+        names = eom.coordinate_names
         lines = [f"State at t = {self.t:.6g} s"]
         for k, body in enumerate(self.mechanism.bodies):
             x, y, phi = self.q[3 * k : 3 * k + 3]

@@ -14,7 +14,7 @@ from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
 from ..errors import MechanismError
 from .archives import Archive, check_names
-from .state import State
+from .state import Arrays, State, six
 from .trajectory import Statistics
 
 #: Arrays by time, and what their columns belong to.
@@ -55,13 +55,13 @@ def read_statistics(archive: Archive, values: Any) -> Statistics:
     return Statistics(**{name: value for name, value in values.items() if name in known})
 
 
-def read_columns(archive: Archive, prefix: str, eom: Equations, count: int) -> list[np.ndarray]:
+def read_columns(archive: Archive, prefix: str, eom: Equations, count: int) -> Arrays:
     """Return ``q, v, a, z, lam, u`` by time."""
     sizes = (x.numel() for x in (eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u))
-    return [
+    return six(
         archive.numbers(prefix + name, count, size, unknown=name != "q")
         for name, size in zip(ARRAYS, sizes, strict=True)
-    ]
+    )
 
 
 def states_of(states: Sequence[State], eom: Equations, prefix: str) -> dict[str, Any]:
@@ -92,12 +92,12 @@ def read_states(
     elements = {element.name: element for element in eom.row_elements}
     states = []
     for k, (time, p) in enumerate(zip(times.tolist(), parameters, strict=True)):
-        q, v, a, z, lam, u = (x[k] for x in columns)
+        arrays = six(x[k] for x in columns)
         obstacle = MechanismError(obstacles[k]) if obstacles[k] else None
         by_element = None
         if impulses[k] is not None:
             by_element = {elements.get(name, name): np.array(x, float) for name, x in impulses[k].items()}
-        states.append(State(eom.mechanism, time, q, v, a, z, lam, u, p, obstacle, by_element))
+        states.append(State(eom.mechanism, time, *arrays, p, obstacle, by_element))
     return states
 
 

@@ -32,19 +32,9 @@ def summary_lines(motion: Trajectory, facts: Mapping[str, str] | None = None) ->
 
 
 def summary(motion: Trajectory, facts: Mapping[str, str] | None = None) -> str:
-    """Return a summary of a motion as a table.
+    """Return a summary of a motion as a table, with facts behind the name of the model.
 
-    Parameters
-    ----------
-    motion : Trajectory
-        The motion.
-    facts : dict of str to str, optional
-        Lines to put behind the name of the model.
-
-    Returns
-    -------
-    str
-        Outputs, wall time, drift, energy, range of each driver's effort, largest reaction of each joint, notes.
+    Outputs, wall time, drift, energy, range of each driver's effort, largest reaction of each joint, notes.
     """
     return "\n".join(f"{name:{_WIDTH}}{text}".rstrip() for name, text in summary_lines(motion, facts))
 

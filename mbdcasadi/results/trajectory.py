@@ -21,7 +21,7 @@ from .energy_and_drift import Drift, Energy, violations
 from .finite import refuse_nan
 from .interpolation import cubic, hermite, linear
 from .notebook import html_table
-from .state import EventOccurrence, State
+from .state import Arguments, EventOccurrence, State, six
 
 if TYPE_CHECKING:
     import pandas
@@ -148,7 +148,7 @@ class Trajectory(HoldsSymbols):
         return values.reshape(count, rows * columns) if 1 in (rows, columns) else values
 
     @property
-    def arguments(self) -> tuple[np.ndarray, ...]:
+    def arguments(self) -> Arguments:
         """``(t, q, v, a, z, lam, u, p)`` for compiled expressions, by time (n_t, k); the parameters are (1, k)."""
         return self.t[:, None], self.q, self.v, self.a, self.z, self.lam, self.inputs, self.parameters[None, :]
 
@@ -166,18 +166,8 @@ class Trajectory(HoldsSymbols):
     def state(self, index: int) -> State:
         """State at one of the times, by index."""
         k = self.place(index)
-        return State(
-            self.mechanism,
-            float(self.t[k]),
-            self.q[k],
-            self.v[k],
-            self.a[k],
-            self.z[k],
-            self.lam[k],
-            self.inputs[k],
-            self.parameters,
-            obstacle=MechanismError(self.missing_multipliers) if self.missing_multipliers else None,
-        )
+        obstacle = MechanismError(self.missing_multipliers) if self.missing_multipliers else None
+        return State(self.mechanism, self.t[k], *six(x[k] for x in self.arguments[1:-1]), self.parameters, obstacle)
 
     @property
     def initial(self) -> State:
@@ -256,12 +246,12 @@ class Trajectory(HoldsSymbols):
 
     @cached_property
     def _with_jumps(self) -> Trajectory:
-        parts: list[tuple[np.ndarray, ...]] = [(self.t, self.q, self.v, self.a, self.z, self.lam, self.inputs)]
+        parts: list[tuple[np.ndarray, ...]] = [(self.t, *self.arguments[1:-1])]
         for event in self.events:
             if event.after is None:
                 continue
             for time, s in ((event.t, event.state), (np.nextafter(event.t, np.inf), event.after)):
-                parts.append((np.array([time]), *(x[None] for x in (s.q, s.v, s.a, s.z, s.lam, s.inputs))))
+                parts.append((np.array([time]), *(x[None] for x in s.arguments[1:-1])))
         t, *arrays = (np.concatenate(columns) for columns in zip(*parts, strict=True))
         # of states at one time the first is before a jump, and the last behind it
         order = np.argsort(t, kind="stable")
@@ -270,20 +260,8 @@ class Trajectory(HoldsSymbols):
 
     def _at(self, t: np.ndarray, *arrays: np.ndarray) -> Trajectory:
         """Trajectory at other times, from ``q, v, a, z, lam, u``."""
-        q, v, a, z, lam, u = arrays
-        return Trajectory(
-            self.mechanism,
-            t,
-            q,
-            v,
-            a,
-            z,
-            lam,
-            u,
-            self.parameters,
-            refine=self._refine,
-            missing_multipliers=self.missing_multipliers,
-        )
+        more: dict[str, Any] = {"refine": self._refine, "missing_multipliers": self.missing_multipliers}
+        return Trajectory(self.mechanism, t, *six(arrays), self.parameters, **more)
 
     @property
     def _state_rates(self) -> np.ndarray:

@@ -36,12 +36,7 @@ _FORMAT = "mbdcasadi trajectory 1"
 def save(motion: Trajectory, path: str | Path) -> None:
     """Write all arrays, the names they belong to, events and statistics to one NumPy file, without pickle.
 
-    Parameters
-    ----------
-    motion : Trajectory
-        The motion, in one mechanism.
-    path : str or Path
-        The file; ``.npz`` is usual, and is not added.
+    ``.npz`` is usual as its ending, and is not added.
     """
     eom = motion.equations
     content: dict[str, Any] = {"format": _FORMAT, "t": motion.t, "parameters": motion.parameters}
@@ -115,7 +110,7 @@ def _read_one(archive: Archive, eom: Equations) -> Trajectory:
     check_columns(archive, eom)
     t = read_times(archive)
     parameters = archive.numbers("parameters", len(eom.mechanism.parameters))
-    arrays = q, v, a, z, lam, u = read_columns(archive, "", eom, t.size)
+    arrays = q, v, a, _, lam, _ = read_columns(archive, "", eom, t.size)
     unknown_multipliers = str(archive.get("missing multipliers", ""))
     for name, values in ({"v": v, "a": a} | ({} if unknown_multipliers else {"lam": lam})).items():
         if values.size and np.all(np.isnan(values)):
@@ -131,12 +126,7 @@ def _read_one(archive: Archive, eom: Equations) -> Trajectory:
     return Trajectory(
         eom.mechanism,
         t,
-        q,
-        v,
-        a,
-        z,
-        lam,
-        u,
+        *arrays,
         parameters,
         events=_events(archive, eom, parameters),
         statistics=read_statistics(archive, archive.json("statistics") if "statistics" in archive else {}),

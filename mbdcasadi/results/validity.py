@@ -58,16 +58,9 @@ def _at_pose(numeric: NumericEquations, expression: ca.SX, t: float, q: np.ndarr
 
 
 def report_validity(motion: Trajectory, others: Sequence[str] = ()) -> None:
-    """Warn of conditions that are broken at an output, and note them in the statistics.
+    """Warn of conditions that are broken at an output, and of other findings, and note them in the statistics.
 
     Conditions on what the analysis does not know (a contact force in kinematics) are left out.
-
-    Parameters
-    ----------
-    motion : Trajectory
-        The motion.
-    others : sequence of str
-        Further findings on the same motion, which are warned of with these.
     """
     motion.statistics.notes += others
     remarks = [*others, *_broken_at_outputs(motion)]

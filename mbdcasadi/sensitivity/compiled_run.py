@@ -39,12 +39,6 @@ class MotionSetup(Setup):
 
     Parameters
     ----------
-    mechanism : Mechanism
-        The model.
-    analysis : str
-        Name of the analysis, for messages.
-    times : sequence of float
-        Output times, s.
     initial, inputs, parameters
         As for :func:`simulate`.
     method, reltol, abstol
@@ -164,8 +158,6 @@ class CompiledRun:
 
     Parameters
     ----------
-    setup : MotionSetup
-        Motion that is run.
     wrt : sequence
         See :class:`DesignVariables`.
     expressions : sequence of casadi.SX
@@ -337,8 +329,6 @@ class Compiled:
 
     Parameters
     ----------
-    function : casadi.Function
-        The function.
     outputs : int, optional
         Number of its outputs, from the first, that are differentiated; by default all.
     """

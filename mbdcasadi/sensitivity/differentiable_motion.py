@@ -42,11 +42,10 @@ from ..simulation.formulations import choose_formulation
 from ..simulation.schedule import PIECES, WATCH_POINTS
 from ..simulation.stepping.compiled_stepper import DECAY, perturbed
 from ..simulation.time_dependence import TimeDependence, dependence_at, timed_equations
-from .cuts import Cuts
+from .cuts import Cuts, OneSidedWarnings
 from .held_system import HeldMotion, HeldSystem, SwitchesInTime, parts_of_motion
 from .load_limit import LoadLimit
 from .motion_function import motion_function, projected
-from .one_sided import OneSidedWarnings
 from .switching import BorderPassage
 
 #: Drift of the positions that is left, in tolerances: it is gone at the outputs, and what it does to the motion is
@@ -63,8 +62,6 @@ class DifferentiableMotion:
     ----------
     setup : Setup
         Mechanism, inputs and output times; its parameters are typical ones.
-    integrator : Integrator
-        Method and tolerances.
     varied : collection of int
         Positions of the parameters that change.
     integrands : casadi.SX, optional

@@ -43,8 +43,6 @@ class DifferentiableStart:
         As for ``simulate``. Inequalities that hold the start there go on to hold it.
     time : float
         Time of the start, s.
-    signals : Signals
-        Inputs.
 
     Attributes
     ----------

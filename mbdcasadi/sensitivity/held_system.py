@@ -37,10 +37,6 @@ class SwitchesInTime:
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations of motion.
-    signals : Signals
-        Inputs.
     parts : sequence of JumpingPart
         The parts in which something jumps.
 
@@ -98,10 +94,6 @@ class HeldSystem:
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations of motion.
-    signals : Signals
-        Inputs.
     integrands : casadi.SX
         Integrands along the motion.
     redundant : bool

@@ -11,10 +11,12 @@ from collections import deque
 import numpy as np
 
 from ..assembly.setup import Setup
+from ..errors import MechanismError
 from ..integrators import Integrator
+from ..simulation.changes.modes import SingleMode
 from ..simulation.checks.unseen_loads import meets_loads
 from ..simulation.contact.watched_terms import has_gaps
-from ..simulation.loop import shortest_unseen_load
+from ..simulation.loop import Run
 
 #: Steps over the shortest load that a simulation of the motion would have passed over, and steps that this may take.
 STEPS_PER_LOAD, MOST_LOAD_STEPS = 2.0, 1e5
@@ -26,13 +28,6 @@ REMEMBERED = 1000
 
 class LoadLimit:
     """Longest step over the loads that were found at all values so far.
-
-    Parameters
-    ----------
-    setup : Setup
-        Mechanism, inputs and output times.
-    integrator : Integrator
-        Method and tolerances.
 
     Attributes
     ----------
@@ -47,13 +42,7 @@ class LoadLimit:
         self._known: dict[tuple[int, int], deque[np.ndarray]] = {}
 
     def look(
-        self,
-        start: np.ndarray,
-        p: np.ndarray,
-        levels: np.ndarray,
-        channel: np.ndarray,
-        first: int = 0,
-        last: int = -1,
+        self, start: np.ndarray, p: np.ndarray, levels: np.ndarray, channel: np.ndarray, first: int = 0, last: int = -1
     ) -> None:
         """Look for loads on the motion from a start over a stretch of the grid, unless one near to it is known.
 
@@ -85,3 +74,25 @@ class LoadLimit:
             return None
         span = float(self._setup.grid[-1] - self._setup.grid[0])
         return max(self._shortest / STEPS_PER_LOAD, span / MOST_LOAD_STEPS)
+
+
+def shortest_unseen_load(setup: Setup, integrator: Integrator, start: np.ndarray) -> float:
+    """Duration of the shortest load or contact on a motion over which the steps of an integrator may pass, s.
+
+    Infinite if there is none. A simulation stops around loads that its own steps pass over; analyses whose steps are
+    compiled beforehand limit these by it. Where the simulation stops early, what came before counts.
+
+    Parameters
+    ----------
+    start : numpy.ndarray
+        State ``(q, v, z)`` at the first time.
+    """
+    modes = SingleMode(setup)
+    n, time = setup.eom.q.numel(), float(setup.grid[0])
+    run = Run(setup, modes, (), integrator)
+    run.keeps_paths = True
+    try:
+        run.run(modes.at(modes.free, time, *np.split(start, [n, 2 * n])))
+    except MechanismError:  # the analysis itself says why
+        pass
+    return run.shortest_load()

@@ -36,12 +36,6 @@ class _Walk:
 
     Parameters
     ----------
-    motion : DifferentiableMotion
-        Equations and integrators.
-    course : Cuts
-        Where the motion is cut.
-    grid : numpy.ndarray
-        Output times, s.
     x : casadi.MX
         Start, with the integrals and the clock of the whole.
     arguments : tuple of casadi.MX
@@ -164,13 +158,7 @@ class _Walk:
             self.columns.append(self._x)
 
     def _integrated(
-        self,
-        start: Any,
-        length: Any,
-        channel: ca.MX | None,
-        longest: float,
-        fractions: np.ndarray,
-        stops: np.ndarray,
+        self, start: Any, length: Any, channel: ca.MX | None, longest: float, fractions: np.ndarray, stops: np.ndarray
     ) -> ca.MX:
         """States, with the clock of the whole, at fractions of a piece (n_x, k).
 

@@ -77,16 +77,12 @@ class PhaseFlow:
         The motion there, as it was simulated.
     grid : numpy.ndarray
         Output times from its start to its end, s.
-    integrator : Integrator
-        Method and tolerances.
     inputs : mapping
         Inputs of all mechanisms: numbers and expressions.
     outputs : sequence of casadi.SX
         Expressions in any of the mechanisms.
     whole : Mechanism
         All parts of the mechanisms.
-    directions : Directions
-        Variations of parameters and inputs.
     values : numpy.ndarray
         Values of all parameters in this phase.
 

@@ -113,10 +113,6 @@ def phased_variation(
         Output times, s.
     outputs : sequence of casadi.SX
         Expressions in any of the mechanisms.
-    directions : Directions
-        Variations of the start, parameters and inputs.
-    integrator : Integrator
-        Method and tolerances.
     inputs : mapping, optional
         Inputs of the run: numbers and expressions.
 

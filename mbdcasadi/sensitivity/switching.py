@@ -52,8 +52,6 @@ class BorderPassage:
     ----------
     held : HeldMotion
         Equations with their switches held, and their integrator.
-    grid : numpy.ndarray
-        Output times, s.
     x : numpy.ndarray or None
         The start (n_x,); None if all switches are switches in time, and nothing need be integrated.
     values : tuple of numpy.ndarray
@@ -237,7 +235,7 @@ class BorderPassage:
             self._grazed.add(k)
             warn(
                 f"{self._name(k)} jumps at t = {self._time:.6g} s, where the motion nearly only touches the border of "
-                "the jump: derivatives beyond are large, and hold for small changes alone",
+                "the jump: derivatives beyond are large, and hold for small changes alone"
             )
         self._flip(k, rate)
         self._leave_borders(passed=k)

@@ -45,15 +45,6 @@ def resets_or_ends(event: Event) -> bool:
 class Arc:
     """One mode of a run.
 
-    Parameters
-    ----------
-    run : Run
-        The run.
-    mode : hashable
-        The mode.
-    state : State
-        The first state in it.
-
     Attributes
     ----------
     stepper : Stepper
@@ -79,17 +70,12 @@ class Arc:
         self.uniqueness = Uniqueness(self.numeric)
         self._unseen_loads = UnseenLoads(self.numeric, signals)
         self._own_events = modes.events(mode)
-        self.watch = EventWatch(self.numeric.eom, (*self._own_events, *run.events), run.instant, run.resting)
+        self.watch = EventWatch(
+            self.numeric.eom, (*self._own_events, *run.events), run.instant, run.transitions.resting
+        )
         regularity = Regularity(self.numeric, state.t, state.q)
         system = SteppedSystem(
-            self.numeric,
-            signals,
-            modes.levels,
-            run.integrator,
-            self.resolution,
-            run.span,
-            run.redundant,
-            run.max_step,
+            self.numeric, signals, modes.levels, run.integrator, self.resolution, run.span, run.redundant, run.max_step
         )
         self.stepper: Stepper
         if run.integrator.runs_whole:

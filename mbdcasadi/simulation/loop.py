@@ -6,14 +6,11 @@ import time as clock
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
-from ..arguments.inputs import read_answer
 from ..assembly.consistent_start import consistent_start
 from ..assembly.setup import Setup
-from ..equations.impact_law import by_element, jump
-from ..equations.loops import has_loops
+from ..equations.impact_law import jump
 from ..errors import Interrupted, MechanismError, SimulationError, warn
 from ..integrators import Integrator
 from ..integrators.compiled import IntegrationFailure
@@ -25,9 +22,10 @@ from ..results.state import State
 from ..results.trajectory import EventOccurrence, Trajectory
 from ..results.validity import validity_conditions
 from .arc import Arc, ends_run, resets_or_ends
-from .changes.events import Crossing, EventWatch
-from .changes.impacts import INSTANT, Impacts
-from .changes.modes import Modes, SingleMode
+from .changes.events import Crossing
+from .changes.impacts import INSTANT
+from .changes.modes import Modes
+from .changes.transitions import Transitions
 from .checks.failure_diagnosis import cause_of_failure, singular_event
 from .checks.unseen_loads import meets_loads
 from .outputs import Outputs
@@ -49,37 +47,14 @@ STEPS_PER_PIECE = 1000
 NEW_START = 1e-6
 #: Looks at the path across one load, at most.
 LOOKS = 4
-#: Switches between modes in one run, at most.
-SWITCHES = 20_000
-
 LEAST_NORM = "the constraints are redundant: multipliers and reactions are those of least norm"
 
 
 class Run:
-    """A simulation that is being run.
-
-    Parameters
-    ----------
-    setup : Setup
-        Mechanism, parameters, inputs, output times, start.
-    modes : Modes
-        The sets of equations between which the run switches.
-    events : sequence of Event
-        Events of the user.
-    integrator : Integrator
-        Method and tolerances.
-    progress : bool
-        Show a progress bar.
-    """
+    """A simulation that is being run."""
 
     def __init__(
-        self,
-        setup: Setup,
-        modes: Modes,
-        events: Sequence[Event],
-        integrator: Integrator,
-        *,
-        progress: bool = False,
+        self, setup: Setup, modes: Modes, events: Sequence[Event], integrator: Integrator, *, progress: bool = False
     ):
         self.setup, self.modes, self.events, self.integrator = setup, modes, tuple(events), integrator
         self._progress = progress
@@ -97,9 +72,8 @@ class Run:
             watch_points=WATCH_POINTS if self._is_watched(integrator) else 0,
         )
         self.redundant = False
-        self.resting: dict[Event, float] = {}
+        self.transitions = Transitions(modes, events, self.instant)
         self._arcs: dict[Any, Arc] = {}
-        self._switches = 0
         self._notes = timed.notes
         self._x = np.zeros(0)
         self._extra_stops = np.zeros(0)
@@ -123,7 +97,7 @@ class Run:
         smoothed = any(getattr(element, "smoothings", ()) for element in mechanism.elements)
         # drift is taken away at the ends of pieces, which outputs far apart would make as long as the run
         drifts = bool(eom.lam.numel()) and float(np.max(np.diff(self.setup.grid))) > self.span / PIECES * (1 + 1e-9)
-        if self.events or conditions or smoothed or switching(mechanism) or has_loops(eom):
+        if self.events or conditions or smoothed or switching(mechanism) or eom.has_loops:
             return True
         return drifts or meets_loads(eom, self.setup.signals)
 
@@ -152,7 +126,10 @@ class Run:
         with interruptible() as self._interruption, simulated_time_bar(span, show=self._progress) as bar:
             try:
                 self._begin() if entry is None else self._resume(entry)
-                if not self._changes_at_once(passed):
+                if any(event.becomes is not None for event in self.events):
+                    state = self._arc.stepper.outputs.state(self._time, self._x)
+                    self._change_at(state, self.transitions.to_another_mechanism(state, passed))
+                if not self.changing:
                     self._pieces(bar)
             except (KeyboardInterrupt, Exception) as error:
                 # in CasADi's conversions Ctrl-C comes back as an error of another kind
@@ -174,7 +151,7 @@ class Run:
         """Empty the record of a run."""
         self._builder = TrajectoryBuilder(self.modes, self.setup.p)
         self._builder.statistics.notes += self._notes
-        self.resting.clear()
+        self.transitions.resting.clear()
         self._passed, self._extra_stops = [], np.zeros(0)
         self.changing, self.reached, self.stops = [], None, False
 
@@ -190,12 +167,12 @@ class Run:
         refuse_singular_start(free, state)
         self._set_out_from(state)
         self._time, self._index = begin, 0
-        self._mode, state = modes.decided(state)
-        state = self._ask_controller(state)
+        state = self.transitions.by_controller(self.transitions.decided(state))
         self._enter(state, first=True)
-        for remark in self._impacts.remarks_on_start(state):
+        impacts = self.transitions.impacts
+        for remark in impacts.remarks_on_start(state):
             warn(remark)
-        self._resolve_impacts(state, self._impacts.passed_by_rounding(state))
+        self._reset_at(state, impacts.passed_by_rounding(state))
 
     def _resume(self, entry: State) -> None:
         """Go on from a state at any time, at which the mechanism has changed."""
@@ -203,46 +180,27 @@ class Run:
         state = modes.at(modes.free, entry.t, entry.q, entry.v, entry.z)
         self._set_out_from(state)
         self._time, self._index = state.t, self._schedule.index_after(state.t + self.instant)
-        self._mode, state = modes.decided(state)
+        state = self.transitions.decided(state)
         if self._schedule.samples_at(self._index - 1) and self._schedule.times[self._index - 1] >= state.t:
-            state = self._ask_controller(state)
+            state = self.transitions.by_controller(state)
         self._enter(state, first=True)
-        self._resolve_impacts(state, [])
+        self._reset_at(state, [])
 
     def _set_out_from(self, state: State) -> None:
-        """Look at the rows at the first state, in the mode in which nothing is held, and at the resets there."""
+        """Look at the rows at the first state, in the mode in which nothing is held."""
         free = self.modes.numeric(self.modes.free)
         self.redundant = free.has_redundant_rows(state.t, state.q)
         if self.redundant:
             self.modes.refuse_redundant_rows()
             if self.integrator.runs_whole:
                 refuse_redundant_rows(self.integrator, free, state)
-        self._impacts = Impacts(free, EventWatch(free.eom, self.events, self.instant))
+        self.transitions.begin()
 
     def only_start(self, entry: State) -> Trajectory:
         """Return the motion of no duration at a state at which the mechanism has changed and the run ends."""
         self._prepare()
         self._resume(entry)
         return self._builder.trajectory()
-
-    def _changes_at_once(self, passed: Sequence[Event]) -> bool:
-        """Return True if the mechanism changes at the state at which the run begins."""
-        watched = [event for event in self.events if event.becomes is not None]
-        if not watched:
-            return False
-        arc = self._arc
-        state = arc.stepper.outputs.state(self._time, self._x)
-        watch = EventWatch(arc.numeric.eom, watched, self.instant)
-        through, at_zero = watch.moves_through(state), set(watch.at_zero(state))
-        self.changing = [e for k, e in enumerate(watched) if k in at_zero and through[k] and e not in passed]
-        # a reaction that has the wrong sign from the start on never passes zero
-        lam = arc.numeric.eom.lam
-        self.changing += [
-            e for e in watched if ca.depends_on(e.expression, lam) and e.direction * state[e.expression] > 0
-        ]
-        if self.changing:
-            self.reached = self.modes.whole(arc.mode, state)
-        return bool(self.changing)
 
     def _pieces(self, bar: Any) -> None:
         """Advance piece by piece up to the end, or to an event that ends the run."""
@@ -262,7 +220,9 @@ class Run:
             if first and self._arc.stepper.steps:
                 first, size = False, self._joined(size)
             if schedule.samples_at(self._index - 1) and self._time == schedule.times[self._index - 1]:
-                self._sample()
+                state = self.transitions.by_controller(self._arc.stepper.outputs.state(self._time, self._x))
+                self._enter(state)
+                self._reset_at(state, [])
         self._refuse_to_pass_obstacle()
 
     def _refuse_to_pass_obstacle(self) -> None:
@@ -330,12 +290,7 @@ class Run:
         return piece, path, failure
 
     def _finish(
-        self,
-        piece: Piece,
-        path: Path,
-        failure: IntegrationFailure | None = None,
-        *,
-        passage: Passage | None = None,
+        self, piece: Piece, path: Path, failure: IntegrationFailure | None = None, *, passage: Passage | None = None
     ) -> bool:
         """Keep the outputs of a piece up to the first event that decides how the run goes on.
 
@@ -434,7 +389,7 @@ class Run:
     # --- events and modes ---------------------------------------------------------------------------
     def _enter(self, state: State, *, first: bool = False) -> None:
         """Go on from a state in the present mode."""
-        mode = self._mode
+        mode = self.transitions.mode
         if mode not in self._arcs:
             self._arcs[mode] = Arc(self, mode, state)
         arc = self._arc = self._arcs[mode]
@@ -468,21 +423,16 @@ class Run:
         if terminal and self._builder.last_time < time:
             self._keep(np.array([time]), first.x[None, :], np.array([time]))
         state = arc.stepper.outputs.state(time, first.x)
-        located = [c.event for c in crossings if c.event.reset]
         own = [c.event for c in crossings if arc.is_own(c.event)]
         if own:
-            before = self.modes.whole(arc.mode, state)
-            self._mode, state = self.modes.decided(state, own, arc.mode)
-            after = self.modes.whole(self._mode, state)
-            self._builder.events += [EventOccurrence(event.name, time, before, after) for event in own]
-            self._count_switch(time)
+            state, occurrences = self.transitions.out_of_mode(state, own)
+            self._builder.events += occurrences
         if terminal:
-            self.changing = [c.event for c in terminal if c.event.becomes is not None]
-            self.reached = self.modes.whole(self._arc.mode, state)
+            self._change_at(state, [c.event for c in terminal if c.event.becomes is not None])
             self.stops = any(c.event.terminal for c in terminal)
             return True
         self._enter(state)
-        self._resolve_impacts(state, located)
+        self._reset_at(state, [c.event for c in crossings if c.event.reset])
         index = self._schedule.break_within(time, self.instant)
         if index is not None:  # of the same instant
             self._time, self._index = float(self._schedule.times[index]), index + 1
@@ -491,64 +441,22 @@ class Run:
                 self._pass_jump(just_after)
         return False
 
-    def _resolve_impacts(self, state: State, located: Sequence[Event]) -> None:
-        """Resets of the events that take place at a state, and the mode that holds afterwards."""
-        modes = self.modes
+    def _reset_at(self, state: State, located: Sequence[Event]) -> None:
+        """Go on from the resets at a state, if any take place."""
         if not any(event.reset for event in self.events):
             return
-        moving = modes.at(modes.free, state.t, state.q, state.v, state.z)
-        impacts = self._impacts.resolved(moving, located)
-        before = modes.whole(self._mode, state)
-        for impact in impacts:
-            moving = modes.at(modes.free, state.t, state.q, impact.v, impact.z)
-            self._mode, state = modes.decided(moving)
-            after = modes.whole(self._mode, state, by_element(modes.numeric(modes.free).eom, impact.impulses))
-            self._builder.events += [EventOccurrence(event.name, state.t, before, after) for event in impact.events]
-            before = after
-        if impacts:
+        state, occurrences = self.transitions.by_resets(state, located)
+        self._builder.events += occurrences
+        if occurrences:
             self._enter(state)
-        fired = [event for impact in impacts for event in impact.events]
-        for event in located:
-            if not any(event is other for other in fired):
-                self.resting[event] = float(moving[event.expression])
-        if impacts or located or state.t == self.setup.grid[0]:
-            self._impacts.refuse_pressed_through(state)
+        if occurrences or located or state.t == self.setup.grid[0]:
+            self.transitions.impacts.refuse_pressed_through(state)
 
-    def _count_switch(self, time: float) -> None:
-        self._switches += 1
-        if self._switches > SWITCHES:
-            raise SimulationError(
-                f"friction switched {SWITCHES} times up to t = {time:.9g} s; the motion chatters, take a smoothed law",
-                time=time,
-            )
-
-    # --- a controller ----------------------------------------------------------------------------------
-    def _sample(self) -> None:
-        """Call the controller, and find the mode that holds under its answer."""
-        arc = self._arc
-        state = self._ask_controller(arc.stepper.outputs.state(self._time, self._x))
-        self._enter(state)
-        self._resolve_impacts(state, [])
-
-    def _ask_controller(self, state: State) -> State:
-        """Call the controller if there is one: the state under its answer."""
-        controller, modes = self.setup.signals.controller, self.modes
-        if controller is None:
-            return state
-        whole = modes.whole(self._mode, state)
-        try:
-            modes.levels[:] = read_answer(controller, whole, self.setup.signals.level_values)
-        except (MechanismError, KeyboardInterrupt):
-            raise
-        except Exception as error:
-            raise SimulationError(
-                f"the controller raised {type(error).__name__} at t = {state.t:.6g} s: {error}; what was computed is "
-                "in .partial",
-                time=state.t,
-            ) from error
-        free = modes.at(modes.free, state.t, state.q, state.v, state.z)
-        self._mode, state = modes.decided(free)
-        return state
+    def _change_at(self, state: State, changing: list[Event]) -> None:
+        """Note the events by which the mechanism changes at a state."""
+        self.changing = changing
+        if changing:
+            self.reached = self.transitions.whole(state)
 
     # --- the end of a run that does not get to its end ----------------------------------------------
     def _interrupted(self) -> Interrupted:
@@ -612,25 +520,3 @@ class Run:
     def unresolved(self) -> list[str]:
         """Sentences on what the steps of the integrator did not resolve."""
         return list(dict.fromkeys(sentence for arc in self._arcs.values() for sentence in arc.sentences()))
-
-
-def shortest_unseen_load(setup: Setup, integrator: Integrator, start: np.ndarray) -> float:
-    """Duration of the shortest load or contact on a motion over which the steps of an integrator may pass, s.
-
-    Infinite if there is none. A simulation stops around loads that its own steps pass over; analyses whose steps are
-    compiled beforehand limit these by it. Where the simulation stops early, what came before counts.
-
-    Parameters
-    ----------
-    start : numpy.ndarray
-        State ``(q, v, z)`` at the first time.
-    """
-    modes = SingleMode(setup)
-    n, time = setup.eom.q.numel(), float(setup.grid[0])
-    run = Run(setup, modes, (), integrator)
-    run.keeps_paths = True
-    try:
-        run.run(modes.at(modes.free, time, *np.split(start, [n, 2 * n])))
-    except MechanismError:  # the analysis itself says why
-        pass
-    return run.shortest_load()

@@ -16,10 +16,6 @@ class Outputs:
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at the parameters of the run.
-    signals : Signals
-        Inputs of the run.
     levels : numpy.ndarray
         Values of the inputs that are numbers, as they are when outputs are made.
     redundant : bool

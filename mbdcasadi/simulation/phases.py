@@ -45,8 +45,6 @@ class PhasedRun:
         ``modes_of(setup, events)`` gives the modes of a mechanism.
     integrator_of : callable
         ``integrator_of(modes)`` gives the integrator for it.
-    progress : bool
-        Show a progress bar.
     times, duration, initial, inputs, parameters
         As :func:`simulate` takes them.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ..assembly.setup import Setup
@@ -15,17 +16,22 @@ from ..model.events import Event
 from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
 from ..numerics.console import keyboard_interrupts
+from ..results.state import State
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity
 from .changes.events import read_events
 from .changes.friction_modes import FrictionModes
 from .changes.modes import Modes, SingleMode
 from .checks.accuracy import grown_error, range_near_rounding, small_motions, tolerance_for, unresolved_range
-from .checks.stiffness import is_stiff
 from .contact.compiled_elements import has_many_contacts
 from .loop import Run
 from .phases import PhasedRun
 from .tolerances import absolute_tolerance
+
+#: Explicit steps that stability may ask for in one output chunk before the motion counts as stiff.
+EXPLICIT_STEPS = 2000
+#: Steps of an explicit method per time constant of the fastest motion, by stability.
+STABILITY = 3.0
 
 
 def simulate(
@@ -226,11 +232,42 @@ def chosen_integrator(
         raise SimulationError(f"{analysis}: options= takes a dict for the integrator, got {options!r}")
     if method == "auto":
         setup, numeric = modes.setup, modes.numeric(modes.free)
-        stiff = numeric.eom.Q_depends_on_lam or is_stiff(numeric, setup.start, setup.grid, setup.has_redundant_rows)
+        stiff = numeric.eom.Q_depends_on_lam or _is_stiff(numeric, setup.start, setup.grid, setup.has_redundant_rows)
         whole = analysis == "simulate" and not options and not setup.has_redundant_rows
         method = "idas" if stiff else "dop853" if whole else "erk"
         method = "bdf" if whole and has_many_contacts(numeric) else method
     return as_integrator(method, reltol, abstol, jit=jit, options=options, besides=("auto",))
+
+
+def _is_stiff(numeric: NumericEquations, start: State, grid: np.ndarray, redundant: bool) -> bool:
+    """True if an explicit integrator would be held back by stability.
+
+    Estimates the spectral radius of the linearised equations of motion at the
+    start by power iteration on directional derivatives.
+    """
+    key = ("stiffness", numeric.light_key, redundant)
+    product = numeric.eom.mechanism.cache.get_or_create(key, lambda: _product(numeric, redundant))
+    vector = np.random.default_rng(0).standard_normal(product.numel_in(6))
+    growth = []
+    for _ in range(40):
+        vector /= np.linalg.norm(vector)
+        vector = product(start.t, start.q, start.v, start.z, start.inputs, numeric.p, vector).full().ravel()
+        size = float(np.linalg.norm(vector))
+        if size == 0 or not np.isfinite(size):
+            return False
+        growth.append(np.log(size))
+    radius = float(np.exp(np.mean(growth[-20:])))
+    return radius * (grid[-1] - grid[0]) / 20 / STABILITY > EXPLICIT_STEPS
+
+
+def _product(numeric: NumericEquations, redundant: bool) -> ca.Function:
+    """``(t, q, v, z, u, p, d) -> A d`` with the Jacobian A of ``(v, a)`` by ``(q, v)``."""
+    eom = numeric.eom
+    arguments = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
+    a, _ = numeric.forward_dynamics(redundant=redundant)(*arguments)
+    rate, x = ca.vertcat(eom.v, a), ca.vertcat(eom.q, eom.v)
+    direction = ca.SX.sym("d", x.numel())
+    return ca.Function("product", [*arguments, direction], [ca.densify(ca.jtimes(rate, x, direction))])
 
 
 def suited_to_friction(integrator: Integrator, numeric: NumericEquations) -> Integrator:
@@ -246,5 +283,5 @@ def _report_exceeded_limits(mechanism: Mechanism, motion: Trajectory) -> None:
         if np.any(values < u.lower - slack) or np.any(values > u.upper + slack):
             warn(
                 f"input '{u.label}' goes from {values.min():.6g} to {values.max():.6g}, beyond its limits "
-                f"{u.lower:.6g} … {u.upper:.6g}; simulate does not hold limits",
+                f"{u.lower:.6g} … {u.upper:.6g}; simulate does not hold limits"
             )

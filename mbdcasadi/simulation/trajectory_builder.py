@@ -17,13 +17,6 @@ Refine = Callable[..., tuple[np.ndarray, ...]]
 class TrajectoryBuilder:
     """Blocks of outputs in the modes of a run, joined into a trajectory when asked for.
 
-    Parameters
-    ----------
-    modes : Modes
-        Modes of the mechanism.
-    p : numpy.ndarray
-        Parameter values.
-
     Attributes
     ----------
     events : list of EventOccurrence

@@ -208,21 +208,18 @@ class Follower:
         self._turns = np.flatnonzero(statics.eom.angles)
         self._n = n
         self._points: list[_Point] = []
-        self._found: list[CriticalState] = []
+        self._critical: list[CriticalState] = []
 
     def run(self, origin: Equilibrium) -> EquilibriumPath:
+        """Follow the path from the equilibrium at the first value."""
         sign = np.sign(self.last - self.first)
-        x = self.statics.join(origin.q, origin.z, origin.lam, [self.first])
-        point = self._point(x, None)
+        point = self._point(self.statics.join(origin.q, origin.z, origin.lam, [self.first]), None)
         if point.tangent[-1] * sign < 0:
             point.tangent = -point.tangent
-        points: list[_Point] = [point]
-        critical: list[CriticalState] = []
-        self._points, self._found = points, critical
+        self._points.append(point)
         usual = 1.0 / self.steps
         control = StepControl(usual, SMALLEST_STEP * usual, usual)
-        while len(points) < MOST_POINTS:
-            nearest = (self.last - point.x[-1]) * sign / abs(self.last - self.first)
+        while len(self._points) < MOST_POINTS:
             following = self._advance(point, control.step)
             if following is None:
                 if not control.refuse():
@@ -231,25 +228,26 @@ class Follower:
                         f"{point.x[-1]:.8g}: the constraints lock there, or a force has no value"
                     )
                 continue
-            if (following.x[-1] - self.last) * sign > 0 and nearest > 0:
+            if (following.x[-1] - self.last) * sign > 0 and (self.last - point.x[-1]) * sign > 0:
                 end = self._at(following, self.last)
                 following = end if end is not None else following
-            critical += self._critical_between(point, following)
-            points.append(following)
+            self._critical += self._critical_between(point, following)
+            self._points.append(following)
             point = following
             control.accept()
             beyond = (point.x[-1] - self.last) * sign >= -1e-12 * abs(self.last)
             if beyond or (self.first - point.x[-1]) * sign > abs(self.last - self.first):
                 break
-        return self._path(points, critical)
+        return self._path()
 
     @property
     def so_far(self) -> EquilibriumPath | None:
         """The path as far as it has been followed."""
-        return self._path(list(self._points), list(self._found)) if self._points else None
+        return self._path() if self._points else None
 
-    def _path(self, points: list[_Point], critical: list[CriticalState]) -> EquilibriumPath:
-        return EquilibriumPath(self.parameter, [p.x[-1] for p in points], [p.state for p in points], critical)
+    def _path(self) -> EquilibriumPath:
+        values, states = [p.x[-1] for p in self._points], [p.state for p in self._points]
+        return EquilibriumPath(self.parameter, values, states, self._critical)
 
     # --- points ----------------------------------------------------------------------
     def _point(self, x: np.ndarray, before: np.ndarray | None) -> _Point:
@@ -272,17 +270,10 @@ class Follower:
     def _advance(self, point: _Point, step: float) -> _Point | None:
         """Equilibrium at an advance along the tangent of a point; None if there is none nearby."""
         seen, size = self._seen, self._size[self._seen]
-        guess = point.x.copy()
+        guess, row = point.x.copy(), np.zeros(point.x.size)
         guess[seen] += step * size * point.tangent
-        equations, weights = self.statics.scaled(guess)
-        row = np.zeros((1, guess.size))
-        row[0, seen] = point.tangent / size
-
-        def with_advance(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            values, slope = equations(x)
-            return np.append(values, row[0] @ (x - point.x) - step), np.vstack([slope, row])
-
-        x = newton(with_advance, guess, weights, iterations=12, smallest=SINGULAR)
+        row[seen] = point.tangent / size
+        x = self._solved(guess, row, point.x, step, iterations=12)
         if x is None or largest((x - point.x)[self._turns]) > PATH_TURN:
             return None
         following = self._point(x, point.tangent)
@@ -290,18 +281,22 @@ class Follower:
 
     def _at(self, point: _Point, value: float) -> _Point | None:
         """Equilibrium at a value of the parameter, near a point."""
-        guess = point.x.copy()
-        guess[-1] = value
-        equations, weights = self.statics.scaled(guess)
-        row = np.zeros((1, guess.size))
-        row[0, -1] = 1.0
-
-        def at_value(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            values, slope = equations(x)
-            return np.append(values, x[-1] - value), np.vstack([slope, row])
-
-        x = newton(at_value, guess, weights, iterations=20, smallest=SINGULAR)
+        guess, row = point.x.copy(), np.zeros(point.x.size)
+        guess[-1], row[-1] = value, 1.0
+        x = self._solved(guess, row, guess, 0.0, iterations=20)
         return None if x is None else self._point(x, point.tangent)
+
+    def _solved(
+        self, guess: np.ndarray, row: np.ndarray, origin: np.ndarray, advance: float, *, iterations: int
+    ) -> np.ndarray | None:
+        """Equilibrium near a guess at an advance along a row from an origin; None if there is none."""
+        equations, weights = self.statics.scaled(guess)
+
+        def with_advance(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            values, slope = equations(x)
+            return np.append(values, row @ (x - origin) - advance), np.vstack([slope, row])
+
+        return newton(with_advance, guess, weights, iterations=iterations, smallest=SINGULAR)
 
     # --- critical points -------------------------------------------------------------------
     def _critical_between(self, low: _Point, high: _Point) -> list[CriticalState]:
@@ -310,9 +305,9 @@ class Follower:
         length = float(low.tangent @ ((high.x - low.x)[self._seen] / self._size[self._seen]))
         few, many = sorted(end.falling for end in ends)
         if all(end.is_real for end in ends):
-            critical = [self._critical(low, high, length, index) for index in range(few, many)]
+            critical = [self._singular(low, high, length, index) for index in range(few, many)]
         else:
-            critical = [self._critical(low, high, length, None)] if (many - few) % 2 else []
+            critical = [self._singular(low, high, length, None)] if (many - few) % 2 else []
         if low.flutters != high.flutters:
             critical.append(self._flutter(low, high, length))
         return critical
@@ -336,7 +331,8 @@ class Follower:
         direction = direction / direction[np.argmax(np.abs(direction))]
         return CriticalState(float(point.x[-1]), point.state, "flutter", direction)
 
-    def _critical(self, low: _Point, high: _Point, length: float, index: int | None) -> CriticalState:
+    def _singular(self, low: _Point, high: _Point, length: float, index: int | None) -> CriticalState:
+        """Point at which the stiffness is singular: an eigenvalue by its number, or that nearest to zero, vanishes."""
         points: dict[float, _Point] = {0.0: low, length: high}
 
         def eigenvalue(advance: float) -> float:

@@ -108,8 +108,6 @@ class Statics:
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at the parameters.
     signals : Signals
         Inputs; feedback is taken at zero velocity.
     t : float

@@ -39,8 +39,6 @@ class Jobs:
     ----------
     setup : MotionSetup
         The mechanism at the first of the cases that can be assembled.
-    plan : Plan
-        The cases.
     named : list of (str, casadi.SX)
         Outputs.
     """

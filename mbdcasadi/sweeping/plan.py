@@ -30,10 +30,6 @@ class Plan:
 
     Parameters
     ----------
-    mechanism : Mechanism
-        The model.
-    times : sequence of float
-        Output times, s.
     fixed : list of (Parameter, float)
         Values of parameters that do not vary.
     varied : dict
@@ -94,7 +90,7 @@ class Plan:
                 shown = ", ".join(str(k) for k in beyond[:5]) + (" …" if beyond.size > 5 else "")
                 warn(
                     f"sweep: parameter '{parameter.label}' is beyond its limits {parameter.lower:.6g} … "
-                    f"{parameter.upper:.6g} in {beyond.size} of {self.count} cases ({shown}); they are used as given",
+                    f"{parameter.upper:.6g} in {beyond.size} of {self.count} cases ({shown}); they are used as given"
                 )
 
     def _report_unlike_masses(self) -> None:

@@ -82,8 +82,6 @@ def times_of(setup: MotionSetup, p: np.ndarray, load_step: float | None = None) 
 
     Parameters
     ----------
-    p : numpy.ndarray
-        Its parameters.
     load_step : float, optional
         Longest step over loads that come and go with the motion, s.
 
@@ -112,8 +110,6 @@ class WholeParcel:
     ----------
     setup : MotionSetup
         The mechanism at the first case.
-    path : StartPath
-        Way from the start of one case to those of others.
     outputs : list of casadi.SX
         Quantities that are kept.
     count : int

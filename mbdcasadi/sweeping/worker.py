@@ -20,10 +20,6 @@ class Parcel:
 
     Parameters
     ----------
-    function : casadi.Function
-        The run.
-    path : StartPath
-        Way from the start of one case to those of others.
     span : float
         Time of the clock at the end, s.
     """
@@ -80,8 +76,6 @@ def run_batch(
 
     Parameters
     ----------
-    parcel : Parcel or WholeParcel
-        The run.
     parameters, levels : numpy.ndarray
         By case (k, …).
     course : tuple of numpy.ndarray

@@ -281,6 +281,15 @@ def test_a_nan_made_of_an_expression_leads_to_the_functions_of_the_package():
         mbd.Force("f", body.at(0, 0), (math.sin(body.phi), 0))
 
 
+@pytest.mark.parametrize("call", [np.sin, lambda phi: np.hypot(2 * phi, 1.0), lambda phi: np.where(phi > 0, phi, 0)])
+def test_functions_of_numpy_lead_to_those_of_the_package(call):
+    """For a symbol as for an expression, by the notice that CasADi gives."""
+    body = mbd.Body("bar", mass=1, inertia=1)
+    with pytest.warns(FutureWarning, match=r"^in expressions of mbdcasadi write mbd\.sin for np\.sin"):
+        result = call(body.phi)
+    assert isinstance(result, ca.SX)
+
+
 def test_numpys_own_expressions_are_refused_with_the_remedy():
     """With ``setNumpyMode(1)`` of CasADi, ``np.sin`` of an expression has a type of its own."""
     body = mbd.Body("bar", mass=1, inertia=1)

@@ -189,7 +189,7 @@ def interrupt_when(ready):
 @pytest.mark.parametrize("settings", [dict(), dict(tolerance=1e-9), dict(starts=3)])
 def test_ctrl_c_keeps_the_last_iterate(monkeypatch, settings):
     """Sent in the middle of a solve: Interrupted, a KeyboardInterrupt, with the iterate in .partial."""
-    from mbdcasadi.optimal_control.nlp.solver_callback import SolverCallback
+    from mbdcasadi.optimal_control.nlp.solvers.ipopt import SolverCallback
 
     ready, seen, original = threading.Event(), [], SolverCallback.eval
 
@@ -217,7 +217,7 @@ def test_ctrl_c_keeps_the_last_iterate(monkeypatch, settings):
 
 def test_a_solve_after_ctrl_c_runs(monkeypatch):
     """Nothing of the interruption is left in what was compiled."""
-    from mbdcasadi.optimal_control.nlp.solver_callback import SolverCallback
+    from mbdcasadi.optimal_control.nlp.solvers.ipopt import SolverCallback
 
     problem, *_ = rest_to_rest(3.0, 2.0)
     ready, original = threading.Event(), SolverCallback.eval

@@ -11,7 +11,7 @@ from motions import crank_rocker, guided_block, half_turn, rest_to_rest, swing_u
 
 import mbdcasadi as mbd
 from mbdcasadi.optimal_control.nlp.solver import Solver
-from mbdcasadi.optimal_control.nlp.solver_callback import SolverCallback
+from mbdcasadi.optimal_control.nlp.solvers.ipopt import SolverCallback
 
 PACKAGE = str(Path(mbd.__file__).parent)
 

@@ -72,8 +72,6 @@ class ExplicitTime:
 
     Parameters
     ----------
-    eom : Equations
-        The equations.
     inputs : casadi.SX, optional
         The inputs as expressions (n_u,), of which those in time are substituted.
     integrands : casadi.SX, optional
@@ -145,8 +143,6 @@ class ExplicitTime:
 
         Parameters
         ----------
-        p : numpy.ndarray
-            Parameter values.
         start, end : float
             The interval, s; its ends do not count.
 

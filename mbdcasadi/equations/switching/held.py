@@ -64,7 +64,7 @@ def _parts(numeric: NumericEquations) -> list[JumpingPart]:
         parts += part_of(numeric, "rate", k, (eom.z_rate[k],), description)
     for k, element in enumerate(eom.mechanism.elements):
         if element.virtual_work and jumps_anywhere([ca.SX(x) for pair in element.virtual_work for x in pair]):
-            parts += part_of(numeric, "force", k, (_share_of_Q(eom, [element]),), element.description)
+            parts += part_of(numeric, "force", k, (eom.generalised_forces([element]),), element.description)
     return parts
 
 
@@ -97,22 +97,11 @@ def _among_positions(eom: Equations, rows: Sequence[int]) -> list[int]:
     return np.flatnonzero(np.isin(eom.position_rows, list(rows))).tolist()
 
 
-def _share_of_Q(eom: Equations, elements: Sequence[object]) -> ca.SX:
-    """Generalised force of some elements."""
-    pairs = [pair for element in elements for pair in element.virtual_work]  # type: ignore[attr-defined]
-    if not pairs:
-        return ca.SX.zeros(eom.q.numel())
-    displacement, force = (ca.vertcat(*[ca.vec(ca.SX(pair[k])) for pair in pairs]) for k in (0, 1))
-    return ca.densify(ca.jtimes(displacement, eom.q, force, True))
-
-
 class HeldEquations(Equations):
     """Equations of motion whose switches are held: their sides follow the parameters in `p`.
 
     Parameters
     ----------
-    eom : Equations
-        The equations.
     parts : sequence of JumpingPart
         Their parts in which something jumps, and of inputs and integrands.
     free : collection of int
@@ -150,7 +139,7 @@ class HeldEquations(Equations):
     def _replace_parts(self, eom: Equations) -> None:
         forces = {place for kind, place in self.held if kind == "force"}
         smooth = [element for k, element in enumerate(eom.mechanism.elements) if k not in forces]
-        self.Q = eom.Q if not forces else _share_of_Q(eom, smooth)
+        self.Q = eom.Q if not forces else self.generalised_forces(smooth)
         for name in ("Phi", "Phi_q", "nu", "gamma", "z_rate"):
             setattr(self, name, ca.SX(getattr(eom, name)))
         for (kind, place), held in self.held.items():

@@ -1,4 +1,4 @@
-"""Shapes from drawings: closed outlines of SVG and DXF files."""
+"""Closed outlines of drawings in SVG and DXF files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from ...errors import FileError
-from .shapes import Polygon, Shape
 
 #: Largest distance of a chord from a curve, relative to the size of the drawing, unless another one is given.
 TOLERANCE = 1e-4
@@ -24,8 +23,8 @@ _MOST_HALVINGS = 12
 Loop = np.ndarray
 
 
-def shape_from_svg(path: str | Path, scale: float | None, tolerance: float | None) -> Shape:
-    """Return the shape of the closed outlines of an SVG file; see :meth:`Polygon.from_svg`."""
+def loops_of_svg(path: str | Path, scale: float | None, tolerance: float | None) -> list[tuple[Loop, int]]:
+    """Return the closed outlines of an SVG file (k, 2), m, and the number of others around each."""
     library = _library("svgelements", path)
     try:
         document = library.SVG.parse(str(path), reify=True)
@@ -44,11 +43,13 @@ def shape_from_svg(path: str | Path, scale: float | None, tolerance: float | Non
         points = _joined([_sampled(segment, allowed) for segment in part if segment.start is not None])
         if len(points) > 1 and np.linalg.norm(points[0] - points[-1]) <= JOINED * size:
             loops.append(points[:-1] * [factor, -factor])  # the y axis of drawings points down
-    return _shape_of(loops, path)
+    return _by_depth(loops, path)
 
 
-def shape_from_dxf(path: str | Path, scale: float | None, tolerance: float | None, layer: str | None) -> Shape:
-    """Return the shape of the closed outlines of a DXF file; see :meth:`Polygon.from_dxf`."""
+def loops_of_dxf(
+    path: str | Path, scale: float | None, tolerance: float | None, layer: str | None
+) -> list[tuple[Loop, int]]:
+    """Return the closed outlines of a DXF file (k, 2), m, and the number of others around each."""
     library = _library("ezdxf", path)
     try:
         document = library.readfile(str(path))
@@ -62,7 +63,7 @@ def shape_from_dxf(path: str | Path, scale: float | None, tolerance: float | Non
     size = float(np.max(np.ptp(ends, axis=0), initial=0.0)) if ends.size else 0.0
     allowed = TOLERANCE * size if tolerance is None else _positive(tolerance, path, "tolerance") / factor
     pieces = [_ends(line) if line.dxftype() == "LINE" else _flat(line, allowed) for line in lines]
-    return _shape_of([loop * factor for loop in _chained(pieces, JOINED * size)], path)
+    return _by_depth([loop * factor for loop in _chained(pieces, JOINED * size)], path)
 
 
 def _lines(entities: Iterable[Any]) -> Iterator[Any]:
@@ -169,19 +170,13 @@ def _chained(pieces: Sequence[np.ndarray], joined: float) -> list[Loop]:
     return loops
 
 
-def _shape_of(loops: Sequence[Loop], path: Any) -> Shape:
-    """Shape of outlines: those inside an odd number of others are holes."""
-    loops = [loop for loop in loops if len(loop) > 2 and _area(loop) > 0]
+def _by_depth(loops: Sequence[Loop], path: Any) -> list[tuple[Loop, int]]:
+    """Outlines with the number of others that they are inside of, in ascending order; at least one."""
+    loops = sorted([loop for loop in loops if len(loop) > 2 and _area(loop) > 0], key=_area, reverse=True)
     if not loops:
         raise FileError(f"{path}: the drawing holds no closed outline")
-    loops = sorted(loops, key=_area, reverse=True)
     depths = [sum(_inside(loop[0], other) for other in loops[:k]) for k, loop in enumerate(loops)]
-    shape: Shape | None = None
-    for loop, depth in sorted(zip(loops, depths, strict=True), key=lambda item: item[1]):
-        part = Polygon(tuple((float(x), float(y)) for x, y in loop))
-        shape = part if shape is None else shape - part if depth % 2 else shape + part
-    assert shape is not None
-    return shape
+    return sorted(zip(loops, depths, strict=True), key=lambda item: item[1])
 
 
 def _area(loop: Loop) -> float:

@@ -15,21 +15,11 @@ Rule = tuple[np.ndarray, np.ndarray]
 
 @singledispatch
 def quadrature(shape: Shape, order: int) -> Rule:
-    """Return a Gauss rule over a shape.
+    """Return a Gauss rule over a shape: points (k, 2) and weights (k,), whose sum is the area (the length of rods).
 
-    Parameters
-    ----------
-    shape : Shape
-        Any shape; a composite takes the points of its parts and, with negative weights, of its holes.
-    order : int
-        Points in each direction, on each triangle of a polygon too. Polynomials of
-        total degree ``2 order - 2`` are integrated exactly (``2 order - 1`` on
-        rectangles, discs and rods).
-
-    Returns
-    -------
-    (numpy.ndarray, numpy.ndarray)
-        Points (k, 2) and weights (k,), whose sum is the area (the length of rods).
+    There are `order` points in each direction, on each triangle of a polygon too: polynomials of total degree ``2 order
+    - 2`` are integrated exactly (``2 order - 1`` on rectangles, discs and rods). A composite takes the points of its
+    parts and, with negative weights, of its holes.
     """
     raise ModelError(f"a field over {shape!r}: this kind of shape has no quadrature; use the shapes of the package")
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import ModelError
+from .outline_files import loops_of_dxf, loops_of_svg
 
 #: Area (of rods: length, and so mass), centroid, and second moment about the centroid.
 Moments = tuple[float, np.ndarray, float]
@@ -302,9 +303,7 @@ class Polygon(Shape):
         FileError
             For a file that cannot be read or holds no closed outline, and without svgelements.
         """
-        from .outline_files import shape_from_svg
-
-        return shape_from_svg(path, scale, tolerance)
+        return _shape_of(loops_of_svg(path, scale, tolerance))
 
     @classmethod
     def from_dxf(
@@ -335,9 +334,7 @@ class Polygon(Shape):
         FileError
             For a file that cannot be read, names no unit or holds no closed outline, and without ezdxf.
         """
-        from .outline_files import shape_from_dxf
-
-        return shape_from_dxf(path, scale, tolerance, layer)
+        return _shape_of(loops_of_dxf(path, scale, tolerance, layer))
 
     def _corners(self) -> np.ndarray:
         points = np.array(self.points)
@@ -355,6 +352,16 @@ class Polygon(Shape):
 
     def _moved(self, shift: np.ndarray, angle: float) -> Polygon:
         return Polygon(tuple(shift + np.array(self.points) @ rotation_matrix(angle).T))
+
+
+def _shape_of(loops: list[tuple[np.ndarray, int]]) -> Shape:
+    """Return the shape of outlines: those inside an odd number of others are holes."""
+    (first, _), *others = loops
+    shape: Shape = Polygon(tuple(map(tuple, first.tolist())))
+    for loop, depth in others:
+        part = Polygon(tuple(map(tuple, loop.tolist())))
+        shape = shape - part if depth % 2 else shape + part
+    return shape
 
 
 @dataclass(frozen=True)

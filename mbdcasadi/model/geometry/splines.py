@@ -103,15 +103,9 @@ def spline_integral(x: ca.SX, xs: Any, ys: Any, kind: str = "cubic", outside: st
 def closed_spline(x: ca.SX, xs: np.ndarray, ys: np.ndarray) -> ca.SX:
     """Return a closed curve of degree five through points, as an expression with four continuous derivatives.
 
-    For outlines of cams: the rows of a follower hold the tangent or the normal of the outline, and
-    ``gamma`` their second derivatives, which with cubic splines would jump at every point.
-
-    Parameters
-    ----------
-    x : casadi.SX
-        Scalar; the curve repeats with the period ``xs[-1] - xs[0]``.
-    xs, ys : numpy.ndarray
-        (n,), `xs` increasing, the last of `ys` the same as the first; at least five points.
+    For outlines of cams: the rows of a follower hold the tangent or the normal of the outline, and ``gamma`` their
+    second derivatives, which with cubic splines would jump at every point. Of at least five points (n,) the last value
+    is the same as the first; the curve repeats with the period ``xs[-1] - xs[0]``.
     """
     from scipy.interpolate import make_interp_spline
 
@@ -148,13 +142,7 @@ def expression_of(x: ca.SX, curve: Any) -> Any:
 
 
 def through_samples(x: ca.SX, xs: Any, ys: Any) -> ca.SX:
-    """Return a curve of degree five through samples of a motion: its accelerations are smooth.
-
-    Raises
-    ------
-    ModelError
-        For fewer than six samples, and as :func:`spline` does.
-    """
+    """Return a curve of degree five through samples of a motion, at least six: its accelerations are smooth."""
     from scipy.interpolate import make_interp_spline
 
     xs, ys = _points(xs, ys, "linear", "error")
@@ -231,17 +219,8 @@ def _curve(x: ca.SX, xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) ->
 def piecewise(x: ca.SX, xs: np.ndarray, anchors: np.ndarray, coefficients: np.ndarray, outside: str) -> ca.SX:
     """Return the polynomial ``c0 + c1 d + c2 d² + …`` of the piece in which a scalar `x` lies, d from its anchor.
 
-    Parameters
-    ----------
-    x : casadi.SX
-        Scalar.
-    xs : numpy.ndarray
-        The points (n,) between which the pieces lie.
-    anchors, coefficients : numpy.ndarray
-        Of the pieces, (p,) and (k, p): one from each point on, and first and last
-        those outside, if `outside` is "constant" or "linear".
-    outside : str
-        As for :func:`spline`.
+    The pieces lie between the points `xs` (n,). There are anchors (p,) and coefficients (k, p), one from each point on,
+    and first and last those outside, if `outside` is "constant" or "linear".
     """
     if outside == "periodic":
         period = xs[-1] - xs[0]

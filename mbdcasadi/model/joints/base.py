@@ -66,6 +66,11 @@ def as_carrier(value: Any, a: Marker, b: Marker, what: str) -> Body:
     return carrier
 
 
+def from_estimate(expression: ca.SX, *bodies: Body) -> ca.SX:
+    """Return an expression less its value at the estimated poses, which so give its phase."""
+    return expression - at_poses(expression, bodies)
+
+
 def relative_angle(a: Marker, b: Marker) -> ca.SX:
     """Return the angle of b relative to a, less the whole turns between the estimated poses.
 

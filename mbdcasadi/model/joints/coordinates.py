@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import casadi as ca
+from typing import Any, ClassVar
 
 from ..bodies import as_marker
 from ..element import ConstraintElement
@@ -17,18 +15,22 @@ class _Absolute(ConstraintElement):
     """Base class: one coordinate of a marker has a given value."""
 
     kind = "constraint"
-    _is_angle = False
+    #: attribute of the marker that is constrained
+    coordinate: ClassVar[str]
 
     def __init__(self, name: str, marker: Any, value: Any = 0.0):
         what = f"constraint '{name}'"
         self.marker = as_marker(marker, what, "marker")
-        self.value = quantity(value, what, "value")
-        if self._is_angle:
-            in_radians(self.value, what, "value")
-        super().__init__(name, self._coordinate() - self.value, (), (self.marker,))
+        self.value = _value(value, what, self.coordinate)
+        super().__init__(name, getattr(self.marker, self.coordinate) - self.value, (), (self.marker,))
 
-    def _coordinate(self) -> ca.SX:
-        raise NotImplementedError
+
+def _value(value: Any, what: str, coordinate: str) -> Any:
+    """Return the value of a coordinate; warn of an angle in degrees."""
+    value = quantity(value, what, "value")
+    if coordinate == "angle":
+        in_radians(value, what, "value")
+    return value
 
 
 class AbsoluteX(_Absolute):
@@ -48,24 +50,19 @@ class AbsoluteX(_Absolute):
     Haug 1989, section 3.2.
     """
 
-    def _coordinate(self) -> ca.SX:
-        return self.marker.x
+    coordinate = "x"
 
 
 class AbsoluteY(_Absolute):
     """``Phi = y^P - C`` (1 row, m); parameters as for :class:`AbsoluteX`."""
 
-    def _coordinate(self) -> ca.SX:
-        return self.marker.y
+    coordinate = "y"
 
 
 class AbsoluteAngle(_Absolute):
     """``Phi = phi - C`` with the angle of the marker's x axis (1 row, rad); as :class:`AbsoluteX`."""
 
-    _is_angle = True
-
-    def _coordinate(self) -> ca.SX:
-        return self.marker.angle
+    coordinate = "angle"
 
 
 class AbsoluteDistance(ConstraintElement):
@@ -101,19 +98,13 @@ class AbsoluteDistance(ConstraintElement):
 class _Relative(Joint):
     """Base class: one coordinate of b less that of a has a given value."""
 
-    _is_angle = False
+    #: attribute of the markers that is constrained
+    coordinate: ClassVar[str]
 
     def __init__(self, name: str, a: Any, b: Any, value: Any):
         a, b = self.pair(name, a, b)
-        what = f"constraint '{name}'"
-        self.value = quantity(value, what, "value")
-        if self._is_angle:
-            in_radians(self.value, what, "value")
-        super().__init__(name, a, b, self._coordinate(b) - self._coordinate(a) - self.value)
-
-    @staticmethod
-    def _coordinate(marker: Any) -> ca.SX:
-        raise NotImplementedError
+        self.value = _value(value, f"constraint '{name}'", self.coordinate)
+        super().__init__(name, a, b, getattr(b, self.coordinate) - getattr(a, self.coordinate) - self.value)
 
 
 class RelativeX(_Relative):
@@ -136,28 +127,18 @@ class RelativeX(_Relative):
     Haug 1989, section 3.3.
     """
 
+    coordinate = "x"
     leans_on_ground = True
-
-    @staticmethod
-    def _coordinate(marker: Any) -> ca.SX:
-        return marker.x
 
 
 class RelativeY(_Relative):
     """``Phi = y^b - y^a - C``, global axes (1 row, m); parameters and couple as for :class:`RelativeX`."""
 
+    coordinate = "y"
     leans_on_ground = True
-
-    @staticmethod
-    def _coordinate(marker: Any) -> ca.SX:
-        return marker.y
 
 
 class RelativeAngle(_Relative):
     """``Phi = phi_b - phi_a - C`` with the markers' angles (1 row, rad); as :class:`RelativeX`."""
 
-    _is_angle = True
-
-    @staticmethod
-    def _coordinate(marker: Any) -> ca.SX:
-        return marker.angle
+    coordinate = "angle"

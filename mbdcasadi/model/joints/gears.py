@@ -14,7 +14,7 @@ from ..element import at_poses
 from ..quantities import Limit, Quantities, known_value, quantity, yes_or_no
 from ..symbols import values_of
 from ..validity import ValidityCondition
-from .base import AlongLine, Joint, as_carrier
+from .base import AlongLine, Joint, as_carrier, from_estimate
 
 #: Relative tolerance of the centre distance against that of the pitch radii, in an assembled pose.
 _CENTRES = 1e-3
@@ -91,7 +91,7 @@ class Gear(Joint):
         beyond = ca.atan2(along[1], along[0])
         rolled = self.radius_a * (a.angle - carrier.phi - beyond)
         rolled += sign * self.radius_b * (b.angle - carrier.phi - beyond)
-        super().__init__(name, a, b, rolled - at_poses(rolled, bodies))
+        super().__init__(name, a, b, from_estimate(rolled, *bodies))
         off = ca.norm_2(along) / distance - 1
         self.validity_conditions = (
             ValidityCondition(
@@ -117,11 +117,20 @@ class Gear(Joint):
 
 def _two_radii(what: str, radius_a: Any, radius_b: Any) -> tuple[Any, Any, tuple[Limit, ...]]:
     """Return two positive radii and their limits."""
+    (first, limits), (second, more) = _radius(what, radius_a, "radius_a"), _radius(what, radius_b, "radius_b")
+    return first, second, (*limits, *more)
+
+
+def _radius(what: str, radius: Any, name: str = "radius") -> tuple[Any, tuple[Limit, ...]]:
+    """Return a positive radius and its limits."""
     read = Quantities(what)
-    radii = [
-        read(value, name, above=0.0, fixed=True) for value, name in ((radius_a, "radius_a"), (radius_b, "radius_b"))
-    ]
-    return radii[0], radii[1], read.limits
+    return read(radius, name, above=0.0, fixed=True), read.limits
+
+
+def _rolled(a: Marker, b: Marker, radius: Any) -> ca.SX:
+    """Return the row of a wheel b that rolls along the x axis of a."""
+    rolled = ca.dot(a.x_axis, b.position - a.position) + radius * (b.angle - a.angle)
+    return from_estimate(rolled, a.body, b.body)
 
 
 def _pitch_distance(what: str, total: ca.SX) -> ca.SX:
@@ -169,11 +178,8 @@ class RackAndPinion(Joint):
 
     def __init__(self, name: str, rack: Any, pinion: Any, radius: Any):
         a, b = self.pair(name, rack, pinion)
-        read = Quantities(f"joint '{name}'")
-        self.radius = read(radius, "radius", above=0.0, fixed=True)
-        self.limits = read.limits
-        rolled = ca.dot(a.x_axis, b.position - a.position) + self.radius * (b.angle - a.angle)
-        super().__init__(name, a, b, rolled - at_poses(rolled, [a.body, b.body]))
+        self.radius, self.limits = _radius(f"joint '{name}'", radius)
+        super().__init__(name, a, b, _rolled(a, b, self.radius))
 
     @cached_property
     def tooth_force(self) -> ca.SX:
@@ -211,14 +217,9 @@ class Rolling(AlongLine, Joint):
 
     def __init__(self, name: str, wheel: Any, surface: Any, radius: Any):
         a, b = self.pair(name, surface, wheel)
-        read = Quantities(f"joint '{name}'")
-        self.radius = read(radius, "radius", above=0.0, fixed=True)
-        self.limits = read.limits
-        d = b.position - a.position
-        rolled = ca.dot(a.x_axis, d) + self.radius * (b.angle - a.angle)
-        above = ca.dot(a.y_axis, d) - self.radius
-        rows = ca.vertcat(above, rolled - at_poses(rolled, [a.body, b.body]))
-        super().__init__(name, a, b, rows, ("contact", "rolling"))
+        self.radius, self.limits = _radius(f"joint '{name}'", radius)
+        above = ca.dot(a.y_axis, b.position - a.position) - self.radius
+        super().__init__(name, a, b, ca.vertcat(above, _rolled(a, b, self.radius)), ("contact", "rolling"))
         leaving = "the normal force is negative: the wheel would leave the track, but the joint pulls it"
         self.validity_conditions = (ValidityCondition(self.normal_force, f"{self.description}: {leaving}"),)
 
@@ -266,7 +267,7 @@ class Coupler(Joint):
         self.carrier = as_carrier(carrier, a, b, what)
         self.leans_on_ground = self.carrier.is_ground
         turned = (b.angle - carrier.phi) - self.ratio * (a.angle - carrier.phi)
-        super().__init__(name, a, b, turned - at_poses(turned, [a.body, b.body, carrier]))
+        super().__init__(name, a, b, from_estimate(turned, a.body, b.body, carrier))
 
     @cached_property
     def torque(self) -> ca.SX:
@@ -312,7 +313,7 @@ class Belt(Joint):
         self.leans_on_ground = self.carrier.is_ground
         sign = 1 if self.crossed else -1
         wound = self.radius_a * (a.angle - carrier.phi) + sign * self.radius_b * (b.angle - carrier.phi)
-        super().__init__(name, a, b, wound - at_poses(wound, [a.body, b.body, carrier]))
+        super().__init__(name, a, b, from_estimate(wound, a.body, b.body, carrier))
 
     @cached_property
     def tension_difference(self) -> ca.SX:

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...equations.loops import has_loops
 from ..refinement.local_error import COARSE_ERROR, coarseness, projection_steps
 from .failure import OptimizationError
 
@@ -47,13 +46,7 @@ def branch_jump(solution: Solution) -> BranchJump | None:
 
 
 def refuse_branch_jump(solution: Solution) -> None:
-    """Refuse a solution that jumps to another branch.
-
-    Raises
-    ------
-    OptimizationError
-        Naming the constraint, the coordinate and the time.
-    """
+    """Raise an :class:`OptimizationError` for a jump to another branch: constraint, coordinate and time."""
     jump = branch_jump(solution)
     if jump is not None:
         raise OptimizationError(
@@ -66,7 +59,7 @@ def refuse_branch_jump(solution: Solution) -> None:
 
 def _jump(part: PhaseSolution) -> BranchJump | None:
     scheme, numeric = part.program.scheme, part.numeric
-    if not scheme.eom.rows or not part.mesh.count or not has_loops(part.phase.equations):
+    if not scheme.eom.rows or not part.mesh.count or not part.phase.equations.has_loops:
         return None
     rows = [*scheme.eom.explicit, *(scheme.eom.rows[k] for k in scheme.rows)]
     motion, points = part.trajectory, part.points_per_interval

@@ -25,12 +25,9 @@ NOTHING = 1e-3
 def warn_of_closings(solution: Solution) -> None:
     """Warn of joints that pass through their place before they close, of footholds that pull, and of free choices.
 
-    Warns
-    -----
-    MechanismWarning
-        If a position row of a joint that closes at the end of a phase has passed through zero in the same direction
-        before; if a joint to the ground that closes and opens has to pull, seen from the side from which it closed;
-        if a problem without inputs and cost leaves quantities undecided.
+    A position row of a joint that closes at the end of a phase may have passed through zero in the same direction
+    before; a joint to the ground that closes and opens may have to pull, seen from the side from which it closed; a
+    problem without inputs and cost may leave quantities undecided.
     """
     if len(solution.phases) < 2:
         return

@@ -54,12 +54,7 @@ def ranks_of(problem: OptimalControlProblem, phase: Phase, numeric: NumericEquat
 class ConditionRank:
     """Ranks of conditions together with the constraints at position and velocity level.
 
-    Parameters
-    ----------
-    numeric : NumericEquations
-        Equations at given parameters.
-    free : casadi.SX
-        Further unknowns by which conditions may be met: free parameters, a free time.
+    They may be met by further unknowns `free`: free parameters, a free time.
     """
 
     def __init__(self, numeric: NumericEquations, free: ca.SX):

@@ -49,11 +49,6 @@ def check_conditions(problem: OptimalControlProblem) -> None:
     """Refuse conditions that contradict each other, and those that the constraints already fix.
 
     Mechanisms of hundreds of bodies are left to the solver.
-
-    Raises
-    ------
-    ConditionError
-        Naming the conditions.
     """
     for phase in problem.phases:
         _refuse_empty_limits(phase)
@@ -96,10 +91,8 @@ def check_end(
 ) -> None:
     """Check the conditions at the start, at the end, or at another time of a phase.
 
-    Raises
-    ------
-    ConditionError
-        Naming a condition that the constraints decide, or conditions that contradict each other or a path limit.
+    A :class:`ConditionError` names a condition that the constraints decide, or conditions that contradict each other or
+    a path limit.
     """
     eom = phase.equations
     rows = on_states([c for c in conditions if c.equality])

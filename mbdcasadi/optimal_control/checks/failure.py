@@ -105,15 +105,7 @@ class OptimizationError(MechanismError):
 
 
 def explain_failure(solution: Solution, status: str) -> OptimizationError:
-    """Return the error for a solve that did not succeed.
-
-    Parameters
-    ----------
-    solution : Solution
-        The last iterate.
-    status : str
-        Message of the solver.
-    """
+    """Return the error for a solve that did not succeed, from its last iterate and the message of the solver."""
     violations = violations_of(solution)
     message = _MESSAGES.get(status, f"the solver stopped: {status}")
     if status == "Solved_To_Acceptable_Level" or not violations:
@@ -146,18 +138,8 @@ def infeasible(
 ) -> OptimizationError:
     """Return the error for a problem whose least violation ends above zero.
 
-    Parameters
-    ----------
-    failure : OptimizationError
-        The failure with which the search began.
-    solution : Solution
-        Motion of the least violation.
-    slacks : dict of str to float
-        Its scaled violations by label.
-    starts : int
-        Number of starts from which the violation ended above zero.
-    tolerance : float
-        Scaled violation from which a demand counts as violated.
+    `failure` is that with which the search began, `solution` the motion of the least violation, with scaled violations
+    `slacks` by label, found from so many starts; a demand counts as violated from the scaled `tolerance` on.
     """
     least = max(tolerance, SMALL_SHARE * max(slacks.values()))
     conflict = tuple(_conflicts(solution, {label: x for label, x in slacks.items() if x > least}))

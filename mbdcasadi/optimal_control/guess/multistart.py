@@ -19,9 +19,9 @@ from ...results.state import State
 from ...results.trajectory import Trajectory
 from ...simulation.simulate import simulate
 from ..checks.failure import OptimizationError
-from ..nlp.ipopt import Elsewhere
 from ..nlp.setup import PhaseSetup
 from ..nlp.solver import Solver
+from ..nlp.solvers.base import Elsewhere
 from ..nlp.statistics import Start
 from ..refinement.mesh import Mesh
 from ..solution import Shifted, Solution

@@ -14,68 +14,42 @@ from .sparse_program import MappedBlock
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Scaled variables and data of one interval, and what they stand for.
+    """Scaled variables and data of one interval, and what they stand for."""
 
-    Attributes
-    ----------
-    variables, free, data : casadi.SX
-        Scaled variables without the free parameters, those, and the data.
-    interval : Interval
-        In physical units.
-    integrals, next_integrals : casadi.SX
-        Integrals up to the mesh points before and after.
-    extra : casadi.SX
-        Free parameters that the mechanism does not have.
-    """
-
+    #: without the free parameters
     variables: ca.SX
     free: ca.SX
     data: ca.SX
+    #: in physical units
     interval: Interval
+    #: up to the mesh points before and after
     integrals: ca.SX
     next_integrals: ca.SX
+    #: free parameters that the mechanism does not have
     extra: ca.SX
 
 
 @dataclass(frozen=True)
 class Block:
-    """Rows of one kind, and their part of the program.
-
-    Attributes
-    ----------
-    piece : MappedBlock
-        Expressions and places of the variables.
-    groups : list of Rows
-        Rows of one copy.
-    copies : tuple
-        For each copy the intervals that it sees, as (phase, interval); its rows stand on the last one.
-    repeated : bool
-        True if every interval has a copy.
-    """
+    """Rows of one kind, and their part of the program."""
 
     piece: MappedBlock
+    #: rows of one copy
     groups: list[Rows]
+    #: for each copy the intervals that it sees, as (phase, interval); its rows stand on the last one
     copies: tuple[tuple[tuple[int, int], ...], ...]
+    #: whether every interval has a copy
     repeated: bool = False
 
 
 @dataclass(frozen=True)
 class Edge:
-    """Start or end of a phase in the program.
+    """Start or end of a phase in the program."""
 
-    Attributes
-    ----------
-    unknowns : Unknowns
-        Variables of the interval beside it.
-    at : CollocationPoint
-        State there.
-    index : numpy.ndarray
-        Places of the variables (k, 1).
-    interval : tuple of int
-        Phase and interval.
-    """
-
+    #: of the interval beside it
     unknowns: Unknowns
     at: CollocationPoint
+    #: places of the variables (k, 1)
     index: np.ndarray
+    #: phase and interval
     interval: tuple[int, int]

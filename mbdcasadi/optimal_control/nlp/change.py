@@ -25,21 +25,13 @@ from .sparse_program import MappedBlock
 
 @dataclass(frozen=True)
 class ChangeSetup:
-    """Independent rows of a change from one phase to the next.
-
-    Attributes
-    ----------
-    before, after : PhaseSetup
-        The phases.
-    kept : tuple of int
-        Rows of the impact that are independent: of the mechanism afterwards, then of joints of the instant alone.
-    guards : tuple of int
-        Position rows, in the same order, that neither the mechanism before nor conditions at its end imply.
-    """
+    """Independent rows of a change from one phase to the next."""
 
     before: PhaseSetup
     after: PhaseSetup
+    #: independent rows of the impact: of the mechanism afterwards, then of joints of the instant alone
     kept: tuple[int, ...]
+    #: position rows, in the same order, that neither the mechanism before nor conditions at its end imply
     guards: tuple[int, ...]
 
     @classmethod
@@ -99,19 +91,10 @@ def _guards(
 
 
 class Change:
-    """Rows and impulses between two phases.
+    """Rows and impulses between two phases; `first` variables of the program come before the impulses.
 
-    ``M (v⁺ - v⁻) + J^T Λ = 0`` and ``J v⁺ = b`` by :class:`ImpactLaw`; positions, first-order states and the time
-    go on, and position rows that are new hold.
-
-    Parameters
-    ----------
-    setup : ChangeSetup
-        Independent rows.
-    before, after : PhaseProgram
-        The phases.
-    first : int
-        Number of variables of the program before the impulses.
+    ``M (v⁺ - v⁻) + J^T Λ = 0`` and ``J v⁺ = b`` by :class:`ImpactLaw`; positions, first-order states and the time go
+    on, and position rows that are new hold.
     """
 
     def __init__(self, setup: ChangeSetup, before: PhaseProgram, after: PhaseProgram, first: int):

@@ -33,31 +33,8 @@ Held = tuple[tuple[int, str, float], ...]
 class CollocationProgram:
     """The nonlinear program of an optimal-control problem on a mesh.
 
-    Variables are those of the phases in turn, then the impulses between them and the free parameters.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        Problem that is transcribed.
-    setups : sequence of PhaseSetup
-        Transcription, sizes and conditions at the ends, by phase.
-    meshes : sequence of Mesh
-        Meshes of the phases. Their fractions are data: one program serves all meshes of as many intervals.
-    changes : sequence of ChangeSetup
-        Independent rows of the changes from phase to phase.
-    held : tuple of (int, str, float)
-        Phases, labels of path limits, and points of the intervals at which these are held besides the usual ones.
-
-    Attributes
-    ----------
-    phases : list of PhaseProgram
-        Variables and rows of the phases.
-    changes : list of Change
-        Impulses and rows between them.
-    nlp : SparseProgram
-        Cost, rows and derivatives.
-    solvers : SolverPool
-        Functions of its solvers.
+    Variables are those of the phases in turn, then the impulses between them and the free parameters. The fractions of
+    the meshes are data: one program serves all meshes of as many intervals.
     """
 
     def __init__(
@@ -212,14 +189,8 @@ class CollocationProgram:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Limits of the variables, scaled.
 
-        Parameters
-        ----------
-        start : State
-            First state if the initial conditions decide it.
-        meshes : sequence of Mesh
-            Meshes by phase.
-        times : sequence of numpy.ndarray
-            Times of start, waypoints and end to begin with by phase, s.
+        `start` is the first state if the initial conditions decide it; `times` are those of start, waypoints and end to
+        begin with, by phase, s.
         """
         points = (mesh.times(segment_times) for mesh, segment_times in zip(meshes, times, strict=True))
         sides = zip(*[phase.bounds(start, of) for phase, of in zip(self.phases, points, strict=True)], strict=True)
@@ -231,16 +202,9 @@ class CollocationProgram:
         return lower, upper
 
     def data(self, p: Sequence[np.ndarray], meshes: Sequence[Mesh], times: Sequence[np.ndarray]) -> np.ndarray:
-        """Parameters of the compiled program: those of the mechanisms, and the intervals.
+        """Parameters of the compiled program: those of the mechanisms by phase, and the intervals.
 
-        Parameters
-        ----------
-        p : sequence of numpy.ndarray
-            Parameters of the mechanism, by phase.
-        meshes : sequence of Mesh
-            Meshes by phase.
-        times : sequence of numpy.ndarray
-            Times of start, waypoints and end by phase, s.
+        `times` are those of start, waypoints and end by phase, s.
         """
         intervals = []
         for phase, mesh, segment_times in zip(self.phases, meshes, times, strict=True):
@@ -293,6 +257,11 @@ class CollocationProgram:
             for i in range(phase.count):
                 x[phase.point_index(i + 1)[first:]] = total[i]
         return x
+
+    def rows_at(self, x: np.ndarray, data: np.ndarray) -> np.ndarray:
+        """Rows at scaled variables, scaled."""
+        rows: np.ndarray = self.nlp.evaluate(x, data)[1].full().ravel()
+        return rows
 
     def violation(self, rows: np.ndarray) -> float:
         """Largest violation of scaled rows."""

@@ -13,7 +13,7 @@ from ...model.cache import Cache
 from ...numerics.symbolic import LOCK
 
 if TYPE_CHECKING:
-    from .solver_callback import SolverWatch
+    from .solvers.base import SolverWatch
 
 #: Programs of a problem that are kept: those of the meshes of a refinement, and some more.
 PROGRAMS = 24

@@ -8,7 +8,8 @@ import casadi as ca
 import numpy as np
 
 from .collocation_program import CollocationProgram
-from .limit_sides import Bounds, LimitSides
+from .limit_sides import LimitSides
+from .solvers.base import Bounds
 
 #: Weight of the distance from the guess, which leaves one of many motions without violation.
 NEARNESS = 1e-4
@@ -19,13 +20,6 @@ class ElasticProgram:
 
     The sum of the slacks is least; equations of motion, constraints and continuity hold. A sum that ends above zero is
     a least violation near its start, since the program is not convex.
-
-    Parameters
-    ----------
-    program : CollocationProgram
-        The program.
-    bounds : Bounds
-        Its bounds.
     """
 
     def __init__(self, program: CollocationProgram, bounds: Bounds):

@@ -24,32 +24,7 @@ from ..state_conditions import WINDOW, state_conditions, window
 class EndConditions:
     """Independent conditions at the ends of a phase, in place of those that the user stated.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        Problem to which the phase belongs.
-    phase : Phase
-        Phase whose ends are meant.
-    numeric : NumericEquations
-        Equations at the given parameters.
-    start : State
-        First state, as far as the initial conditions decide it.
-    initial : State or sequence of Condition
-        Conditions at the start.
-    path : KinematicPath
-        Poses from the start to the end.
-
-    Attributes
-    ----------
-    initial : list of Condition or None
-        Independent conditions at the start; None if they give the whole state.
-    final : list of Condition
-        Independent conditions at the end.
-    implied : dict of Condition to float
-        Conditions that others imply on one branch, with half the width of the window that is left to them;
-        they are checked in the solution.
-    key : tuple
-        Key of a program with these conditions: the stated ones, and which of them are kept.
+    `start` is the first state as far as the initial conditions decide it, `path` the poses from the start to the end.
     """
 
     def __init__(
@@ -69,11 +44,15 @@ class EndConditions:
         self._ranks_at_start = ranks_of(problem, phase, numeric, timed=False)
         self._prescribed = with_rates(phase.differentiated_path_constraints(problem.free_parameters))
         self._few_rows = phase.equations.q.numel() * phase.equations.lam.numel() <= LARGE
+        #: conditions that others imply on one branch, with half the width of the window that is left to them; they are
+        #: checked in the solution
         self.implied: dict[Condition, float] = {}
         self._final_key: tuple[Any, ...] = ()
         self._initial_key: tuple[Any, ...] = ()
         self.final = self._final()
+        #: None if they give the whole state
         self.initial = self._initial(initial)
+        #: of a program with these conditions: the stated ones, and which of them are kept
         self.key = (self._final_key, self._initial_key)
 
     @property

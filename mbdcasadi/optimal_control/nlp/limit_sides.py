@@ -8,16 +8,7 @@ import numpy as np
 
 from .collocation_program import CollocationProgram
 from .limits import variable_bounds
-
-
-@dataclass(frozen=True)
-class Bounds:
-    """Bounds of the variables and of the rows of a program, scaled."""
-
-    lower: np.ndarray
-    upper: np.ndarray
-    rows_lower: np.ndarray
-    rows_upper: np.ndarray
+from .solvers.base import Bounds
 
 
 @dataclass(frozen=True)
@@ -33,12 +24,7 @@ class Side:
 class LimitSides:
     """Limits that hold throughout the phases of a program, by label.
 
-    Parameters
-    ----------
-    program : CollocationProgram
-        Program whose limits are meant.
-    conditions : bool
-        True if conditions at places count too, and equalities with both sides.
+    With `conditions`, those at places count too, and equalities with both sides.
     """
 
     def __init__(self, program: CollocationProgram, *, conditions: bool = False):

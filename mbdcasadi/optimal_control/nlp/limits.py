@@ -152,14 +152,8 @@ def variable_bounds(program: PhaseProgram) -> Iterator[_Bound]:
 def activity(solution: Solution, slack: float = 0.0, *, inside: bool = False) -> dict[tuple[int, str], np.ndarray]:
     """Shares of the points of each interval at which a limit is active (N,), by phase and label.
 
-    Parameters
-    ----------
-    solution : Solution
-        Motion with its multipliers.
-    slack : float
-        A limit is active if its multiplier outweighs its slack, both scaled, or if the slack is below this one.
-    inside : bool
-        True if mesh points are left out for limits that cannot jump there.
+    A limit is active if its multiplier outweighs its slack, both scaled, or if the slack is below `slack`. With
+    `inside`, mesh points are left out for limits that cannot jump there.
     """
     program, answer = solution.program, solution.answer
     counts: dict[tuple[int, str], np.ndarray] = {}

@@ -38,31 +38,9 @@ class PhaseProgram:
     waypoints, mesh points that move, end) if one of them is free; each divided by its typical size. The mesh fractions
     are data, so that one compiled program serves every mesh with as many intervals in each piece.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        Problem to which the phase belongs.
-    setup : PhaseSetup
-        Transcription, sizes, conditions at the ends.
-    mesh : Mesh
-        Intervals of each segment.
-    integrals : sequence of Placeholder
-        Integrals that are accumulated.
-    number : int
-        Index of the phase.
-    first : int
-        Number of variables of the phases before.
-    begins : tuple of float, optional
-        Limits of the time at which the phase begins, s.
-    held : sequence of (str, float)
-        Labels of path limits, and points of every interval at which these are held besides stages and mesh points.
-    timed : bool
-        True if a time of the program is free: then all phases have their times among the variables.
-
-    Attributes
-    ----------
-    stated_knots : list of int
-        Places of the start, the waypoints and the end among the knots of the mesh.
+    It has the index `number`, and `first` variables come before it. It begins between the times `begins`, s. At the
+    points `held` of every interval path limits hold, by label, besides stages and mesh points. If `timed`, a time of
+    the program is free: then all phases have their times among the variables.
     """
 
     def __init__(
@@ -88,6 +66,7 @@ class PhaseProgram:
         self.number, self.count, self._first = number, mesh.count, first
         self._knots, self._piece, self._waypoints = mesh.knots, mesh.piece, mesh.waypoints
         stated = {0, *mesh.waypoints.tolist(), mesh.count}
+        #: places of the start, the waypoints and the end among the knots of the mesh
         self.stated_knots = [k for k, point in enumerate(mesh.knots.tolist()) if point in stated]
         eom, extra = self.phase.equations, self.extra_parameters
         #: symbols that an expression of the problem may contain
@@ -243,14 +222,7 @@ class PhaseProgram:
     def blocks(self, free_index: np.ndarray, p: ca.SX, cost_scale: float) -> list[Block]:
         """Intervals, then start, waypoints and end.
 
-        Parameters
-        ----------
-        free_index : numpy.ndarray
-            Places of the free parameters.
-        p : casadi.SX
-            Parameters of the mechanisms of all phases.
-        cost_scale : float
-            Size of the cost, by which it is divided.
+        `free_index` are the places of the free parameters, `p` the parameters of the mechanisms of all phases.
         """
 
         def block(unknowns: Unknowns, groups: list[Rows], cost: ca.SX, intervals: Sequence[int], **more: Any) -> Block:
@@ -439,12 +411,8 @@ class PhaseProgram:
     def bounds(self, start: State, mesh_times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Limits of the variables, scaled.
 
-        Parameters
-        ----------
-        start : State
-            First state if the initial conditions decide it.
-        mesh_times : numpy.ndarray
-            Mesh points to begin with, s: those that move stay between their neighbours.
+        `start` is the first state if the initial conditions decide it. Of `mesh_times`, the mesh points to begin with,
+        s, those that move stay between their neighbours.
         """
         scheme, mechanism = self.scheme, self.phase.mechanism
         n, bounds = scheme.eom.q.numel(), []

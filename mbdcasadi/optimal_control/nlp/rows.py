@@ -40,37 +40,22 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True)
 class Rows:
-    """A group of equations or limits on one interval.
+    """A group of equations or limits on one interval."""
 
-    Attributes
-    ----------
-    expression : casadi.SX
-        (k,); zero, or not above zero for limits.
-    labels : tuple of str
-        Description of each row, in words.
-    tau : float
-        Point of the interval at which it holds, 0 to 1.
-    scale : numpy.ndarray
-        Size of each row by which it is divided (k,).
-    units : tuple of str
-        Unit of each row.
-    equality : bool
-        True if the rows are zero, or stay below it.
-    condition : bool
-        True if the user stated them: their multipliers are reported.
-    spans : numpy.ndarray, optional
-        Amount by which each limit may fall below zero, in its unit (k,): two-sided limits.
-    opposites : tuple of str
-        Labels of the lower sides.
-    """
-
+    #: (k,); zero, or not above zero for limits
     expression: ca.SX
+    #: description of each row, in words
     labels: tuple[str, ...]
+    #: point of the interval at which it holds, 0 to 1
     tau: float
+    #: size of each row by which it is divided (k,)
     scale: np.ndarray
     units: tuple[str, ...]
+    #: whether the rows are zero, or stay below it
     equality: bool = True
+    #: whether the user stated them: their multipliers are reported
     condition: bool = False
+    #: amount by which each limit may fall below zero, in its unit (k,), and labels of the lower sides: two-sided limits
     spans: np.ndarray | None = None
     opposites: tuple[str, ...] = ()
 

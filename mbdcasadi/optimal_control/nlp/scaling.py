@@ -23,39 +23,26 @@ SAMPLES = 7
 
 @dataclass(frozen=True)
 class Scales:
-    """Typical sizes, in the units of the model.
+    """Typical sizes, in the units of the model."""
 
-    Attributes
-    ----------
-    time : float
-        Duration, s.
-    q, v, a : numpy.ndarray
-        Sizes of coordinates and their rates (n,).
-    load : numpy.ndarray
-        Sizes of the equations of motion, N and N m (n,).
-    lam : numpy.ndarray
-        Sizes of the multipliers (m,).
-    rows : numpy.ndarray
-        Sizes of the constraint rows, m or rad (m,).
-    z, u : numpy.ndarray
-        Sizes of first-order states and inputs.
-    angles : numpy.ndarray
-        Mask of the coordinates that are angles (n,).
-    steps : int
-        Number of intervals of the mesh. Rows of velocities count by their effect on the
-        coordinates in one interval, those of accelerations and loads likewise.
-    """
-
+    #: duration, s
     time: float
+    #: coordinates and their rates (n,)
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
+    #: equations of motion, N and N m (n,)
     load: np.ndarray
+    #: multipliers, and constraint rows, m or rad (m,)
     lam: np.ndarray
     rows: np.ndarray
+    #: first-order states and inputs
     z: np.ndarray
     u: np.ndarray
+    #: mask of the coordinates that are angles (n,)
     angles: np.ndarray
+    #: number of intervals of the mesh: rows of velocities count by their effect on the coordinates in one interval,
+    #: those of accelerations and loads likewise
     steps: int = 1
 
     def of(self, coordinates: list[int], rows: list[int]) -> Scales:
@@ -65,19 +52,10 @@ class Scales:
 
 
 def scales_of(numeric: NumericEquations, duration: float, poses: np.ndarray) -> Scales:
-    """Return sizes from lengths, masses and the duration.
+    """Return sizes from lengths, masses and the duration, s, for poses that the motion may pass (k, n).
 
-    Lengths are typical distances of joint points from centres of mass; angles
-    count as one radian; rates follow with the duration, loads with the masses.
-
-    Parameters
-    ----------
-    numeric : NumericEquations
-        Equations at given parameters.
-    duration : float
-        Time of the motion, s.
-    poses : numpy.ndarray
-        Poses that the motion may pass (k, n).
+    Lengths are typical distances of joint points from centres of mass; angles count as one radian; rates follow with
+    the duration, loads with the masses.
     """
     eom = numeric.eom
     q0 = eom.estimate[0]
@@ -156,16 +134,8 @@ def _inputs_and_states(
 class Sizes:
     """Sizes of expressions, sampled at states scattered over the typical ones.
 
-    Parameters
-    ----------
-    numeric : NumericEquations
-        Equations at given parameters.
-    scales : Scales
-        Sizes of the mechanism.
-    arguments : list of casadi.SX
-        ``t, q, v, a, z, lam, u, u_rate, p``, and the parameters that the mechanism does not have.
-    extra : numpy.ndarray
-        Values of these.
+    Their arguments are ``t, q, v, a, z, lam, u, u_rate, p``, and the parameters that the mechanism does not have, with
+    the values `extra`.
     """
 
     def __init__(self, numeric: NumericEquations, scales: Scales, arguments: list[ca.SX], extra: np.ndarray):

@@ -27,39 +27,24 @@ from ..transcription.constraints import MotionConstraints
 from ..transcription.controls import CONTROLS, input_basis
 from .end_conditions import EndConditions
 from .scaling import scales_of
-
-#: Values of ``solver=``.
-SOLVERS = ("ipopt", "fatrop")
+from .solvers import SOLVERS
+from .solvers.base import Elsewhere, NLPSolver
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Choices of a user for a solve.
+    """Choices of a user for a solve."""
 
-    Attributes
-    ----------
-    transcription : Transcription
-        The scheme, not yet bound to a mechanism.
-    control : str
-        Course of the inputs in an interval.
-    options : dict
-        Options of the solver.
-    chosen : object
-        The transcription as it was given.
-    progress : bool
-        True if progress is shown.
-    solver : str
-        Name of the solver.
-    angles : bool
-        True if open chains are left with their angles alone.
-    """
-
+    #: not yet bound to a mechanism
     transcription: Transcription
+    #: course of the inputs in an interval
     control: str
     options: dict[str, Any]
     progress: bool
+    #: the transcription as it was given
     chosen: Any
     solver: str = "ipopt"
+    #: whether open chains are left with their angles alone
     angles: bool = False
 
     @property
@@ -79,14 +64,13 @@ class Settings:
         chosen = {} if options is None else options
         if not isinstance(chosen, dict) or not all(isinstance(name, str) for name in chosen):
             raise ModelError(f"optimize: options takes a dict such as {{'ipopt.max_iter': 500}}, got {options!r}")
-        if solver not in SOLVERS:
+        if solver not in list(SOLVERS):
             raise ModelError(f"optimize: solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
         return cls(scheme, control, dict(chosen), shown, transcription, solver)
 
-    def options_of(self, solver: str) -> dict[str, Any]:
-        """Options for a solver: those of the other one are not for it, if both may run."""
-        others = [f"{name}." for name in SOLVERS if name != solver and self.solver != "ipopt"]
-        return {name: value for name, value in self.options.items() if not name.startswith(tuple(others))}
+    def make_solver(self, elsewhere: Elsewhere | None = None) -> NLPSolver:
+        """Return the solver of programs, which runs on an executor if one is given."""
+        return SOLVERS[self.solver](self.options, self.progress, elsewhere)
 
 
 def _scheme(transcription: Any, degree: Any) -> Transcription:
@@ -124,37 +108,10 @@ def typical_duration(phase: Phase) -> float:
 
 
 class PhaseSetup:
-    """Ends, sizes and transcription of a phase.
+    """Ends, sizes and transcription of a phase, with its equations at the parameters that are given.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        Problem to which the phase belongs.
-    phase : Phase
-        Phase that is set up.
-    settings : Settings
-        Choices of the user.
-    numeric : NumericEquations
-        Equations at the parameters that are given.
-    start : State
-        First state, as far as the initial conditions decide it.
-    initial : State or sequence of Condition
-        Conditions at the start.
-    path : KinematicPath, optional
-        Poses of the phase among others.
-    time : float, optional
-        Typical time, s, for a phase of no duration.
-
-    Attributes
-    ----------
-    path : KinematicPath
-        Poses on the way from the start to the end, and the times of start, waypoints and end to begin with.
-    ends : EndConditions
-        Independent conditions at both ends.
-    scales : Scales
-        Typical sizes.
-    scheme : Transcription
-        The transcription.
+    `start` is the first state as far as the initial conditions decide it, `path` the poses from the start to the end
+    with the times of start, waypoints and end to begin with; `time` is the typical one, s, of a phase of no duration.
     """
 
     def __init__(

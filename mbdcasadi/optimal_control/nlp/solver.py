@@ -34,11 +34,11 @@ from ..solution import Solution
 from .best_so_far import BestSoFar
 from .change import ChangeSetup, numeric_at
 from .collocation_program import CollocationProgram, Held
-from .fatrop import Fatrop
+from .elastic_program import ElasticProgram
 from .held_limits import LIMIT_TOLERANCE, ROUNDS, largest_share, points_to_hold
-from .ipopt import Beginning, Elsewhere, Ipopt, Result, rows_at
-from .limit_sides import Bounds, LimitSides
+from .limit_sides import LimitSides
 from .setup import PhaseSetup, Settings, typical_duration
+from .solvers.base import Beginning, Bounds, Elsewhere, Result
 from .start import check_start, first_state
 from .statistics import Answer, SolveStatistics
 
@@ -48,34 +48,12 @@ BRANCH_TOLERANCE = 1e-3
 START_MOVED = 1e-9
 #: Largest scaled violation of a guess with which a solver is started as warm.
 WARM_VIOLATION = 1e-2
-#: Runs of the solvers by name.
-RUNS: dict[str, type[Ipopt]] = {"ipopt": Ipopt, "fatrop": Fatrop}
 
 
 class Solver:
     """A problem with its parameters and its start, ready to be solved on meshes.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        Problem to be solved.
-    settings : Settings
-        Choices of the user.
-    parameters : mapping, optional
-        Parameter to number.
-    initial : State or sequence of relations, optional
-        Start, in place of the problem's own.
-    best : BestSoFar, optional
-        Record of the solutions.
-
-    Attributes
-    ----------
-    initial : State or tuple of Condition
-        Conditions at the start.
-    start : State
-        First state, as far as the initial conditions decide it.
-    setups : list of PhaseSetup
-        Ends, sizes and transcription by phase; perhaps made for another start.
+    `initial` may replace the problem's own start; `best` records the solutions.
     """
 
     def __init__(
@@ -86,7 +64,7 @@ class Solver:
         initial: Any = None,
         best: BestSoFar | None = None,
     ):
-        self.problem, self.settings, self._runs = problem, settings, RUNS[settings.solver](settings)
+        self.problem, self.settings, self._nlp_solver = problem, settings, settings.make_solver()
         #: points at which path limits are held besides stages and mesh points
         self.held: Held = ()
         #: share of its size by which a path limit may be passed between them
@@ -96,6 +74,7 @@ class Solver:
         for free in problem.free_parameters:
             if any(free is key for key in values):
                 raise ModelError(f"optimize: parameter '{free.label}' is both given and free")
+        #: conditions at the start
         self.initial = problem.phases[0].initial if initial is None else self._other_start(initial)
         first = problem.phases[0]
         read = [
@@ -105,6 +84,7 @@ class Solver:
         numerics = [setup.numeric for setup in read]
         #: values of the free parameters to begin with
         self.free_values = np.array([p.value for p in problem.free_parameters])
+        #: first state, as far as the initial conditions decide it
         self.start = self._first_state(numerics, read[0].signals)
         if isinstance(self.initial, State):
             check_start(problem, first, numerics[0], self.initial)
@@ -118,7 +98,7 @@ class Solver:
     def on(self, elsewhere: Elsewhere) -> Solver:
         """Return the same solver with its runs on an executor; several of these work beside each other."""
         other = copy(self)
-        other._runs = type(self._runs)(self.settings, elsewhere)
+        other._nlp_solver = self.settings.make_solver(elsewhere)
         return other
 
     def _first_state(self, numerics: list[NumericEquations], signals: Signals) -> State:
@@ -235,23 +215,9 @@ class Solver:
     def solve(self, meshes: Sequence[Mesh], guess: Guess, *, warm: bool = False, limit: int | None = None) -> Solution:
         """Solve on a mesh, and again if the solution passes path limits between the points at which they are held.
 
-        Parameters
-        ----------
-        meshes : sequence of Mesh
-            Meshes by phase.
-        guess : Guess
-            Guess.
-        warm : bool
-            True if the guess is a solution of nearly the same problem.
-        limit : int, optional
-            Largest number of iterations.
-
-        Raises
-        ------
-        OptimizationError
-            If the solver does not succeed, or the solution lies on another branch of the linkage.
-        Interrupted
-            After Ctrl-C.
+        `warm` if the guess is a solution of nearly the same problem; at most `limit` iterations. An
+        :class:`OptimizationError` is raised if the solver does not succeed, or the solution lies on another branch of
+        the linkage, and ``Interrupted`` after Ctrl-C.
         """
         if guess.iterate is not None:
             self.held = tuple(sorted({*self.held, *guess.iterate.program.held}))
@@ -279,23 +245,14 @@ class Solver:
             return None
 
     def _solve(self, meshes: Sequence[Mesh], guess: Guess, *, warm: bool, limit: int | None = None) -> Solution:
-        """Solve on a mesh.
-
-        Raises
-        ------
-        OptimizationError
-            If the solver does not succeed, or the solution lies on another branch of the linkage.
-        Interrupted
-            After Ctrl-C.
-        """
+        """Solve on a mesh; raises as :meth:`solve` does."""
         begin = self._beginning(meshes, guess)
         program, iterate = begin.program, begin.iterate
         warmth = ("hot" if iterate else "warm") if warm else "cold"
         x0 = np.clip(begin.x, begin.bounds.lower, begin.bounds.upper)
-        if warmth == "warm" and program.violation(rows_at(program, x0, begin.data)) > WARM_VIOLATION:
+        if warmth == "warm" and program.violation(program.rows_at(x0, begin.data)) > WARM_VIOLATION:
             warmth = "cold"
-        options = {} if limit is None else {"ipopt.max_iter": limit}
-        result = self._runs.run(begin, begin.bounds, warmth, iterate, options)
+        result = self._nlp_solver.run(begin, begin.bounds, warmth, iterate, limit)
         solution, status = self._solution(begin, result), result.statistics.status
         error = self._other_branch(solution) if result.succeeded else explain_failure(solution, status)
         if error is None:
@@ -314,32 +271,14 @@ class Solver:
     ) -> tuple[Solution, dict[str, float], bool]:
         """Solve with limits that may be passed: no solution of the problem, but perhaps a guess for one.
 
-        Parameters
-        ----------
-        meshes : sequence of Mesh
-            Meshes by phase.
-        guess : Guess
-            Guess.
-        amounts : dict of str to float, optional
-            Scaled amounts by which limits may be passed, by label; without any limit if it is left out.
-        limit : int
-            Largest number of iterations.
-
-        Returns
-        -------
-        Solution, dict of str to float, bool
-            The last iterate, scaled amounts by which it passes limits, and whether the solver succeeded.
-
-        Raises
-        ------
-        Interrupted
-            After Ctrl-C.
+        They may be passed by scaled amounts by label, by any if `amounts` is left out. Returned are the last iterate,
+        scaled amounts by which it passes limits, and whether the solver succeeded.
         """
         begin = self._beginning(meshes, guess)
         sides = LimitSides(begin.program)
         loose = sides.without(begin.bounds) if amounts is None else sides.loosened(begin.bounds, amounts)
         warmth = "cold" if begin.iterate is None else "warm"
-        result = self._runs.run(begin, loose, warmth, None, {"ipopt.max_iter": limit})
+        result = self._nlp_solver.run(begin, loose, warmth, limit=limit)
         solution = self._kept(begin, result)
         x = solution.variables / begin.program.scale
         return solution, sides.excess(begin.bounds, x, solution.answer.rows), result.succeeded
@@ -349,7 +288,8 @@ class Solver:
     ) -> tuple[Solution, dict[str, float], bool]:
         """Look for the motion near a guess that violates limits and conditions least; as :meth:`solve_loosened`."""
         begin = self._beginning(meshes, guess)
-        result, slacks = self._runs.run_elastic(begin, limit)
+        elastic = ElasticProgram(begin.program, begin.bounds)
+        result, slacks = self._nlp_solver.least_violation(begin, elastic, limit)
         return self._kept(begin, result), slacks, result.succeeded
 
     def _kept(self, begin: Beginning, result: Result) -> Solution:
@@ -368,7 +308,7 @@ class Solver:
         lower, upper = program.bounds(self.start, meshes, guess.segment_times)
         data = program.data([setup.numeric.p for setup in self.setups], meshes, guess.segment_times)
         if program.has_integrals and not iterate:
-            x = program.with_integrals(x, rows_at(program, np.clip(x, lower, upper), data))
+            x = program.with_integrals(x, program.rows_at(np.clip(x, lower, upper), data))
         bounds = Bounds(lower, upper, program.lower, np.zeros(program.lower.size))
         return Beginning(program, meshes, guess, iterate, x, data, bounds, began)
 

@@ -20,44 +20,23 @@ Part = tuple[ca.SX, list[tuple[ca.SX, ca.MX]]]
 
 @dataclass(frozen=True)
 class MappedBlock:
-    """Rows and cost of one kind, in variables gathered from those of the program.
+    """Rows and cost of one kind, in variables gathered from those of the program."""
 
-    Attributes
-    ----------
-    variables : casadi.SX
-        (n,).
-    data : casadi.SX
-        Values that change from copy to copy.
-    parameters : casadi.SX
-        Values that do not change.
-    rows : casadi.SX
-        (k,).
-    cost : casadi.SX
-        Scalar.
-    index : numpy.ndarray
-        Place of each variable of each copy in the program (n, copies).
-    """
-
+    #: (n,)
     variables: ca.SX
+    #: values that change from copy to copy
     data: ca.SX
+    #: values that do not change, shared by all pieces of a program
     parameters: ca.SX
+    #: (k,)
     rows: ca.SX
     cost: ca.SX
+    #: place of each variable of each copy in the program (n, copies)
     index: np.ndarray
 
 
 class SparseProgram:
-    """Cost, rows and derivatives of a program made of pieces.
-
-    Parameters
-    ----------
-    size : int
-        Number of variables.
-    pieces : sequence of MappedBlock
-        In the order of their rows.
-    parameters : casadi.SX
-        Shared by all pieces.
-    """
+    """Cost, rows and derivatives of a program made of pieces, in the order of their rows."""
 
     def __init__(self, size: int, pieces: list[MappedBlock], parameters: ca.SX):
         self.size = size

@@ -22,20 +22,7 @@ if TYPE_CHECKING:
 
 
 class StagedProgram:
-    """A program whose variables and rows are ordered by stage.
-
-    Parameters
-    ----------
-    program : CollocationProgram
-        The program.
-
-    Attributes
-    ----------
-    nx, nu, ng : list of int
-        States, inputs and rows by stage; the rows that carry states over are not counted.
-    size : int
-        Number of variables.
-    """
+    """A program whose variables and rows are ordered by stage."""
 
     def __init__(self, program: CollocationProgram):
         pieces = program.nlp.pieces
@@ -45,6 +32,7 @@ class StagedProgram:
         first, last = _spans(program.size, pieces, seen, homes)
         stages = np.arange(count)[:, None]
         is_state, is_input = (first < stages) & (stages <= last), first == stages
+        #: states, inputs and rows by stage; the rows that carry states over are not counted
         self.nx, self.nu = is_state.sum(axis=1).tolist(), is_input.sum(axis=1).tolist()
         ordered = [np.flatnonzero(x) for pair in zip(is_state, is_input, strict=True) for x in pair]
         #: variable of the program that each variable is a copy of

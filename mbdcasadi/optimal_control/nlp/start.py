@@ -34,25 +34,8 @@ def first_state(
 ) -> State:
     """Return the state at the start, as far as the initial conditions decide it.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        Problem to which the phase belongs.
-    phase : Phase
-        First phase.
-    numeric : NumericEquations
-        Equations at given parameters; at those of `poses` if these are given.
-    initial : State or sequence of Condition
-        Conditions at the start.
-    signals : Signals
-        The inputs.
-    poses : FreePoses, optional
-        Values of the free parameters, and the first pose, that were found together.
-
-    Raises
-    ------
-    ConditionError
-        If no state meets the conditions.
+    The equations are at the values of the free parameters in `poses`, if these were found together with the first pose.
+    A :class:`ConditionError` is raised if no state meets the conditions.
     """
     if isinstance(initial, State):
         return initial
@@ -76,13 +59,7 @@ def first_state(
 
 
 def check_start(problem: OptimalControlProblem, phase: Phase, numeric: NumericEquations, start: State) -> None:
-    """Refuse a state given as the start that is off the prescribed motion, or belongs to another linkage.
-
-    Raises
-    ------
-    ConditionError
-        Naming the row that is missed, or the free parameter on which the state depends.
-    """
+    """Refuse a state given as the start that is off the prescribed motion, or belongs to another linkage."""
     eom = phase.equations
     name, missed = numeric.largest_miss(0.0, start.q, start.v)
     if abs(missed) > START_TOLERANCE * (1 + largest(start.q) + largest(start.v)):

@@ -16,26 +16,9 @@ from ..nlp.scaling import Scales
 class MotionConstraints:
     """Constraints of a motion at the levels of position, velocity and acceleration.
 
-    Parameters
-    ----------
-    eom : ReducedEquations
-        Equations in the independent coordinates.
-    p : numpy.ndarray
-        Parameters, for the sizes of the rows.
-    rows : sequence of int
-        Independent rows of the joints, of those that `eom` has.
-    path_constraints : sequence of Condition
-        Path conditions that prescribe the motion, see :meth:`Phase.differentiated_path_constraints`;
-        their parameters are those of the mechanism.
-
-    Attributes
-    ----------
-    rows : list of int
-        Rows of the joints.
-    position_count, velocity_count : int
-        Number of rows at the level of positions, and of velocities and accelerations.
-    function : casadi.Function
-        ``(t, q, p) -> (Phi, its Jacobian, Phi_q, nu)``: position rows, then all rows.
+    `rows` are the independent ones of the joints, of those that the equations have; `path_constraints` are path
+    conditions that prescribe the motion, in parameters of the mechanism, see
+    :meth:`Phase.differentiated_path_constraints`. The parameters p give the sizes of the rows.
     """
 
     def __init__(
@@ -55,8 +38,10 @@ class MotionConstraints:
         nu = ca.vertcat(eom.nu[self.rows], -ca.jacobian(prescribed, eom.t), -at_rest)
         bend = -(ca.jtimes(speed_rows, eom.q, eom.v) + ca.jacobian(speed_rows, eom.t))
         self.gamma = ca.vertcat(eom.gamma[self.rows], bend)
+        #: numbers of rows at the level of positions, and of velocities and accelerations
         self.position_count = len(self._joint_positions) + len(positions)
         self.velocity_count = len(self.rows) + len(self.path_constraints)
+        #: ``(t, q, p) -> (Phi, its Jacobian, Phi_q, nu)``: position rows, then all rows
         self.function = ca.Function(
             "constraints",
             [eom.t, eom.q, eom.p],

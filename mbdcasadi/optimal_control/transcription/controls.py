@@ -19,25 +19,17 @@ CONTROLS = ("polynomial", "linear", "constant")
 class InputBasis:
     """Inputs on an interval as polynomials.
 
-    Their unknowns are values at the ends and at inner points or, if inputs are limited, Bernstein coefficients:
-    between the limits if these are, so is the polynomial everywhere.
-
-    Attributes
-    ----------
-    name : str
-        One of :data:`CONTROLS`.
-    inner : tuple of float
-        Points, as ``tau`` from 0 to 1, whose values belong to the interval alone.
-    joined : bool
-        True if the values at both ends count too; they belong to the mesh
-        points, so that the inputs are continuous.
-    limited : bool
-        True if the unknowns are Bernstein coefficients.
+    Their unknowns are values at the ends and at inner points or, if inputs are limited, Bernstein coefficients: between
+    the limits if these are, so is the polynomial everywhere.
     """
 
+    #: one of :data:`CONTROLS`
     name: str
+    #: points, as ``tau`` from 0 to 1, whose values belong to the interval alone
     inner: tuple[float, ...]
+    #: whether the values at both ends count too; they belong to the mesh points, so that the inputs are continuous
     joined: bool
+    #: whether the unknowns are Bernstein coefficients
     limited: bool = False
 
     @property
@@ -79,18 +71,9 @@ class InputBasis:
 
 
 def input_basis(control: str, inner: tuple[float, ...], joined: bool, *, rates: bool, limited: bool) -> InputBasis:
-    """Return the basis for a kind of control.
+    """Return the basis for a kind of control; `inner` and `joined` are those that suit the transcription.
 
-    Parameters
-    ----------
-    control : str
-        One of :data:`CONTROLS`.
-    inner, joined : tuple of float, bool
-        The polynomial that suits the transcription.
-    rates : bool
-        True if the problem contains rates of inputs: these must then be continuous.
-    limited : bool
-        True if inputs have limits.
+    Rates of inputs need inputs that are continuous.
     """
     if control == "linear":
         return InputBasis(control, (), True)

@@ -21,19 +21,8 @@ from .base import Transcription
 class OptimalMotion(Trajectory):
     """A trajectory that follows the polynomials of a transcription between the mesh points.
 
-    It evaluates what a trajectory does, and rates of inputs (``tau.rate``) and
-    free parameters that the mechanism does not have besides.
-
-    Parameters
-    ----------
-    phase : Phase
-        Phase of the motion.
-    polynomials : Polynomials
-        The motion between the mesh points.
-    extra : dict of Parameter to float
-        Values of the free parameters that the mechanism does not have.
-    t, arrays, p, more
-        Those of :class:`Trajectory`.
+    It evaluates what a trajectory does, and rates of inputs (``tau.rate``) and free parameters that the mechanism does
+    not have besides, which have the values `extra`.
     """
 
     def __init__(
@@ -74,18 +63,9 @@ class OptimalMotion(Trajectory):
 
 
 class Polynomials:
-    """The polynomials of a transcription on a mesh, with numbers.
+    """The polynomials of a transcription on a mesh with points at times (N + 1,), s.
 
-    Parameters
-    ----------
-    scheme : Transcription
-        The transcription.
-    times : numpy.ndarray
-        Mesh points (N + 1,), s.
-    points, intervals : numpy.ndarray
-        Unknowns of the mesh points (N + 1, …) and of the intervals (N, …), in physical units.
-    numeric : NumericEquations
-        Equations at the parameters of the solution.
+    Unknowns of the mesh points (N + 1, …) and of the intervals (N, …) are in physical units.
     """
 
     def __init__(

@@ -82,10 +82,6 @@ class EventWatch:
 
     Parameters
     ----------
-    eom : Equations
-        Equations of the mechanism.
-    events : sequence of Event
-        Events to look for.
     instant : float
         Time that counts as one instant, s.
     resting : dict of Event to float, optional
@@ -95,22 +91,16 @@ class EventWatch:
     """
 
     def __init__(
-        self,
-        eom: Equations,
-        events: Sequence[Event],
-        instant: float = 1e-12,
-        resting: dict[Event, float] | None = None,
+        self, eom: Equations, events: Sequence[Event], instant: float = 1e-12, resting: dict[Event, float] | None = None
     ):
         self.events, self.instant = tuple(events), instant
         self.resting = {} if resting is None else resting
         self._side: dict[int, float] = {}
         self._offset: dict[int, float] = {}
         self._not_a_number: set[int] = set()
-        terms = eom.mechanism.cache.get_or_create(
+        self._terms: _Terms = eom.mechanism.cache.get_or_create(
             ("events", *self.events), lambda: _Terms(eom, self.events), bounded=bool(self.events)
         )
-        self._rate_is_known, self._rates, self._accelerations = terms.rate_is_known, terms.rates, terms.accelerations
-        self._values, self._left_out = terms.values, terms.left_out
 
     # --- for a method that looks at events inside its steps -----------------------------------
     def watched(self, decides: Callable[[Event], bool]) -> Watched | None:
@@ -118,8 +108,8 @@ class EventWatch:
         if not self.events:
             return None
         return Watched(
-            self._values,
-            self._left_out is None,
+            self._terms.values,
+            self._terms.left_out is None,
             np.sign([event.direction for event in self.events]).astype(int),
             np.array([decides(event) for event in self.events]),
         )
@@ -144,24 +134,24 @@ class EventWatch:
     # --- values ------------------------------------------------------------------------------
     def values(self, outputs: Outputs, times: np.ndarray, x: np.ndarray, since: np.ndarray | None) -> np.ndarray:
         """Expressions of all events at outputs (k, n_events)."""
-        if self._left_out is None:
+        if self._terms.left_out is None:
             t, q, v, a, z, lam, u = outputs.block(times, x, since)
         else:
             t, (q, v, z) = times, outputs.split(x)
-            a, lam, u = (np.zeros((times.size, size)) for size in self._left_out)
-        return self._values(t[None, :], q.T, v.T, a.T, z.T, lam.T, u.T, outputs.numeric.p).full().T
+            a, lam, u = (np.zeros((times.size, size)) for size in self._terms.left_out)
+        return self._terms.values(t[None, :], q.T, v.T, a.T, z.T, lam.T, u.T, outputs.numeric.p).full().T
 
     def rates(self, state: State) -> np.ndarray:
         """Rates of the expressions at a state; 0 if the model does not know them."""
-        return self._at(self._rates, state)
+        return self._at(self._terms.rates, state)
 
     def rate_expression(self, index: int) -> ca.SX | None:
         """Rate of the expression of an event; None if the model does not know it."""
-        return self._rates[index] if self._rate_is_known[index] else None
+        return self._terms.rates[index] if self._terms.rate_is_known[index] else None
 
     def accelerations(self, state: State) -> np.ndarray:
         """Second derivatives of the expressions at a state; 0 if the model does not know them."""
-        return self._at(self._accelerations, state)
+        return self._at(self._terms.accelerations, state)
 
     @staticmethod
     def _at(expression: ca.SX, state: State) -> np.ndarray:
@@ -196,14 +186,15 @@ class EventWatch:
         limit = at_rest(state)
         return [
             known and event.direction * rate > limit
-            for event, rate, known in zip(self.events, self.rates(state), self._rate_is_known, strict=True)
+            for event, rate, known in zip(self.events, self.rates(state), self._terms.rate_is_known, strict=True)
         ]
 
     def rests(self, state: State) -> list[bool]:
         """True for each expression that stands still at a state; one whose rate is not known counts as moving."""
         limit = at_rest(state)
         return [
-            known and abs(rate) <= limit for rate, known in zip(self.rates(state), self._rate_is_known, strict=True)
+            known and abs(rate) <= limit
+            for rate, known in zip(self.rates(state), self._terms.rate_is_known, strict=True)
         ]
 
     def at_zero(self, state: State) -> list[int]:
@@ -231,8 +222,6 @@ class EventWatch:
 
         Parameters
         ----------
-        outputs : Outputs
-            Makes outputs of states.
         times, x : numpy.ndarray
             Start and outputs of a piece (k + 1,), (k + 1, n_x).
         way_from : callable
@@ -268,9 +257,10 @@ class EventWatch:
             met = [Crossing(self.events[i], time, y, k) for (i, time), y in zip(here, states, strict=True)]
             for n, crossing in enumerate(met):
                 if decides(crossing.event):
-                    return found + self._at_once(met[n:])
+                    return found + [c for c in met[n:] if c.time - crossing.time <= self.instant]
                 found.append(crossing)
-        self._keep_sides(values[-1])
+        # projection may move them by rounding before the next piece
+        self._side = {i: float(value) for i, value in enumerate(values[-1]) if value != 0 and np.isfinite(value)}
         self._offset = {}
         return found
 
@@ -287,14 +277,6 @@ class EventWatch:
                 continue
             side = -event.direction or 1
             values[:, index] = np.where(away, moved, side * np.finfo(float).tiny)
-
-    def _keep_sides(self, values: np.ndarray) -> None:
-        """Remember on which sides the expressions are, for the next piece: projection may move them by rounding."""
-        self._side = {k: float(value) for k, value in enumerate(values) if value != 0 and np.isfinite(value)}
-
-    def _at_once(self, following: Sequence[Crossing]) -> list[Crossing]:
-        """Events at the instant of the first of them."""
-        return [c for c in following if c.time - following[0].time <= self.instant]
 
     def _may_touch(self, times: np.ndarray, values: np.ndarray) -> list[list[int]]:
         """Events by interval whose expressions may pass zero and come back between two outputs.
@@ -328,13 +310,7 @@ class EventWatch:
         return found
 
     def _located(
-        self,
-        outputs: Outputs,
-        index: int,
-        ends: np.ndarray,
-        values: np.ndarray,
-        way: Way,
-        since: float | None = None,
+        self, outputs: Outputs, index: int, ends: np.ndarray, values: np.ndarray, way: Way, since: float | None = None
     ) -> float:
         """Time of an event between two times, to rounding."""
         low, high = float(ends[0]), float(ends[1])
@@ -355,7 +331,7 @@ class EventWatch:
                 time = float(times[np.argmax(np.isnan(values[:, index]))])
                 warn(
                     f"event '{self.events[index].name}': its expression is not a number at t = {time:.6g} s (a root of "
-                    "a negative number, or a division by zero); there it cannot take place",
+                    "a negative number, or a division by zero); there it cannot take place"
                 )
 
 

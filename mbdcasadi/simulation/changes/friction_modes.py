@@ -58,13 +58,7 @@ class FrictionMode:
 
 
 class FrictionModes(Modes):
-    """The modes of a mechanism with exact friction: each friction sticks, slides one way or the other, or is free.
-
-    Parameters
-    ----------
-    setup : Setup
-        Mechanism, parameters and inputs.
-    """
+    """The modes of a mechanism with exact friction: each friction sticks, slides one way or the other, or is free."""
 
     prefix: ClassVar[str] = "stick and slip: "
 
@@ -251,12 +245,7 @@ class FrictionModes(Modes):
         return [(modes, held) for _, modes, held in sorted(candidates, key=lambda candidate: candidate[0])]
 
     def _is_met(
-        self,
-        mode: FrictionMode,
-        trial: State,
-        resting: Sequence[int],
-        by_pose: Sequence[int],
-        broken: dict[int, float],
+        self, mode: FrictionMode, trial: State, resting: Sequence[int], by_pose: Sequence[int], broken: dict[int, float]
     ) -> bool:
         """True if friction at rest is below its limit, and what starts to slide does so in its sense.
 

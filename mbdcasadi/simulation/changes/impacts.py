@@ -58,8 +58,6 @@ class Impacts:
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at the parameters of the run.
     watch : EventWatch
         The events of the user.
     """
@@ -281,8 +279,6 @@ def jump_to(numeric: NumericEquations, state: State, targets: ca.SX, wanted: np.
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations of the state's mechanism.
     state : State
         Before the impulse.
     targets : casadi.SX

@@ -20,11 +20,6 @@ from ...results.trajectory import Trajectory
 class Modes(ABC):
     """The modes of a mechanism: in each of them its equations are smooth.
 
-    Parameters
-    ----------
-    setup : Setup
-        Mechanism, parameters and inputs.
-
     Attributes
     ----------
     mechanism : Mechanism

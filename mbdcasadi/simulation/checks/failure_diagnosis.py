@@ -31,8 +31,6 @@ def cause_of_failure(
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at the parameters of the run.
     t : float
         Time of the last state.
     q, v, z : numpy.ndarray

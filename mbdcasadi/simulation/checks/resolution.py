@@ -83,11 +83,6 @@ class _Course:
 class Resolution:
     """Watches over the smoothed elements of a mechanism along a run.
 
-    Parameters
-    ----------
-    numeric : NumericEquations
-        Equations at the parameters of the run.
-
     Attributes
     ----------
     terms : WatchedTerms
@@ -118,11 +113,7 @@ class Resolution:
         return bool(self._owner)
 
     def first_touch(
-        self,
-        path: Path,
-        accelerations: Callable[[Path, np.ndarray], np.ndarray],
-        *,
-        guides_steps: bool = False,
+        self, path: Path, accelerations: Callable[[Path, np.ndarray], np.ndarray], *, guides_steps: bool = False
     ) -> tuple[float, np.ndarray] | None:
         """First time at which a piece is to end, as a contact closes that its steps did not follow; None if none does.
 
@@ -250,13 +241,7 @@ class Resolution:
             found = min([found, *spells])
         return found
 
-    def note(
-        self,
-        path: Path,
-        way_from: WayFrom,
-        reltol: float,
-        abstol: float,
-    ) -> None:
+    def note(self, path: Path, way_from: WayFrom, reltol: float, abstol: float) -> None:
         """Take note of a piece that counts.
 
         Parameters
@@ -290,13 +275,7 @@ class Resolution:
         return missed, np.maximum(np.maximum(size[:-1], size[1:]), np.abs(path.integrals[:, n : 2 * n]) / 2)
 
     def _acquit(
-        self,
-        path: Path,
-        missed: np.ndarray,
-        seen: np.ndarray,
-        way_from: WayFrom,
-        reltol: float,
-        abstol: float,
+        self, path: Path, missed: np.ndarray, seen: np.ndarray, way_from: WayFrom, reltol: float, abstol: float
     ) -> None:
         """Take back what intervals missed of normal forces, if small steps confirm their motion.
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from ...equations.derivation import Equations
 from ...equations.numeric import NumericEquations
-from ...equations.reaction_loads import loaded_by_reactions
 
 
 class Uniqueness:
@@ -17,11 +16,6 @@ class Uniqueness:
     solution is unique where the determinants of the pieces have the sign that they have
     without friction; looked at are the piece in which the state is, and the one with all
     reactions reversed.
-
-    Parameters
-    ----------
-    numeric : NumericEquations
-        Equations at the parameters of the run.
 
     References
     ----------
@@ -53,7 +47,7 @@ class Uniqueness:
 
     def sentence(self, time: float) -> str:
         """Remark on the time at which uniqueness is lost."""
-        frictions = ", ".join(loaded_by_reactions(self.numeric.eom))
+        frictions = ", ".join(self.numeric.eom.loaded_by_reactions)
         return (
             f"at t = {time:.6g} s the reactions are not unique any more: {frictions} is so large that the joint "
             "jams, and none or more than one set of reactions meets the equations; lower the coefficient, lengthen the "

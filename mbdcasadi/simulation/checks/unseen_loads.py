@@ -70,8 +70,6 @@ class UnseenLoads:
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at the parameters of the run.
     signals : Signals
         Inputs, of which expressions may switch with the motion too.
     """
@@ -85,14 +83,7 @@ class UnseenLoads:
         # by how much more than these limits something must be missed to be looked at
         self._doubt = 1.0
 
-    def first(
-        self,
-        path: Path,
-        outputs: Outputs,
-        way_from: WayFrom,
-        reltol: float,
-        abstol: float,
-    ) -> UnseenLoad | None:
+    def first(self, path: Path, outputs: Outputs, way_from: WayFrom, reltol: float, abstol: float) -> UnseenLoad | None:
         """First load on a path that its steps missed; None if there is none.
 
         Parameters
@@ -286,12 +277,7 @@ class UnseenLoads:
 
     # --- what the steps missed --------------------------------------------------------------
     def _suspects(
-        self,
-        path: Path,
-        outputs: Outputs,
-        instants: np.ndarray,
-        durations: np.ndarray,
-        limits: np.ndarray,
+        self, path: Path, outputs: Outputs, instants: np.ndarray, durations: np.ndarray, limits: np.ndarray
     ) -> list[UnseenLoad]:
         """Intervals with instants of a load in which the change of the state is not the integral of its rates."""
         smooth = np.isfinite(durations)

@@ -60,11 +60,6 @@ class CompiledElements:
 class RepeatedElements:
     """Elements that are many of a kind, so that a loop in C over them pays.
 
-    Parameters
-    ----------
-    terms : WatchedTerms
-        Their watched quantities.
-
     Attributes
     ----------
     pays : bool

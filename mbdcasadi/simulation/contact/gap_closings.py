@@ -49,15 +49,7 @@ class Closing:
 
 
 class GapClosings:
-    """Watches the gaps of a mechanism along the paths of a run.
-
-    Parameters
-    ----------
-    numeric : NumericEquations
-        Equations at the parameters of the run.
-    terms : WatchedTerms
-        Their gaps, in coordinates, parameters and time.
-    """
+    """Watches the gaps of a mechanism along the paths of a run."""
 
     def __init__(self, numeric: NumericEquations, terms: WatchedTerms):
         self._numeric, self._terms, self.owners = numeric, terms, terms.owners

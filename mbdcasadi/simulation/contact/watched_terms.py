@@ -31,11 +31,6 @@ def has_gaps(mechanism: Mechanism) -> bool:
 class WatchedTerms:
     """Smoothed quantities, gaps and validity conditions of a mechanism; made once for it.
 
-    Parameters
-    ----------
-    eom : Equations
-        The equations.
-
     Attributes
     ----------
     elements, smoothings, smoothed, owners, validity : list

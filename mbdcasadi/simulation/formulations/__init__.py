@@ -14,7 +14,6 @@ regularised      redundant rows, rank lost on the way                        an 
 from __future__ import annotations
 
 from ...equations.numeric import NumericEquations
-from ...equations.reaction_loads import loaded_by_reactions, why_not_unique
 from ...errors import SimulationError
 from ...integrators import Integrator
 from .base import Formulation
@@ -33,10 +32,6 @@ def choose_formulation(numeric: NumericEquations, integrator: Integrator, *, red
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at the parameters of the run.
-    integrator : Integrator
-        Integrator that takes them.
     redundant : bool
         True if rows are dependent.
 
@@ -50,8 +45,8 @@ def choose_formulation(numeric: NumericEquations, integrator: Integrator, *, red
         if not integrator.solves_algebraic:
             raise SimulationError(
                 f'method="{integrator.name}" needs forces that do not depend on reactions, and '
-                f'{", ".join(loaded_by_reactions(eom))} does; use method="idas"'
+                f'{", ".join(eom.loaded_by_reactions)} does; use method="idas"'
             )
         if redundant:
-            raise SimulationError(why_not_unique(eom))
+            raise SimulationError(eom.why_not_unique)
     return next(form() for form in FORMULATIONS if form.suits(numeric, integrator, redundant=redundant))

@@ -77,15 +77,7 @@ class Passage:
 
 
 class SingularPassage:
-    """Watches the poses of a run, and continues it across singular ones.
-
-    Parameters
-    ----------
-    regularity : Regularity
-        Of the rows.
-    outputs : Outputs
-        Makes outputs of states.
-    """
+    """Watches the poses of a run, and continues it across singular ones."""
 
     def __init__(self, regularity: Regularity, outputs: Outputs):
         self._regularity, self._outputs = regularity, outputs

@@ -6,7 +6,6 @@ import casadi as ca
 import numpy as np
 
 from ...equations.derivation import Equations
-from ...equations.loops import has_loops
 from ...equations.numeric import NumericEquations
 from ...numerics.evaluation import Evaluator
 from ...numerics.rank import dependent_rows
@@ -24,8 +23,6 @@ class Regularity:
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at the parameters of the run.
     q : numpy.ndarray
         A pose that is not singular; rows that depend on others there are left out.
     t : float
@@ -34,7 +31,7 @@ class Regularity:
 
     def __init__(self, numeric: NumericEquations, t: float, q: np.ndarray):
         self.numeric = numeric
-        self.is_needed = bool(numeric.eom.lam.numel()) and has_loops(numeric.eom)
+        self.is_needed = bool(numeric.eom.lam.numel()) and numeric.eom.has_loops
         if not self.is_needed:
             return
         left_out = set()

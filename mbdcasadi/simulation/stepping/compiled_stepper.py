@@ -52,13 +52,7 @@ def refuse_joined_bodies(integrator: Integrator, numeric: NumericEquations) -> N
 
 
 class CompiledStepper(Stepper):
-    """Advances by CasADi's integrators, one form of the equations after the other.
-
-    Parameters
-    ----------
-    system : SteppedSystem
-        Equations and method.
-    """
+    """Advances by CasADi's integrators, one form of the equations after the other."""
 
     def __init__(self, system: SteppedSystem):
         super().__init__(system)
@@ -153,11 +147,7 @@ class CompiledStepper(Stepper):
         return np.zeros(self.numeric.eom.q.numel() + self.numeric.eom.lam.numel())
 
     def advance(
-        self,
-        piece: Piece,
-        x: np.ndarray,
-        interruption: Interruption,
-        comes_near: Callable[[Path], bool] | None = None,
+        self, piece: Piece, x: np.ndarray, interruption: Interruption, comes_near: Callable[[Path], bool] | None = None
     ) -> Path:
         usual = self.formulation
 

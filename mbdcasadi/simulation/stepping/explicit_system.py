@@ -8,7 +8,6 @@ import numpy as np
 from ...arguments.inputs import Signals
 from ...equations.batches import Values
 from ...equations.derivation import Equations
-from ...equations.loops import has_loops
 from ...equations.numeric import NumericEquations
 from ...equations.saddle import SaddlePoint, shifted
 from ...integrators.native.code import Written
@@ -31,8 +30,6 @@ def dynamics_of(numeric: NumericEquations, *, redundant: bool = False) -> ca.Fun
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at given parameters.
     redundant : bool
         True if rows depend on each other; the multipliers are then those of least norm, by the regularised solve.
     """
@@ -51,7 +48,7 @@ def _dynamics(numeric: NumericEquations, redundant: bool) -> ca.Function:
 
 def _regularity(numeric: NumericEquations) -> ca.SX:
     eom = numeric.eom
-    if not eom.lam.numel() or not has_loops(eom):
+    if not eom.lam.numel() or not eom.has_loops:
         return ca.SX(1)
     inverse = 1 / eom.mass_diagonal if numeric.augmentation is None else ca.SX(ca.DM(numeric.column_scale**2))
     schur = eom.Phi_q @ (ca.diag(inverse) @ eom.Phi_q.T)  # as in the forward dynamics: evaluated once
@@ -74,11 +71,10 @@ def _projection(eom: Equations) -> ca.Function:
     inverse = ca.diag(1 / weights)
     over = inverse @ eom.Phi_q.T
     schur = eom.Phi_q @ over
-    loops = has_loops(eom)
 
     def factorised(matrix: ca.SX, angular: np.ndarray) -> tuple:
         """LDL factors; near a singular pose the step is kept short."""
-        return shifted(matrix, angular) if loops else ca.ldl(matrix)
+        return shifted(matrix, angular) if eom.has_loops else ca.ldl(matrix)
 
     q, v, left = eom.q, eom.v, ca.SX(0)
     if rows:
@@ -105,10 +101,6 @@ def explicit_system(
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at the parameters of the run.
-    signals : Signals
-        Inputs.
     terms : WatchedTerms, optional
         Integrands along the motion, among others; the same in every run of a mechanism that has some.
     implicit : bool

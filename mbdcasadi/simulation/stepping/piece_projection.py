@@ -26,8 +26,6 @@ class PieceProjection:
 
     Parameters
     ----------
-    stepper : Stepper
-        Integrates the equations.
     reltol : float
         Relative tolerance of the integrator.
     only_wanted : bool
@@ -48,8 +46,6 @@ class PieceProjection:
             Times of the states.
         path : Path
             States of the integrator, from the start of the piece.
-        outputs : Outputs
-            Projects them.
         across : bool
             True if the path leads across a singular pose.
         """

@@ -59,11 +59,6 @@ class SteppedSystem:
 class Stepper(ABC):
     """Advances the state of one set of equations.
 
-    Parameters
-    ----------
-    system : SteppedSystem
-        Equations and method.
-
     Attributes
     ----------
     formulation : Formulation
@@ -115,11 +110,7 @@ class Stepper(ABC):
     # --- integrating --------------------------------------------------------------------------
     @abstractmethod
     def advance(
-        self,
-        piece: Piece,
-        x: np.ndarray,
-        interruption: Interruption,
-        comes_near: Callable[[Path], bool] | None = None,
+        self, piece: Piece, x: np.ndarray, interruption: Interruption, comes_near: Callable[[Path], bool] | None = None
     ) -> Path:
         """Integrate over a piece from a consistent state, or up to where something must be decided.
 

@@ -66,8 +66,6 @@ class WholeStepper(Stepper):
 
     Parameters
     ----------
-    system : SteppedSystem
-        Equations and method.
     watch : EventWatch
         Events that are looked at inside the steps.
     decides : callable
@@ -147,11 +145,7 @@ class WholeStepper(Stepper):
         )
 
     def advance(
-        self,
-        piece: Piece,
-        x: np.ndarray,
-        interruption: Interruption,
-        comes_near: Callable[[Path], bool] | None = None,
+        self, piece: Piece, x: np.ndarray, interruption: Interruption, comes_near: Callable[[Path], bool] | None = None
     ) -> Path:
         goes_on = self._end is not None and self._end[0] == piece.start and np.array_equal(self._end[1], x)
         again = self._last_start == piece.start

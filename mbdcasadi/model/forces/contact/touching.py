@@ -17,24 +17,16 @@ from .outlines import Circle, HalfPlane, HollowCircle, Outline, Point, PolygonEd
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """One place at which two outlines may touch.
+    """One place at which two outlines may touch."""
 
-    Attributes
-    ----------
-    gap : casadi.SX
-        Distance of the surfaces, m; negative if they penetrate.
-    normal : casadi.SX
-        Unit vector (2,) from the second to the first outline.
-    point : casadi.SX
-        Point at which the force acts (2,), m.
-    reach : casadi.SX, optional
-        Largest valid depth, m: half of the depth at which the middles of the outlines meet; for a half-plane or a
-        hole that at which the other outline is inside the solid; None if there is no limit.
-    """
-
+    #: distance of the surfaces, m; negative if they penetrate
     gap: ca.SX
+    #: unit vector (2,) from the second to the first outline
     normal: ca.SX
+    #: point at which the force acts (2,), m
     point: ca.SX
+    #: largest valid depth, m: half of the depth at which the middles of the outlines meet; for a half-plane or a hole
+    #: that at which the other outline is inside the solid; None if there is no limit
     reach: ca.SX | None = None
 
     def reversed(self) -> Touch:
@@ -176,21 +168,22 @@ def _corner_on_edge(corner: ca.SX, face: ca.SX, *, closed: bool) -> Touch:
     return Touch(if_else(on, height, distance), normal, corner)
 
 
-def _disc_on_plane(centre: ca.SX, radius: Any, plane: HalfPlane, reach: Any) -> Touch:
-    normal = plane.marker.y_axis
-    height = ca.dot(normal, centre - plane.marker.position)
-    return Touch(height - radius, normal, centre - radius * normal, _reach(reach))
+def _discs(outline: Any) -> list[tuple[ca.SX, Any, ca.SX | None]]:
+    """Discs whose hull an outline is: centre (2,), radius, and the depth at which the outline is inside a solid, m."""
+    if isinstance(outline, PolygonEdges):
+        return [(corner, 0.0, ca.SX(2 * outline.half_width)) for corner in outline.corners]
+    width = ca.SX(outline.radius) * 2
+    centres = outline.ends if isinstance(outline, Segment) else [outline.marker.position]
+    return [(centre, outline.radius, None if width.is_zero() else width) for centre in centres]
 
 
-def _reach(size: Any) -> ca.SX | None:
-    """Return the depth at which an outline with a half-thickness is inside a half-plane; None for a point."""
-    size = ca.SX(size)
-    return None if size.is_zero() else 2 * size
-
-
-def disc_plane(a: Any, b: HalfPlane) -> list[Touch]:
-    """Circle or point above a half-plane."""
-    return [_disc_on_plane(a.marker.position, a.radius, b, a.radius)]
+def on_plane(a: Any, b: HalfPlane) -> list[Touch]:
+    """Circle, point, both ends of a bar, or each corner of a polygon above a half-plane."""
+    normal, base = b.marker.y_axis, b.marker.position
+    return [
+        Touch(ca.dot(normal, centre - base) - radius, normal, centre - radius * normal, reach)
+        for centre, radius, reach in _discs(a)
+    ]
 
 
 def disc_disc(a: Any, b: Any) -> list[Touch]:
@@ -208,58 +201,33 @@ def disc_segment(a: Any, b: Segment) -> list[Touch]:
     return [between_discs(centre, a.radius, nearest_point(centre, *b.ends), b.radius)]
 
 
-def segment_plane(a: Segment, b: HalfPlane) -> list[Touch]:
-    """Both ends of a bar above a half-plane."""
-    return [_disc_on_plane(end, a.radius, b, a.radius) for end in a.ends]
-
-
-def polygon_plane(a: PolygonEdges, b: HalfPlane) -> list[Touch]:
-    """Each corner of a polygon above a half-plane."""
-    return [_disc_on_plane(corner, 0.0, b, a.half_width) for corner in a.corners]
-
-
 def disc_polygon(a: Any, b: PolygonEdges) -> list[Touch]:
     """Circle or point against a polygon."""
     return [disc_beside_polygon(a.marker.position, a.radius, b)]
 
 
-def disc_hollow(a: Any, b: HollowCircle) -> list[Touch]:
-    """Circle or point in a hole."""
-    return [_disc_in_hole(a.marker.position, a.radius, b, a.radius)]
-
-
-def segment_hollow(a: Segment, b: HollowCircle) -> list[Touch]:
-    """Both ends of a bar in a hole."""
-    return [_disc_in_hole(end, a.radius, b, a.radius) for end in a.ends]
-
-
-def polygon_hollow(a: PolygonEdges, b: HollowCircle) -> list[Touch]:
-    """Each corner of a polygon in a hole."""
-    return [_disc_in_hole(corner, 0.0, b, a.half_width) for corner in a.corners]
-
-
-def _disc_in_hole(centre: ca.SX, radius: Any, hole: HollowCircle, reach: Any) -> Touch:
-    middle = hole.marker.position
-    known, disc = known_value(hole.radius), known_value(radius)
-    if known is not None and disc is not None and disc >= known:
-        raise ModelError(f"a circle of radius {disc:g} m does not go into a hole of radius {known:g} m")
-    inward = between_discs(middle, 0.0, centre, 0.0)
-    return Touch(hole.radius - radius - inward.gap, inward.normal, centre - radius * inward.normal, _reach(reach))
+def in_hole(a: Any, b: HollowCircle) -> list[Touch]:
+    """Circle, point, both ends of a bar, or each corner of a polygon in a hole."""
+    touches, hole = [], known_value(b.radius)
+    for centre, radius, reach in _discs(a):
+        disc = known_value(radius)
+        if hole is not None and disc is not None and disc >= hole:
+            raise ModelError(f"a circle of radius {disc:g} m does not go into a hole of radius {hole:g} m")
+        inward = between_discs(b.marker.position, 0.0, centre, 0.0)
+        gap = b.radius - radius - inward.gap
+        touches.append(Touch(gap, inward.normal, centre - radius * inward.normal, reach))
+    return touches
 
 
 _KINDS: Sequence[tuple[tuple[type, ...], tuple[type, ...], Callable[[Any, Any], list[Touch]]]] = (
-    ((Circle, Point), (HalfPlane,), disc_plane),
+    ((Circle, Point, Segment, PolygonEdges), (HalfPlane,), on_plane),
+    ((Circle, Point, Segment, PolygonEdges), (HollowCircle,), in_hole),
     ((Circle, Point), (Circle, Point), disc_disc),
     ((Circle, Point), (Segment,), disc_segment),
-    ((Segment,), (HalfPlane,), segment_plane),
-    ((PolygonEdges,), (HalfPlane,), polygon_plane),
     ((Circle, Point), (PolygonEdges,), disc_polygon),
     ((Segment,), (Segment,), segment_segment),
     ((Segment,), (PolygonEdges,), segment_polygon),
     ((PolygonEdges,), (PolygonEdges,), polygon_polygon),
-    ((Circle, Point), (HollowCircle,), disc_hollow),
-    ((Segment,), (HollowCircle,), segment_hollow),
-    ((PolygonEdges,), (HollowCircle,), polygon_hollow),
 )
 
 
@@ -288,13 +256,7 @@ def bounding_distance(a: Outline, b: Outline) -> ca.SX | None:
 
 
 def touches(a: Outline, b: Outline, what: str) -> list[Touch]:
-    """Return the places at which two outlines may touch.
-
-    Raises
-    ------
-    ModelError
-        For a pair without a rule.
-    """
+    """Return the places at which two outlines may touch; a pair without a rule is refused."""
     try:
         for first, second, rule in _KINDS:
             if isinstance(a, first) and isinstance(b, second):

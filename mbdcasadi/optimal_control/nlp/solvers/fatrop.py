@@ -1,19 +1,21 @@
-"""Runs of fatrop, which factors a program stage by stage."""
+"""Fatrop, which factors a program stage by stage."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 
-from ...errors import ModelError
-from ..guess.guess import Iterate
-from .collocation_program import CollocationProgram
-from .ipopt import QUIET, Beginning, Ipopt, Result
-from .limit_sides import Bounds
-from .solver_callback import SolverWatch
-from .statistics import Stage
+from ....errors import ModelError
+from ..statistics import Stage
+from .base import QUIET, Beginning, Bounds, Elsewhere, NLPSolver, Result, SolverWatch
+from .ipopt import Ipopt
+
+if TYPE_CHECKING:
+    from ...guess.guess import Iterate
+    from ..collocation_program import CollocationProgram
+    from ..elastic_program import ElasticProgram
 
 #: Options of fatrop that were measured best on these programs.
 DEFAULTS: dict[str, Any] = {
@@ -34,27 +36,40 @@ WARM_START: dict[str, dict[str, Any]] = {
 }
 
 
-class Fatrop(Ipopt):
-    """Fatrop with the options of the user, and IPOPT for what it does not solve.
+class Fatrop(NLPSolver):
+    """Fatrop, and IPOPT for what it does not solve.
 
     Fatrop gives no reason if it fails: IPOPT then solves the program from the same start, or says why it does not.
+    Options of the user are for the solver whose name they begin with.
     """
 
     name = "fatrop"
-    by_warmth: ClassVar[dict[str, dict[str, Any]]] = {warmth: DEFAULTS | more for warmth, more in WARM_START.items()}
+    defaults = DEFAULTS
+    warm_start = WARM_START
+
+    def __init__(self, options: dict[str, Any], progress: bool, elsewhere: Elsewhere | None = None):
+        own, others = (
+            {name: value for name, value in options.items() if not name.startswith(other)}
+            for other in ("ipopt.", "fatrop.")
+        )
+        super().__init__(own, progress, elsewhere)
+        self._ipopt = Ipopt(others, progress, elsewhere)
 
     def run(
-        self, begin: Beginning, bounds: Bounds, warmth: str, iterate: Iterate | None, options: dict[str, Any]
+        self, begin: Beginning, bounds: Bounds, warmth: str, iterate: Iterate | None = None, limit: int | None = None
     ) -> Result:
-        """Solve a program between bounds; see :meth:`Ipopt.run`."""
-        limit = {"fatrop.max_iter": options["ipopt.max_iter"]} if "ipopt.max_iter" in options else {}
+        """Solve a program between bounds; see :meth:`NLPSolver.run`."""
         result = super().run(begin, bounds, warmth, iterate, limit)
         if result.succeeded or result.interrupted:
             return result
-        ipopt = Ipopt(self.settings, self.elsewhere).run(begin, bounds, warmth, iterate, options)
+        ipopt = self._ipopt.run(begin, bounds, warmth, iterate, limit)
         s = result.statistics
         stages = [Stage(self.name, s.iterations, s.status, s.seconds), *ipopt.statistics.stages]
         return replace(ipopt, statistics=replace(ipopt.statistics, stages=stages))
+
+    def least_violation(self, begin: Beginning, elastic: ElasticProgram, limit: int) -> tuple[Result, dict[str, float]]:
+        """Minimise the violations of a program by IPOPT: it has no stages."""
+        return self._ipopt.least_violation(begin, elastic, limit)
 
     def make(self, program: CollocationProgram, options: dict[str, Any]) -> ca.Function:
         """Return the solver of a program without callback, which can travel."""
@@ -65,11 +80,11 @@ class Fatrop(Ipopt):
         watch = WatchedGradient(program)
         return program.staged.solver(QUIET | options, watch), watch
 
-    def _solve(self, begin: Beginning, warmth: str, more: dict[str, Any], arguments: dict[str, Any]) -> Result:
+    def _solve(self, begin: Beginning, warmth: str, chosen: dict[str, Any], arguments: dict[str, Any]) -> Result:
         """Solve the program in stages."""
         staged = begin.program.staged
         try:
-            result = super()._solve(begin, warmth, more, staged.arguments(arguments))
+            result = super()._solve(begin, warmth, chosen, staged.arguments(arguments))
         except RuntimeError as error:  # fatrop reads its options as it begins
             raise ModelError(f"optimize: the solver refuses the options: {error}") from None
         status = "Solve_Succeeded" if result.succeeded else f"fatrop stopped with {result.statistics.status}"
@@ -81,11 +96,6 @@ class WatchedGradient(SolverWatch, ca.Callback):
     """Gradient of the cost, which fatrop asks for once an iteration, since it has no callback of its own.
 
     After Ctrl-C it is not a number, at which fatrop stops and returns the last iterate.
-
-    Parameters
-    ----------
-    program : CollocationProgram
-        The program.
     """
 
     def __init__(self, program: CollocationProgram):

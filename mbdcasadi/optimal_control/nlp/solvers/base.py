@@ -1,0 +1,265 @@
+"""Interface of solvers of the nonlinear program: a start on a mesh, a run, here or on an executor, and its answer."""
+
+from __future__ import annotations
+
+import sys
+import time as clock
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+import casadi as ca
+import numpy as np
+
+from ....errors import MechanismError, ModelError
+from ....numerics.console import Interruption, interruptible, quiet
+from ....numerics.packed import Packed
+from ....numerics.progress import progress_bar
+from ....numerics.symbolic import LOCK, numeric_work
+from ..rows import violations
+from ..statistics import SolveStatistics
+
+if TYPE_CHECKING:
+    from ...guess.guess import Guess, Iterate
+    from ...refinement.mesh import Mesh
+    from ..collocation_program import CollocationProgram
+    from ..elastic_program import ElasticProgram
+
+Made = TypeVar("Made")
+
+#: Options of CasADi for solvers whose failures are reported by their status.
+QUIET: dict[str, Any] = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False}
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Bounds of the variables and of the rows of a program, scaled."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+    rows_lower: np.ndarray
+    rows_upper: np.ndarray
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """Start of a solve on a mesh."""
+
+    program: CollocationProgram
+    meshes: Sequence[Mesh]
+    guess: Guess
+    #: the guess with its multipliers, if it belongs to the same program and mesh
+    iterate: Iterate | None
+    #: scaled variables, and data of the program
+    x: np.ndarray
+    data: np.ndarray
+    bounds: Bounds
+    #: reading of the clock at the start, s
+    began: float
+
+
+@dataclass(frozen=True)
+class Result:
+    """Last iterate of a run."""
+
+    #: arrays by the names of CasADi: ``x, f, g, lam_x, lam_g``, scaled
+    answer: dict[str, np.ndarray]
+    statistics: SolveStatistics
+    #: whether it is an optimum
+    succeeded: bool
+    #: whether the user stopped the run
+    interrupted: bool
+
+
+class Elsewhere:
+    """An executor, of threads or processes, on which solvers run."""
+
+    def __init__(self, executor: Executor):
+        self._executor = executor
+        #: is done when nobody waits for a run any more
+        self._stop: Future = Future()
+
+    def give_up(self) -> None:
+        """Wait for no run any more."""
+        with LOCK:
+            if not self._stop.done():
+                self._stop.set_result(None)
+
+    def run(self, solver: Packed, arguments: dict[str, Any]) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Return answer and statistics of a run."""
+        try:
+            run = self._executor.submit(run_packed, solver, arguments)
+            wait([run, self._stop], return_when=FIRST_COMPLETED)
+            if self._stop.done():
+                run.cancel()
+                raise KeyboardInterrupt
+            return run.result()
+        except BrokenExecutor as error:
+            raise MechanismError(f"optimize: a worker of the executor was lost ({error})") from None
+
+
+class SolverWatch:
+    """Progress of one solve at a time, and the wish of the user to stop it.
+
+    `lower` are the lower bounds of the rows, `cost_scale` is the size by which the cost was divided.
+    """
+
+    def __init__(self, lower: np.ndarray, cost_scale: float):
+        self._lower, self._cost_scale = lower, cost_scale
+        self._bar: Any = None
+        self.interruption: Interruption | None = None
+
+    @contextmanager
+    def watching(self, interruption: Interruption, show: bool) -> Iterator[None]:
+        """Watch one solve; a bar writes to the standard error of now, which the solve redirects."""
+        self.interruption = interruption
+        form = "{desc}: {n} iterations{postfix}"
+        with progress_bar(None, "optimize", " iterations", show=show, bar_format=form, file=sys.stderr) as bar:
+            self._bar = bar if show else None
+            try:
+                yield
+            finally:
+                self._bar = None
+
+    @property
+    def is_shown(self) -> bool:
+        """True if progress is shown."""
+        return self._bar is not None
+
+    @property
+    def is_stopped(self) -> bool:
+        """True after Ctrl-C."""
+        return self.interruption is not None and self.interruption.requested
+
+    def show(self, cost: ca.DM, rows: ca.DM) -> None:
+        """Show scaled cost and rows of the next iterate."""
+        worst = float(np.max(violations(rows.full().ravel(), self._lower), initial=0.0))
+        cost_text = f"cost {float(cost) * self._cost_scale:.6g}"
+        self._bar.set_postfix_str(f"{cost_text}, largest scaled violation {worst:.1e}", refresh=False)
+        self._bar.update(1)
+
+
+class NLPSolver(ABC):
+    """Base class of solvers.
+
+    A subclass sets :attr:`name`, :attr:`defaults` and :attr:`warm_start`, and writes :meth:`make`,
+    :meth:`make_watched` and :meth:`least_violation`; :data:`SOLVERS` lists it.
+
+    Parameters
+    ----------
+    options : dict
+        Options of the user, which prevail.
+    progress : bool
+        True if progress is shown.
+    elsewhere : Elsewhere, optional
+        Executor on which programs are solved.
+
+    Attributes
+    ----------
+    name : str
+        Its name in CasADi.
+    defaults : dict
+        Options that were measured best.
+    warm_start : dict
+        Further ones by the quality of the guess, "cold", "warm" or "hot".
+    """
+
+    name: ClassVar[str]
+    defaults: ClassVar[dict[str, Any]]
+    warm_start: ClassVar[dict[str, dict[str, Any]]]
+
+    def __init__(self, options: dict[str, Any], progress: bool, elsewhere: Elsewhere | None = None):
+        self.options, self.progress, self.elsewhere = options, progress, elsewhere
+
+    @abstractmethod
+    def make(self, program: CollocationProgram, options: dict[str, Any]) -> ca.Function:
+        """Return the solver of a program without callback, which can travel."""
+
+    @abstractmethod
+    def make_watched(self, program: CollocationProgram, options: dict[str, Any]) -> tuple[ca.Function, SolverWatch]:
+        """Return the solver of a program, and what watches it; options of the user prevail."""
+
+    @abstractmethod
+    def least_violation(self, begin: Beginning, elastic: ElasticProgram, limit: int) -> tuple[Result, dict[str, float]]:
+        """Minimise the violations of a program near a start, in at most so many iterations.
+
+        Returned are the last iterate with the cost of the program itself and no multipliers, and scaled violations by
+        label.
+        """
+
+    def run(
+        self, begin: Beginning, bounds: Bounds, warmth: str, iterate: Iterate | None = None, limit: int | None = None
+    ) -> Result:
+        """Solve a program between bounds, from the multipliers of an iterate if there is one.
+
+        `warmth` is the quality of the guess, "cold", "warm" or "hot"; at most `limit` iterations.
+        """
+        arguments: dict[str, Any] = {
+            "x0": np.clip(begin.x, bounds.lower, bounds.upper), "p": begin.data,
+            "lbx": bounds.lower, "ubx": bounds.upper, "lbg": bounds.rows_lower, "ubg": bounds.rows_upper,
+        }  # fmt: skip
+        arguments |= {"lam_x0": iterate.lam_x, "lam_g0": iterate.lam_g} if iterate else {}
+        chosen = ({} if limit is None else {f"{self.name}.max_iter": limit}) | self.options
+        result = self._solve(begin, warmth, chosen, arguments)
+        # bounds may be relaxed by the last digits; a mass must not become negative
+        result.answer["x"] = np.clip(result.answer["x"], bounds.lower, bounds.upper)
+        return result
+
+    def _solve(self, begin: Beginning, warmth: str, chosen: dict[str, Any], arguments: dict[str, Any]) -> Result:
+        """Solve here or on the executor, by a function that is made once."""
+        options = self.defaults | self.warm_start[warmth] | chosen
+        key = self.name, warmth, *sorted((name, repr(value)) for name, value in chosen.items())
+        if self.elsewhere is not None:
+            packed = begin.program.packed.get_or_create(
+                key, lambda: Packed(_checked(self.make, begin.program, options)), bounded=True
+            )
+            built = clock.perf_counter()
+            with numeric_work():
+                answer, stats = self.elsewhere.run(packed, arguments)
+            return _result(begin, built, answer, stats, interrupted=False)
+        with begin.program.solvers.lent(key, partial(_checked, self.make_watched, begin.program, options)) as lent:
+            return self._call(begin, *lent, arguments)
+
+    def _call(self, begin: Beginning, solver: ca.Function, watch: SolverWatch, arguments: dict[str, Any]) -> Result:
+        built = clock.perf_counter()
+        with interruptible(raising=False) as interruption:
+            with watch.watching(interruption, self.progress), quiet(), numeric_work():
+                answer = _answer(solver, arguments)
+            stats = solver.stats()
+        return _result(begin, built, answer, stats, interruption.requested)
+
+
+def _result(begin: Beginning, built: float, answer: dict[str, Any], stats: dict[str, Any], interrupted: bool) -> Result:
+    """Result of a run from its answer as arrays, and its statistics in CasADi."""
+    seconds = clock.perf_counter() - begin.began
+    # CasADi leaves the count open if the solver refuses to begin
+    iterations, status = max(int(stats["iter_count"]), 0), str(stats["return_status"])
+    sizes = begin.program.size, begin.program.lower.size
+    statistics = SolveStatistics(iterations, status, seconds, built - begin.began, *sizes)
+    return Result(answer, statistics, bool(stats["success"]), interrupted)
+
+
+def run_packed(solver: Packed, arguments: dict[str, Any]) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Run a packed solver in a worker: its answer as arrays, and what its statistics say about it."""
+    with LOCK:  # a function is made of expressions
+        function = solver.unpacked()
+    answer, stats = _answer(function, arguments), function.stats()
+    return answer, {name: stats[name] for name in ("iter_count", "return_status", "success")}
+
+
+def _answer(function: ca.Function, arguments: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Values of a solver by name."""
+    return {name: value.full().ravel() for name, value in function(**arguments).items()}
+
+
+def _checked(make: Callable[..., Made], program: CollocationProgram, options: dict[str, Any]) -> Made:
+    """Result of a function of a program and options; refuses options that CasADi does not take."""
+    try:
+        with quiet():
+            return make(program, options)
+    except RuntimeError as error:
+        raise ModelError(f"optimize: the solver refuses the options: {error}") from None

@@ -1,0 +1,134 @@
+"""What changes at an instant of a run: its mode, velocities by resets, inputs by a controller, or the mechanism."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+
+from ...arguments.inputs import read_answer
+from ...equations.impact_law import by_element
+from ...errors import MechanismError, SimulationError
+from ...model.events import Event
+from ...results.state import EventOccurrence, State
+from .events import EventWatch
+from .impacts import Impacts
+from .modes import Modes
+
+#: Switches between modes in one run, at most.
+SWITCHES = 20_000
+
+
+class Transitions:
+    """Changes of a run at instants, each from the state just before to the one just after.
+
+    Parameters
+    ----------
+    events : sequence of Event
+        Events of the user.
+    instant : float
+        Time that counts as one instant, s.
+
+    Attributes
+    ----------
+    mode : hashable
+        The mode that holds; None before the start.
+    resting : dict of Event to float
+        Events with a reset that stand still at their zeros, and the values of their expressions there.
+    impacts : Impacts
+        Resets, from the first state on.
+    """
+
+    def __init__(self, modes: Modes, events: Sequence[Event], instant: float):
+        self._modes, self._events, self._instant = modes, tuple(events), instant
+        self.mode: Any = None
+        self.resting: dict[Event, float] = {}
+        self._switches = 0
+
+    def begin(self) -> None:
+        """Forget an earlier run."""
+        numeric = self._modes.numeric(self._modes.free)
+        self.impacts = Impacts(numeric, EventWatch(numeric.eom, self._events, self._instant))
+
+    def whole(self, state: State) -> State:
+        """Return a state in the present mode as one of the whole mechanism."""
+        return self._modes.whole(self.mode, state)
+
+    def decided(self, state: State) -> State:
+        """Find the mode that holds at a pose and velocity; return the state in it."""
+        self.mode, state = self._modes.decided(state)
+        return state
+
+    # --- changes ----------------------------------------------------------------------------
+    def out_of_mode(self, state: State, own: Sequence[Event]) -> tuple[State, list[EventOccurrence]]:
+        """Return the state in the mode that follows events of the present one, and these.
+
+        Raises
+        ------
+        SimulationError
+            If friction chatters.
+        """
+        before = self.whole(state)
+        self.mode, state = self._modes.decided(state, own, self.mode)
+        after = self.whole(state)
+        self._switches += 1
+        if self._switches > SWITCHES:
+            raise SimulationError(
+                f"friction switched {SWITCHES} times up to t = {state.t:.9g} s; the motion chatters, take a smoothed "
+                "law",
+                time=state.t,
+            )
+        return state, [EventOccurrence(event.name, state.t, before, after) for event in own]
+
+    def by_resets(self, state: State, located: Sequence[Event]) -> tuple[State, list[EventOccurrence]]:
+        """Return the state after the resets that take place at a state, and these; itself if there are none."""
+        modes, before = self._modes, self.whole(state)
+        moving = modes.at(modes.free, state.t, state.q, state.v, state.z)
+        occurrences: list[EventOccurrence] = []
+        fired: list[Event] = []
+        for impact in self.impacts.resolved(moving, located):
+            moving = modes.at(modes.free, state.t, state.q, impact.v, impact.z)
+            state = self.decided(moving)
+            impulses = by_element(modes.numeric(modes.free).eom, impact.impulses)
+            after = modes.whole(self.mode, state, impulses)
+            occurrences += [EventOccurrence(event.name, state.t, before, after) for event in impact.events]
+            before = after
+            fired += impact.events
+        for event in located:
+            if not any(event is other for other in fired):
+                self.resting[event] = float(moving[event.expression])
+        return state, occurrences
+
+    def by_controller(self, state: State) -> State:
+        """Call the controller if there is one; return the state under its answer."""
+        modes, signals = self._modes, self._modes.setup.signals
+        if signals.controller is None:
+            return state
+        try:
+            modes.levels[:] = read_answer(signals.controller, self.whole(state), signals.level_values)
+        except (MechanismError, KeyboardInterrupt):
+            raise
+        except Exception as error:
+            raise SimulationError(
+                f"the controller raised {type(error).__name__} at t = {state.t:.6g} s: {error}; what was computed is "
+                "in .partial",
+                time=state.t,
+            ) from error
+        return self.decided(modes.at(modes.free, state.t, state.q, state.v, state.z))
+
+    def to_another_mechanism(self, state: State, passed: Sequence[Event]) -> list[Event]:
+        """Return the events by which the mechanism changes at a state at which a run begins.
+
+        Parameters
+        ----------
+        passed : sequence of Event
+            Events that led there.
+        """
+        watched, eom = [event for event in self._events if event.becomes is not None], state.equations
+        watch = EventWatch(eom, watched, self._instant)
+        through, at_zero = watch.moves_through(state), set(watch.at_zero(state))
+        changing = [e for k, e in enumerate(watched) if k in at_zero and through[k] and e not in passed]
+        # a reaction that has the wrong sign from the start on never passes zero
+        of_reactions = [e for e in watched if ca.depends_on(e.expression, eom.lam)]
+        return changing + [e for e in of_reactions if e.direction * state[e.expression] > 0]
