@@ -153,6 +153,8 @@ def simulate(
         found.append(run.run())
         if integrator.abstol < asked.abstol:
             found[-1].statistics.notes.append(f"abstol = {integrator.abstol:.1e}, as the friction asks for")
+        if integrator.name == "idas" and has_many_contacts(modes.numeric(modes.free)):
+            found[-1].statistics.notes.append('method="bdf" is faster for many contacts of bodies that no joint holds')
         may_repeat = abstol is None and asked is not method and setup.signals.controller is None
         found.append(_checked(*_resolved(run, found[-1], may_repeat=may_repeat, progress=bool(progress))))
     return found[-1]

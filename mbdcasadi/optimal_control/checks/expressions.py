@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
+from ...equations.switching.continuity import continuous_switches
+from ...equations.switching.switches import hold
 from ...printing import to_text
 from ..phase import Phase
 from ..placeholders import placeholders_in
@@ -22,12 +24,21 @@ _KINKS = (ca.OP_FABS, ca.OP_FMAX, ca.OP_FMIN, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEI
 _LONGEST = 60
 
 
-def kinks_in(expression: ca.SX) -> list[ca.SX]:
-    """Return the operations in an expression whose slope jumps, such as ``fabs``."""
+def kinks_in(expression: ca.SX) -> list[str]:
+    """Return in words where the slope of an expression jumps: at operations such as ``fabs``, and at comparisons."""
     whole = ca.vertcat(expression, *[p.expression for p in placeholders_in(expression)])
-    function = ca.Function("f", [ca.vertcat(ca.SX(0, 1), *ca.symvar(whole))], [whole])
+    symbols = ca.vertcat(ca.SX(0, 1), *ca.symvar(whole))
+    function = ca.Function("f", [symbols], [whole])
     nodes = function.instructions_sx()
-    return [nodes[k] for k in range(function.n_instructions()) if function.instruction_id(k) in _KINKS]
+    bends = [nodes[k] for k in range(function.n_instructions()) if function.instruction_id(k) in _KINKS]
+    if bends:
+        return [f"{_text(node)} bends" for node in bends]
+    (held,), switches = hold([whole])
+    count = symbols.numel()
+    smooth = continuous_switches(
+        [held, ca.jacobian(held, symbols)], switches, symbols, np.zeros(count), np.ones(count), ca.SX(0, 1), np.zeros(0)
+    )
+    return [f"{_text(switch.natural)} passes zero" for switch in switches if switch.node not in smooth]
 
 
 def kinks_of(solution: Solution) -> str:
@@ -35,7 +46,7 @@ def kinks_of(solution: Solution) -> str:
     problem = solution.problem
     found = [(name, kinks_in(expression)) for name, expression in _expressions(problem.phases)]
     found.append(("terminal_cost", kinks_in(problem.terminal_cost)))
-    named = [f"{name} has a kink where {_text(nodes[0])} bends" for name, nodes in found if nodes]
+    named = [f"{name} has a kink where {places[0]}" for name, places in found if places]
     if not named:
         return ""
     return (
