@@ -6,8 +6,8 @@ from motions import crank_rocker, half_turn, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
 from mbdcasadi.optimal_control.guess import closing_limits
-from mbdcasadi.optimal_control.nlp.ipopt import Ipopt
 from mbdcasadi.optimal_control.nlp.solver import Solver
+from mbdcasadi.optimal_control.nlp.solvers import ipopt
 
 
 def cart_pole(limit, rail):
@@ -73,7 +73,7 @@ def test_a_least_time_without_limits_is_no_shorter_than_the_guess(monkeypatch):
         return found
 
     monkeypatch.setattr(Solver, "solve_loosened", recorded)
-    monkeypatch.setitem(Ipopt.by_warmth["cold"], "ipopt.max_iter", 1)  # the first solve fails
+    monkeypatch.setitem(ipopt.WARM_START["cold"], "ipopt.max_iter", 1)  # the first solve fails
     problem, *_ = rest_to_rest(1.0, (0.01, 10.0), lower=-8, upper=8, running_cost=0, terminal_cost=mbd.t)
     solution = mbd.optimize(problem)
     assert durations[0] >= np.sqrt(0.01 * 10.0) - 1e-6
