@@ -57,8 +57,9 @@ def optimize(
         Number of stages of an interval of ``"gauss-legendre"``; order ``2 degree`` at the mesh points.
     tolerance : float, optional
         Refine the mesh until the local error of every interval is below it, path limits are passed by less than this
-        share of their sizes, and intervals in which inputs switch are so short that their effect on the cost is as
-        small.
+        share of their sizes, and the estimated errors of polynomial inputs are below this share of their largest
+        values. Stretches around switches and kinks, in which inputs may be off by more, are shorter than its root as
+        a share of the duration, so that their effect on the cost is as small.
     guess : Solution or Trajectory, optional
         Initial guess, on any mesh: another solution, a simulation, or an
         inverse dynamics of the same bodies with a driver in place of the input.
@@ -114,8 +115,8 @@ def optimize(
         If a contact of the solution would have to pull, or an element leaves its range of validity; of several phases,
         if a joint that closes at the end of one has passed through its place before, or a foothold pulls; if a path
         limit is passed by more than a hundredth of it between the points at which it is held; if the mesh is too coarse
-        for the motion that was found (not checked if ``guess=`` is a solution of the same problem); if limits or
-        switches do not meet the `tolerance`, though the local errors do.
+        for the motion that was found (not checked if ``guess=`` is a solution of the same problem); if inputs, limits
+        or switches do not meet the `tolerance`, though the local errors do.
     """
     if not isinstance(problem, OptimalControlProblem):
         raise ModelError(f"optimize takes an OptimalControlProblem, got {problem!r}")

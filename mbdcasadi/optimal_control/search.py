@@ -19,6 +19,7 @@ from .guess.multistart import at_rest, best_of, guesses, random_detour
 from .nlp.best_so_far import BestSoFar
 from .nlp.setup import PhaseSetup, Settings, is_open_chain
 from .nlp.solver import Solver
+from .nlp.solvers.ipopt import sharp_options
 from .problem import OptimalControlProblem
 from .refinement.mesh import Mesh
 from .refinement.refine import refine, refine_if_coarse, refine_or_repeat
@@ -80,9 +81,8 @@ class Search:
         checked = not self.is_known(guess)
         automatic = self._is_automatic and checked and tolerance is None
         failed: list[tuple[_Attempt, OptimizationError]] = []
-        for settings in self._settings(near, starts):
+        for settings in self._settings(near, starts, tolerance):
             attempt = self._attempt(settings, parameters, guess, starts, refined=automatic)
-            attempt.solver.tolerance = tolerance
             try:
                 solution = attempt.solve(warm=warm, executor=None if starts is None else self.executor)
                 break
@@ -97,9 +97,11 @@ class Search:
             return refine(attempt.solver, solution, tolerance)
         return attempt.as_motion(solution) if checked else solution
 
-    def _settings(self, near: Any, starts: Any) -> list[Settings]:
+    def _settings(self, near: Any, starts: Any, tolerance: float | None) -> list[Settings]:
         """Settings that are tried in turn: an open chain in its angles, and then in all coordinates."""
         settings = Settings.read(*self.settings)
+        if tolerance is not None:
+            settings = replace(settings, options=sharp_options(tolerance) | settings.options)
         if isinstance(near, Solution) and starts is None:
             return [replace(settings, angles=near.settings.angles)]
         if near is None and not isinstance(starts, Iterable) and is_open_chain(self.problem):

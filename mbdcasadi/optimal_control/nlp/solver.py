@@ -69,8 +69,6 @@ class Solver:
         self.held: Held = ()
         #: share of its size by which a path limit may be passed between them
         self.limit_tolerance = LIMIT_TOLERANCE
-        #: tolerance to which inputs and limits are found, as a share of their sizes
-        self.tolerance: float | None = None
         self.best = BestSoFar() if best is None else best
         values = dict(pairs_of(parameters, "parameters="))
         for free in problem.free_parameters:
@@ -254,7 +252,7 @@ class Solver:
         x0 = np.clip(begin.x, begin.bounds.lower, begin.bounds.upper)
         if warmth == "warm" and program.violation(program.rows_at(x0, begin.data)) > WARM_VIOLATION:
             warmth = "cold"
-        result = self._nlp_solver.run(begin, begin.bounds, warmth, iterate, limit, self.tolerance)
+        result = self._nlp_solver.run(begin, begin.bounds, warmth, iterate, limit)
         solution, status = self._solution(begin, result), result.statistics.status
         error = self._other_branch(solution) if result.succeeded else explain_failure(solution, status)
         if error is None:

@@ -147,7 +147,7 @@ class NLPSolver(ABC):
     """Base class of solvers.
 
     A subclass sets :attr:`name`, :attr:`defaults` and :attr:`warm_start`, and writes :meth:`make`,
-    :meth:`make_watched`, :meth:`least_violation` and :meth:`sharp_options`; :data:`SOLVERS` lists it.
+    :meth:`make_watched` and :meth:`least_violation`; :data:`SOLVERS` lists it.
 
     Parameters
     ----------
@@ -191,31 +191,19 @@ class NLPSolver(ABC):
         label.
         """
 
-    @abstractmethod
-    def sharp_options(self, tolerance: float) -> dict[str, float]:
-        """Return options by which inputs and limits are found to a tolerance, as a share of their sizes."""
-
     def run(
-        self,
-        begin: Beginning,
-        bounds: Bounds,
-        warmth: str,
-        iterate: Iterate | None = None,
-        limit: int | None = None,
-        tolerance: float | None = None,
+        self, begin: Beginning, bounds: Bounds, warmth: str, iterate: Iterate | None = None, limit: int | None = None
     ) -> Result:
         """Solve a program between bounds, from the multipliers of an iterate if there is one.
 
-        `warmth` is the quality of the guess, "cold", "warm" or "hot"; at most `limit` iterations; inputs and limits are
-        found to a `tolerance`, as a share of their sizes.
+        `warmth` is the quality of the guess, "cold", "warm" or "hot"; at most `limit` iterations.
         """
         arguments: dict[str, Any] = {
             "x0": np.clip(begin.x, bounds.lower, bounds.upper), "p": begin.data,
             "lbx": bounds.lower, "ubx": bounds.upper, "lbg": bounds.rows_lower, "ubg": bounds.rows_upper,
         }  # fmt: skip
         arguments |= {"lam_x0": iterate.lam_x, "lam_g0": iterate.lam_g} if iterate else {}
-        chosen = {} if tolerance is None else self.sharp_options(tolerance)
-        chosen |= ({} if limit is None else {f"{self.name}.max_iter": limit}) | self.options
+        chosen = ({} if limit is None else {f"{self.name}.max_iter": limit}) | self.options
         result = self._solve(begin, warmth, chosen, arguments)
         # bounds may be relaxed by the last digits; a mass must not become negative
         result.answer["x"] = np.clip(result.answer["x"], bounds.lower, bounds.upper)

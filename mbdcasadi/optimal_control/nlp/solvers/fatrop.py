@@ -10,7 +10,7 @@ import casadi as ca
 from ....errors import ModelError
 from ..statistics import Stage
 from .base import QUIET, Beginning, Bounds, Elsewhere, NLPSolver, Result, SolverWatch
-from .ipopt import SHARPEST, Ipopt
+from .ipopt import Ipopt
 
 if TYPE_CHECKING:
     from ...guess.guess import Iterate
@@ -56,19 +56,13 @@ class Fatrop(NLPSolver):
         self._ipopt = Ipopt(others, progress, elsewhere)
 
     def run(
-        self,
-        begin: Beginning,
-        bounds: Bounds,
-        warmth: str,
-        iterate: Iterate | None = None,
-        limit: int | None = None,
-        tolerance: float | None = None,
+        self, begin: Beginning, bounds: Bounds, warmth: str, iterate: Iterate | None = None, limit: int | None = None
     ) -> Result:
         """Solve a program between bounds; see :meth:`NLPSolver.run`."""
-        result = super().run(begin, bounds, warmth, iterate, limit, tolerance)
+        result = super().run(begin, bounds, warmth, iterate, limit)
         if result.succeeded or result.interrupted:
             return result
-        ipopt = self._ipopt.run(begin, bounds, warmth, iterate, limit, tolerance)
+        ipopt = self._ipopt.run(begin, bounds, warmth, iterate, limit)
         s = result.statistics
         stages = [Stage(self.name, s.iterations, s.status, s.seconds), *ipopt.statistics.stages]
         return replace(ipopt, statistics=replace(ipopt.statistics, stages=stages))
@@ -76,10 +70,6 @@ class Fatrop(NLPSolver):
     def least_violation(self, begin: Beginning, elastic: ElasticProgram, limit: int) -> tuple[Result, dict[str, float]]:
         """Minimise the violations of a program by IPOPT: it has no stages."""
         return self._ipopt.least_violation(begin, elastic, limit)
-
-    def sharp_options(self, tolerance: float) -> dict[str, float]:
-        """Return options for a tolerance of inputs and limits; see :meth:`NLPSolver.sharp_options`."""
-        return {"fatrop.tolerance": min(max(1e-3 * tolerance, SHARPEST), DEFAULTS["fatrop.tolerance"])}
 
     def make(self, program: CollocationProgram, options: dict[str, Any]) -> ca.Function:
         """Return the solver of a program without callback, which can travel."""

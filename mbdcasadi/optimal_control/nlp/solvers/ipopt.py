@@ -14,11 +14,13 @@ if TYPE_CHECKING:
     from ..collocation_program import CollocationProgram
     from ..elastic_program import ElasticProgram
 
+#: Residual of the conditions of an optimum, scaled, at which IPOPT ends.
+TOLERANCE = 1e-8
 #: Options of IPOPT that were measured best on these programs.
-DEFAULTS: dict[str, Any] = {
+DEFAULTS = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
-    "ipopt.tol": 1e-8,
+    "ipopt.tol": TOLERANCE,
     "ipopt.constr_viol_tol": 1e-11,
     "ipopt.acceptable_tol": 1e-7,
     "ipopt.acceptable_constr_viol_tol": 1e-9,
@@ -49,9 +51,24 @@ WARM_START: dict[str, dict[str, Any]] = {
         "ipopt.warm_start_slack_bound_push": 1e-8,
     },
 }
-#: Tightest tolerance of IPOPT, and product of multiplier and slack at which limits count as met: below these, steps are
-#: rounding.
-SHARPEST, SHARPEST_SLACK = 1e-10, 1e-13
+#: Tightest tolerance of IPOPT, below which steps are rounding, and the range of the products of multiplier and slack at
+#: which limits count as met.
+SHARPEST, SLACKS = 1e-10, (1e-13, 1e-10)
+
+
+def sharp_options(tolerance: float) -> dict[str, float]:
+    """Return options by which inputs and limits are found to a tolerance, as a share of their sizes.
+
+    A small residual of the conditions of an optimum, each of the weight of a stage in the cost, is a far larger error
+    of the inputs. An input that holds a position at its limit is off by the second derivative of the slack.
+    """
+    slack = float(np.clip(1e-6 * tolerance, *SLACKS))
+    return {
+        "ipopt.tol": float(np.clip(1e-3 * tolerance, SHARPEST, TOLERANCE)),
+        "ipopt.compl_inf_tol": slack,
+        "ipopt.mu_min": slack / 10,
+        "ipopt.bound_relax_factor": slack,
+    }
 
 
 class Ipopt(NLPSolver):
@@ -69,20 +86,6 @@ class Ipopt(NLPSolver):
         """Return the solver of a program and its callback; options of the user prevail."""
         callback = SolverCallback(program.size, program.lower, program.cost_scale, program.nlp.data_size)
         return self.make(program, {"iteration_callback": callback} | options), callback
-
-    def sharp_options(self, tolerance: float) -> dict[str, float]:
-        """Return options for a tolerance of inputs and limits; see :meth:`NLPSolver.sharp_options`.
-
-        A small residual of the conditions of an optimum, each of the weight of a stage in the cost, is a far larger
-        error of the inputs. An input that holds a position at its limit is off by the second derivative of the slack.
-        """
-        sharp, slack = max(1e-3 * tolerance, SHARPEST), max(1e-6 * tolerance, SHARPEST_SLACK)
-        return {
-            "ipopt.tol": min(sharp, DEFAULTS["ipopt.tol"]),
-            "ipopt.compl_inf_tol": slack,
-            "ipopt.mu_min": slack / 10,
-            "ipopt.bound_relax_factor": slack,
-        }
 
     def least_violation(self, begin: Beginning, elastic: ElasticProgram, limit: int) -> tuple[Result, dict[str, float]]:
         """Minimise the violations of a program near a start; see :meth:`NLPSolver.least_violation`."""
