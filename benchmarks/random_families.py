@@ -10,7 +10,9 @@ from __future__ import annotations
 import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -227,48 +229,69 @@ FAMILIES: dict[str, Callable[..., Problem]] = {
 }
 
 
-def solve(problem: Problem) -> tuple[mbd.Solution | None, str, bool, float]:
-    """Solution or None, what was said, whether of a coarse mesh, seconds of the processor."""
-    began = time.process_time()
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        try:
-            solution, said = mbd.optimize(problem), ""
-        except mbd.OptimizationError as error:
-            solution, said = None, str(error)
-    coarse = any("too coarse" in str(w.message) for w in caught)
-    return solution, said, coarse, time.process_time() - began
+#: Head of the tables.
+HEADER = """\
+| family | limits | solved | said to be infeasible | median iterations | coarse | seconds in all |
+|---|---|---:|---:|---:|---:|---:|"""
+
+
+@dataclass
+class Tally:
+    """Counts of the solves of a family: what was tried, what was said, iterations and seconds of the processor."""
+
+    family: str
+    number: int = 0
+    infeasible: int = 0
+    coarse: int = 0
+    seconds: float = 0.0
+    iterations: list[int] = field(default_factory=list)
+
+    def solve(self, problem: Problem) -> mbd.Solution | None:
+        """Solve a problem from the automatic guess and count it; None if it is not solved."""
+        self.number += 1
+        began = time.process_time()
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            try:
+                solution = mbd.optimize(problem)
+                self.iterations.append(solution.statistics.iterations)
+            except mbd.OptimizationError as error:
+                solution = None
+                self.infeasible += "infeasible" in str(error)
+                print(f"  {self.family}, number {self.number}: {str(error)[:160]}", file=sys.stderr)
+        self.coarse += any("too coarse" in str(w.message) for w in caught)
+        self.seconds += time.process_time() - began
+        return solution
+
+    def row(self, limits: str) -> str:
+        """Row of the table."""
+        median = f"{np.median(self.iterations):g}" if self.iterations else "–"
+        solved = f"{len(self.iterations)} of {self.number} | {self.infeasible}"
+        return f"| {self.family} | {limits} | {solved} | {median} | {self.coarse} | {self.seconds:.1f} |"
+
+
+def instance(make: Callable[..., Problem], seed: int, k: int, limits: list[float] | None) -> Problem:
+    """An instance of a family, the same one for any limits."""
+    return make(np.random.default_rng([seed, k]), limits)
+
+
+def free_and_limited(family: str, share: float, problems: Sequence[Callable[[list[float] | None], Problem]]) -> None:
+    """Solve problems without limits and with inputs limited to a share of their peaks, and print both rows."""
+    free, limited = Tally(family), Tally(family)
+    for make in problems:
+        solution = free.solve(make(None))
+        if solution is not None:
+            peak = np.max(np.abs(solution.trajectory.inputs), axis=0)
+            limited.solve(make((share * peak).tolist()))
+    print(free.row("none"))
+    print(limited.row(f"{share:g} of the peak"), flush=True)
 
 
 def main(count: int = 10, seed: int = 0) -> None:
     """Solve all families and print the table."""
-    print("| family | limits | solved | said to be infeasible | median iterations | coarse | seconds in all |")
-    print("|---|---|---:|---:|---:|---:|---:|")
+    print(HEADER)
     for name, make in FAMILIES.items():
-        peaks: dict[int, list[float]] = {}
-        for limited in (False, True):
-            solved, infeasible, iterations, coarse, seconds, number = 0, 0, [], 0, 0.0, 0
-            for k in range(count):
-                if limited and k not in peaks:
-                    continue
-                number += 1
-                problem = make(np.random.default_rng([seed, k]), peaks[k] if limited else None)
-                solution, said, is_coarse, took = solve(problem)
-                seconds += took
-                coarse += is_coarse
-                if solution is None:
-                    infeasible += "infeasible" in said
-                    print(f"  {name} {k}: {said[:160]}", file=sys.stderr)
-                    continue
-                solved += 1
-                iterations.append(solution.statistics.iterations)
-                if not limited:
-                    peak = np.max(np.abs(solution.trajectory.inputs), axis=0)
-                    peaks[k] = (SHARES[name] * peak).tolist()
-            limits = f"{SHARES[name]:g} of the peak" if limited else "none"
-            median = f"{np.median(iterations):g}" if iterations else "–"
-            print(f"| {name} | {limits} | {solved} of {number} | {infeasible} | {median} | {coarse} | {seconds:.1f} |")
-            sys.stdout.flush()
+        free_and_limited(name, SHARES[name], [partial(instance, make, seed, k) for k in range(count)])
 
 
 if __name__ == "__main__":

@@ -87,7 +87,7 @@ class Signals:
     @property
     def is_sampled(self) -> bool:
         """True if an input changes by intervals."""
-        return bool(self.channel.numel())
+        return bool(self.samples or self.polynomials)
 
     @property
     def breaks(self) -> np.ndarray:

@@ -19,6 +19,7 @@ from ..errors import ConditionError, MechanismError, SimulationError, Singularit
 from ..model.conditions import Condition, read_conditions
 from ..model.mechanism import Mechanism
 from ..model.symbols import describe
+from ..numerics.least_squares import largest
 from ..numerics.newton import solve
 from ..numerics.rank import dependent_rows, unit_rows
 from ..results.state import State
@@ -73,13 +74,11 @@ def refuse_inconsistent(numeric: NumericEquations, state: State, time: float, q:
     eom = numeric.eom
     phi, _ = numeric.position(time, q)
     jacobian, nu = numeric.velocity(time, q)
-    rows = np.r_[np.abs(phi), np.abs(jacobian @ v - nu)]
-    if not rows.size:
-        return
-    angular = np.r_[eom.angular_rows[eom.position_rows], eom.angular_rows]
+    rows = np.abs(np.concatenate([phi, jacobian @ v - nu]))
+    angular = np.concatenate([eom.angular_rows[eom.position_rows], eom.angular_rows])
     excess = rows / position_limits(numeric, angular)
-    worst = int(np.argmax(excess >= (1 - 1e-9) * np.max(excess)))  # of equal ones the first
-    if excess[worst] > 1:
+    if largest(excess) > 1:
+        worst = int(np.argmax(excess >= (1 - 1e-9) * largest(excess)))  # of equal ones the first
         names = [eom.row_names[k] for k in eom.position_rows] + list(eom.row_names)
         level = "position" if worst < phi.size else "velocity"
         raise SimulationError(

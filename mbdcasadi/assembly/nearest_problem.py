@@ -94,7 +94,7 @@ class NearestProblem(ABC):
         return project_with_inequalities(meet, lambda x: self._relative(limits, x), pushes, active)
 
 
-def by_element(elements: Iterable[object], values: np.ndarray) -> dict[str, float]:
+def residuals_by_element(elements: Iterable[object], values: np.ndarray) -> dict[str, float]:
     """Return the largest absolute value of the rows of each element, by its name, the largest first."""
     largest: dict[str, float] = {}
     for element, value in zip(elements, values, strict=True):

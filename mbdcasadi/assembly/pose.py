@@ -22,7 +22,7 @@ from ..numerics.least_squares import largest
 from ..numerics.nearest import nearest, nearest_by_ipopt
 from ..numerics.newton import Equations, Outcome, refine_root, solve
 from ..numerics.scattered import scattered
-from .nearest_problem import NearestProblem, by_element
+from .nearest_problem import NearestProblem, residuals_by_element
 
 #: Largest turn of a body in one step of the continuation, rad.
 LARGEST_TURN = 0.3
@@ -234,7 +234,7 @@ class PoseProblem(NearestProblem):
 
     def _residuals(self, values: np.ndarray) -> dict[str, float]:
         eom = self.numeric.eom
-        return by_element([eom.row_elements[k] for k in eom.position_rows], values)
+        return residuals_by_element([eom.row_elements[k] for k in eom.position_rows], values)
 
 
 def _closest(outcomes: Sequence[Outcome]) -> Outcome:

@@ -15,7 +15,7 @@ from ..numerics.least_squares import largest, project_velocity
 from ..numerics.nearest import nearest, nearest_by_ipopt
 from ..numerics.newton import Equations, refine_root, solve
 from ..numerics.rank import analyse_rank
-from .nearest_problem import NearestProblem, by_element
+from .nearest_problem import NearestProblem, residuals_by_element
 
 #: Violation of an inequality up to which it counts as met, m/s or rad/s.
 INEQUALITY_TOLERANCE = 1e-7
@@ -61,7 +61,7 @@ class VelocityProblem(NearestProblem):
             raise AssemblyError(
                 f"cannot assemble velocities at t = {self.t:.6g} s: the pose is singular and no velocity meets the "
                 f"rows {', '.join(names)}",
-                residuals=by_element(eom.row_elements, left_over),
+                residuals=residuals_by_element(eom.row_elements, left_over),
                 time=self.t,
             )
         return v

@@ -242,26 +242,18 @@ def batches_of(
                 continue
         parts = [ca.densify(part) for part in parts_of(element)]
         column = ca.vertcat(ca.SX(0, 1), *parts)
-        symbols = ca.symvar(column)
-        known = [entry for entry in map(values.place, symbols) if entry is not None]
-        if len(known) < len(symbols):
+        found = ca.symvar(column)
+        symbols = ca.vertcat(ca.SX(0, 1), *found)
+        known = [entry for entry in map(values.place, found) if entry is not None]
+        if len(known) < len(found):
             eom.function(column)  # raises, and says which symbol
         places, groups = [place for place, _ in known], tuple(group for _, group in known)
         try:
-            tape = tape_of(ca.Function("element", [ca.vertcat(ca.SX(0, 1), *symbols)], [column]))
+            tape = tape_of(ca.Function("element", [symbols], [column]))
         except UnsupportedOperation:  # as the call of a function: it is a batch of its own
-            symbol_column = ca.vertcat(ca.SX(0, 1), *symbols)
-            rates, none = ca.SX.sym("r", len(groups)), np.zeros((1, 0))
+            own_places, none, rates = np.array([places], int), np.zeros((1, 0)), ca.SX.sym("r", len(groups))
             batches[(number,)] = Batch(
-                values,
-                np.array([number]),
-                np.array([places], int),
-                none,
-                symbol_column,
-                rates,
-                ca.SX(0, 1),
-                groups,
-                tuple(parts),
+                values, np.array([number]), own_places, none, symbols, rates, ca.SX(0, 1), groups, tuple(parts)
             )
             continue
         key = tuple(part.numel() for part in parts), groups, values.bodies(places), tape.instructions.tobytes()

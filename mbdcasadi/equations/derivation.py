@@ -22,7 +22,7 @@ from ..model.symbols import t as time
 from ..numerics.lazy import cached_property
 from ..numerics.symbolic import symbolic
 from .display import equations_as_latex, equations_as_text
-from .saddle import SaddlePoint, forward_dynamics
+from .saddle import forward_dynamics
 
 
 def equations(mechanism: Mechanism) -> Equations:
@@ -260,11 +260,6 @@ class Equations:
     def value(self, expression: Any, arguments: Sequence[Any]) -> np.ndarray:
         """Value of an expression at one state, in the expression's own shape."""
         return self.function(expression)(*arguments).full()
-
-    @cached_property
-    def saddle_point(self) -> SaddlePoint:
-        """The linear system for (a, lam) as expressions."""
-        return SaddlePoint(self.mass_diagonal, self.Phi_q, self.Q, self.gamma, self.angular_rows)
 
     @cached_property
     def angles(self) -> np.ndarray:

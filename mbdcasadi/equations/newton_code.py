@@ -9,7 +9,7 @@ import numpy as np
 
 from ..numerics.c_code import SIGNATURE, Tape
 from .derivation import Equations
-from .saddle import SaddlePoint
+from .saddle import saddle_point_solution
 
 #: Steps of Newton's method, at most; those after which a change that does not shrink below rounding is accepted.
 STEPS, MANY = 60, 8
@@ -20,8 +20,7 @@ CONVERGED, NEARLY = 1e-13, 1e-10
 def linearised(eom: Equations, force: ca.SX, gamma: ca.SX, augmentation: np.ndarray | None) -> tuple[ca.SX, ca.SX]:
     """Return the changes of ``(a, lam)`` that changes of the force and of gamma cause, to first order."""
     slope = ca.jacobian(eom.Q, eom.lam)
-    system = SaddlePoint(eom.mass_diagonal, eom.Phi_q, force, gamma, eom.angular_rows, slope)
-    return system.solution(augmentation=augmentation)
+    return saddle_point_solution(eom, force, gamma, force_slope=slope, augmentation=augmentation)
 
 
 def newton_step(eom: Equations, name: str, augmentation: np.ndarray | None) -> ca.Function:

@@ -337,19 +337,29 @@ class NumericEquations:
 
     def _solved(self, *state: Any, redundant: bool) -> tuple[np.ndarray, np.ndarray]:
         """Accelerations and multipliers of one state."""
+        solver = self._dynamics_evaluator(redundant=redundant)
+        if solver is not None:
+            a, lam = solver(*state, self.p)
+            return a.ravel(), lam.ravel()
         a, lam = self.accelerations_of_rows(*(np.atleast_2d(part) for part in state), redundant=redundant)
         return a[0], lam[0]
+
+    def _dynamics_evaluator(self, *, redundant: bool) -> Evaluator | None:
+        """The forward dynamics; None if these iterate."""
+        function = self.forward_dynamics(redundant=redundant)
+        if not function.is_a("SXFunction"):
+            return None
+        key = ("forward dynamics by row", self.light_key, redundant)
+        return self.eom.mechanism.cache.get_or_create(key, lambda: Evaluator(function))
 
     def accelerations_of_rows(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray, *, redundant: bool
     ) -> tuple[np.ndarray, np.ndarray]:
         """Accelerations (k, n) and multipliers (k, m) at states by row, times (k, 1); NaN where it fails."""
-        function = self.forward_dynamics(redundant=redundant)
-        if not function.is_a("SXFunction"):  # Newton's method may meet a singular matrix
-            a, lam = call_each(function, t.T, q.T, v.T, z.T, u.T, self.p)
+        evaluator = self._dynamics_evaluator(redundant=redundant)
+        if evaluator is None:  # Newton's method may meet a singular matrix
+            a, lam = call_each(self.forward_dynamics(redundant=redundant), t.T, q.T, v.T, z.T, u.T, self.p)
             return a.T, lam.T
-        key = ("forward dynamics by row", self.light_key, redundant)
-        evaluator = self.eom.mechanism.cache.get_or_create(key, lambda: Evaluator(function))
         a, lam = evaluator.rows(t, q, v, z, u, self.p)
         return a, lam
 

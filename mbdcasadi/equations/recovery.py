@@ -21,6 +21,8 @@ from .saddle import shifted
 
 #: Residual of a constraint, relative to 1 + |q|, that is rounding.
 ROUNDING = 1e-14
+#: Steps of a projection of positions, at most.
+PROJECTIONS = 10
 #: ``(t, q, v, z, p, u given) -> u``: the inputs at states, each by column.
 InputRule = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
@@ -63,14 +65,14 @@ class Recovery:
     def _kept(self, key: str, make: Callable[[], Any]) -> Any:
         return self.numeric.eom.mechanism.cache.get_or_create(key, make)
 
-    def positions(self, t: np.ndarray, q: np.ndarray, iterations: int = 10) -> np.ndarray:
+    def positions(self, t: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Bring coordinates (k, n) onto ``Phi = 0``."""
         if not self.numeric.eom.Phi.numel() or not t.size:
             return q
         p, weights = self.numeric.p, self.numeric.projection_weights
         self.left_over = 0.0
         before = np.inf
-        for _ in range(iterations):
+        for _ in range(PROJECTIONS):
             moved, size, quality = self._position_rows.rows(t[:, None], q, p, weights)
             self.regularity = quality.ravel()
             worst = largest(size)

@@ -68,7 +68,7 @@ class ReducedEquations:
     analysis of constrained dynamic systems", Journal of Mechanical Design 104 (1982).
     """
 
-    def __init__(self, eom: Equations, *, curved: bool = True, angles: bool = False):
+    def __init__(self, eom: Equations, *, curved: bool, angles: bool):
         self.whole, self.mechanism, self.angles = eom, eom.mechanism, angles
         self.t, self.z, self.u, self.p = eom.t, eom.z, eom.u, eom.p
         solved = [] if eom.Q_depends_on_lam else explicit_rows(eom, curved=curved, angles=angles)

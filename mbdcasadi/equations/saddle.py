@@ -40,82 +40,62 @@ SOLUTION_TOLERANCE = 1e-9
 REPORT_REFINEMENTS = 4
 
 
-class SaddlePoint:
-    """The saddle-point system with a choice of how it is solved.
+def saddle_point_solution(
+    eom: Equations,
+    force: ca.SX,
+    gamma: ca.SX | None = None,
+    *,
+    force_slope: ca.SX | None = None,
+    augmentation: np.ndarray | None = None,
+    redundant: bool = False,
+    refinements: int = REPORT_REFINEMENTS,
+) -> tuple[ca.SX, ca.SX]:
+    """Return ``(a, lam)`` as expressions.
 
     Parameters
     ----------
-    mass_diagonal : casadi.SX
-        (n,).
-    jacobian : casadi.SX
-        ``Phi_q`` (m, n).
-    force, gamma : casadi.SX
-        Right sides (n,), (m,).
-    angular : numpy.ndarray
-        True for rows in rad (m,).
+    force : casadi.SX
+        Generalised forces in place of Q (n,).
+    gamma : casadi.SX, optional
+        Right side in place of that of the equations (m,).
     force_slope : casadi.SX, optional
         Derivative of the force by the multipliers (n, m), which is then subtracted from ``Phi_q^T``: a step of
         Newton's method for forces that depend on reactions.
+    augmentation : numpy.ndarray, optional
+        Effective masses of the rows (m,), if some bodies are light or have no mass.
+    redundant : bool
+        True if rows are dependent; the multipliers are then those of least norm.
+    refinements : int
+        Refinement steps if they are.
     """
+    jacobian, gamma = eom.Phi_q, eom.gamma if gamma is None else gamma
+    if augmentation is not None:
+        weighted = jacobian.T @ ca.diag(ca.DM(augmentation))
+        force = force + weighted @ gamma
+        factors = ca.ldl(ca.diag(eom.mass_diagonal) + weighted @ jacobian)
 
-    def __init__(
-        self,
-        mass_diagonal: ca.SX,
-        jacobian: ca.SX,
-        force: ca.SX,
-        gamma: ca.SX,
-        angular: np.ndarray,
-        force_slope: ca.SX | None = None,
-    ):
-        self.mass_diagonal = mass_diagonal
-        self.jacobian = jacobian
-        self.force = force
-        self.gamma = gamma
-        self.angular = angular
-        self.force_slope = force_slope
+        def over_mass(right: ca.SX) -> ca.SX:
+            return ca.ldl_solve(ca.densify(right), *factors)
+    else:
+        inverse = 1 / eom.mass_diagonal
 
-    def solution(
-        self, *, augmentation: np.ndarray | None = None, redundant: bool = False, refinements: int = REPORT_REFINEMENTS
-    ) -> tuple[ca.SX, ca.SX]:
-        """Return ``(a, lam)`` as expressions.
+        def over_mass(right: ca.SX) -> ca.SX:
+            return ca.diag(inverse) @ right
 
-        Parameters
-        ----------
-        augmentation : numpy.ndarray, optional
-            Effective masses of the rows (m,), if some bodies are light or have no mass.
-        redundant : bool
-            True if rows are dependent; the multipliers are then those of least norm.
-        refinements : int
-            Refinement steps if they are.
-        """
-        jacobian, force = self.jacobian, self.force
-        if augmentation is not None:
-            weighted = jacobian.T @ ca.diag(ca.DM(augmentation))
-            force = force + weighted @ self.gamma
-            factors = ca.ldl(ca.diag(self.mass_diagonal) + weighted @ jacobian)
-
-            def over_mass(right: ca.SX) -> ca.SX:
-                return ca.ldl_solve(ca.densify(right), *factors)
-        else:
-            inverse = 1 / self.mass_diagonal
-
-            def over_mass(right: ca.SX) -> ca.SX:
-                return ca.diag(inverse) @ right
-
-        if jacobian.size1() == 0:
-            return over_mass(force), ca.SX(0, 1)
-        columns = jacobian.T if self.force_slope is None else jacobian.T - self.force_slope
-        schur = jacobian @ over_mass(columns)
-        right = jacobian @ over_mass(force) - self.gamma
-        if self.force_slope is not None:
-            lam = ca.solve(schur, right)
-        elif redundant:
-            # the eigenvalues of A^½ S A^½ lie between 0 and 1
-            sizes = None if augmentation is None else 1 / augmentation
-            lam = solve_redundant(schur, right, self.angular, refinements, sizes)
-        else:
-            lam = ca.ldl_solve(right, *ca.ldl(schur))
-        return over_mass(force - columns @ lam), lam
+    if jacobian.size1() == 0:
+        return over_mass(force), ca.SX(0, 1)
+    columns = jacobian.T if force_slope is None else jacobian.T - force_slope
+    schur = jacobian @ over_mass(columns)
+    right = jacobian @ over_mass(force) - gamma
+    if force_slope is not None:
+        lam = ca.solve(schur, right)
+    elif redundant:
+        # the eigenvalues of A^½ S A^½ lie between 0 and 1
+        sizes = None if augmentation is None else 1 / augmentation
+        lam = solve_redundant(schur, right, eom.angular_rows, refinements, sizes)
+    else:
+        lam = ca.ldl_solve(right, *ca.ldl(schur))
+    return over_mass(force - columns @ lam), lam
 
 
 def shifted(matrix: ca.SX, angular: np.ndarray, sizes: np.ndarray | None = None) -> tuple[ca.SX, ca.SX, list[int]]:
@@ -168,8 +148,7 @@ def stabilised_solution(
     drift = ca.SX(eom.lam.numel(), 1)
     drift[[int(k) for k in eom.position_rows]] = eom.Phi
     gamma = eom.gamma - 2 * rate * (eom.Phi_q @ eom.v - eom.nu) - rate**2 * drift
-    system = SaddlePoint(eom.mass_diagonal, eom.Phi_q, force, gamma, eom.angular_rows)
-    return system.solution(augmentation=augmentation, redundant=True, refinements=REFINEMENTS)
+    return saddle_point_solution(eom, force, gamma, augmentation=augmentation, redundant=True, refinements=REFINEMENTS)
 
 
 def forward_dynamics(
@@ -187,7 +166,9 @@ def forward_dynamics(
     arguments = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
     names = ["t", "q", "v", "z", "u", "p"]
     if not eom.Q_depends_on_lam:
-        a, lam = eom.saddle_point.solution(augmentation=augmentation, redundant=redundant, refinements=refinements)
+        a, lam = saddle_point_solution(
+            eom, eom.Q, augmentation=augmentation, redundant=redundant, refinements=refinements
+        )
         return ca.Function("forward_dynamics", arguments, [a, lam], names, ["a", "lam"])
     unknowns = ca.vertcat(eom.a, eom.lam)
     residual = ca.vertcat(eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q, eom.Phi_q @ eom.a - eom.gamma)

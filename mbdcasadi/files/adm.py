@@ -13,8 +13,7 @@ from ..model.element import Element
 from ..model.forces.field import Gravity
 from ..model.geometry.shapes import Rectangle, Shape
 from ..model.mechanism import Mechanism
-from .contacts import circle_on_ground
-from .elements import CONSTRAINTS, FORCES, Bodies, Builder, FileForces, Part, matlab_name
+from .elements import CONSTRAINTS, FORCES, Bodies, Builder, FileForces, Part, circle_on_ground, matlab_name
 from .fields import Fields, objects
 from .text import JsonObject, read_json
 
@@ -80,7 +79,7 @@ def read_adm(path: str | Path, forces: FileForces | None = None) -> Mechanism:
         loads = list(_read_elements(data, file, "force", FORCES, bodies, given))
         loads += _read_elements(data, file, "contact", circle_on_ground, bodies, given)
         if any(gravity := model.numbers("gravity", 2, GRAVITY)):
-            loads.insert(0, Gravity(gravity, name=_free_name("gravity", [*constraints, *loads])))
+            loads.insert(0, Gravity(gravity, name=_name_of_gravity([*constraints, *loads])))
         return Mechanism(
             bodies=list(bodies.values()),
             joints=[c for c in constraints if not isinstance(c, Driver)],
@@ -114,9 +113,10 @@ def _file_forces(forces: FileForces | None, data: JsonObject, file: str) -> File
     return functions
 
 
-def _free_name(name: str, elements: list[Element]) -> str:
+def _name_of_gravity(elements: list[Element]) -> str:
+    """A name that no other element has."""
     taken = {element.name for element in elements}
-    return name if name not in taken else next(n for k in range(2, 1000) if (n := f"{name} {k}") not in taken)
+    return next(name for k in range(1, 1000) if (name := "gravity" if k == 1 else f"gravity {k}") not in taken)
 
 
 # --- bodies --------------------------------------------------------------------------

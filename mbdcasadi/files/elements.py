@@ -1,4 +1,4 @@
-"""Constraints and forces of a model file: one function builds each type."""
+"""Constraints, forces and contacts of a model file: one function builds each type."""
 
 from __future__ import annotations
 
@@ -12,14 +12,19 @@ import numpy as np
 from ..model.bodies import Body, Marker, ground
 from ..model.drivers import Driver
 from ..model.element import Element, at_poses
+from ..model.expressions import fmax, if_else
 from ..model.forces.applied import Force, Torque
+from ..model.forces.contact.contact import Contact
+from ..model.forces.contact.outlines import Circle, HalfPlane
+from ..model.forces.friction.laws import FrictionLaw, Resistance
 from ..model.forces.springs import RSDA, TSDA
+from ..model.immutable import Immutable
 from ..model.joints.base import Joint
 from ..model.joints.coordinates import AbsoluteAngle, AbsoluteX, AbsoluteY, RelativeAngle, RelativeX, RelativeY
 from ..model.joints.gears import RackAndPinion
 from ..model.joints.lower_pairs import Distance, PointOnLine, Revolute, Translational
 from ..model.quantities import function_of, vector2
-from ..model.symbols import symbols_of, t
+from ..model.symbols import StateVariable, t
 from .fields import Fields
 
 Bodies = Mapping[int, Body]
@@ -73,10 +78,6 @@ class Part:
 Builder = Callable[[Part], list[Element]]
 
 
-def _depends_on_time(value: ca.SX) -> bool:
-    return any(symbol.element_hash() == t.element_hash() for symbol in symbols_of(value))
-
-
 def _prescribed(kind: Any, count: int) -> Builder:
     """Return the builder of a coordinate of one marker, or between two: a driver if its value depends on time."""
 
@@ -86,7 +87,7 @@ def _prescribed(kind: Any, count: int) -> Builder:
         make = part.angle_marker if kind.coordinate == "angle" else part.marker
         markers = [make(k + 1) for k in range(count)]
         value = part.fields.function()
-        if not _depends_on_time(value):
+        if not ca.depends_on(value, t):
             return [kind(part.name, *markers, value)]
         first, *others = (getattr(marker, kind.coordinate) for marker in markers)
         return [Driver(part.name, others[0] - first if others else first, value)]
@@ -206,6 +207,59 @@ def _rotational_spring(to_ground: bool) -> Builder:
 def _translational_spring(part: Part) -> list[Element]:
     free_length = part.fields.number("l0")
     return [TSDA(part.name, part.marker(1), part.marker(2), free_length=free_length, **_spring_law(part))]
+
+
+def circle_on_ground(part: Part) -> list[Element]:
+    """Return the contact of a circle (centre ``sP1``, radius ``r``) with the ground ``y <= 0``."""
+    fields, body = part.fields, part.moving("body")
+    law = SpringDamper(fields.number("kn", above=0.0), fields.number("cn", at_least=0.0))
+    stiffness, damping = fields.number("kt", at_least=0.0), fields.number("ct", at_least=0.0)
+    if stiffness > 0 and damping == 0:
+        raise fields.refuse("ct = 0 with kt > 0: the tangential spring relaxes by ct after lift-off; give a small ct")
+    friction = TangentialSpring(stiffness, damping) if damping > 0 else None
+    circle = Circle(body.at(*fields.numbers("sP1", 2)), fields.number("r", above=0.0))
+    return [Contact(part.name, circle, HalfPlane(ground.at(0.0, 0.0)), law, friction)]
+
+
+class SpringDamper(Immutable):
+    """``F = max(kn δ + cn δ̇, 0)``: a linear spring (kn, N/m) and damper (cn, N s/m) that push only."""
+
+    def __init__(self, stiffness: float, damping: float):
+        self.stiffness, self.damping = stiffness, damping
+
+    def __call__(self, penetration: ca.SX, rate: ca.SX) -> ca.SX:
+        """Normal force, N, at a penetration (m) and its rate (m/s)."""
+        return fmax(self.stiffness * penetration + self.damping * rate, 0)
+
+    def potential(self, penetration: ca.SX) -> Any:
+        """Elastic energy, J."""
+        return self.stiffness * fmax(penetration, 0) ** 2 / 2
+
+    def __repr__(self) -> str:
+        return f"SpringDamper({self.stiffness}, {self.damping})"
+
+
+class TangentialSpring(FrictionLaw):
+    """``F = -(kt u + ct v)``: a spring (kt, N/m) and damper (ct > 0, N s/m) along the surface, without sliding.
+
+    The deflection u is a state: ``u̇ = v`` while the surfaces press on each other; after lift-off the spring relaxes
+    against its damper, ``u̇ = -(kt/ct) u``. A file gives no coefficient of friction, and so nothing limits F.
+    """
+
+    def __init__(self, stiffness: float, damping: float):
+        self.stiffness, self.damping = stiffness, damping
+
+    def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
+        """Return the force against the motion while there is a load, with the deflection of the spring."""
+        if self.stiffness == 0:
+            return Resistance(if_else(load > 0, -self.damping * speed, 0))
+        deflection = StateVariable(f"{name}.deflection")
+        rate = if_else(load > 0, speed, -self.stiffness / self.damping * deflection)
+        force = if_else(load > 0, -self.stiffness * deflection - self.damping * speed, 0)
+        return Resistance(force, {deflection: rate})
+
+    def __repr__(self) -> str:
+        return f"TangentialSpring({self.stiffness}, {self.damping})"
 
 
 CONSTRAINTS: dict[str, Builder] = {

@@ -11,6 +11,7 @@ from xml.parsers import expat
 import numpy as np
 
 from ..errors import FileError
+from ..numerics.reading import content_of
 
 
 @dataclass(eq=False)
@@ -88,11 +89,7 @@ class XmlElement:
 
 def read_xml(path: str | Path, root: str) -> XmlElement:
     """Read a file with a given outermost element; raise a :class:`FileError` for any other."""
-    path = Path(path)
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise FileError(f"{path}: the file cannot be read: {error.strerror or error}") from None
+    content, path = content_of(path), Path(path)
     parser = expat.ParserCreate()
     outermost = XmlElement(path.name, "", 0, {})
     stack = [outermost]

@@ -14,6 +14,7 @@ from ..model.joints.constraints import Constraint
 from ..model.mechanism import Mechanism
 from ..model.symbols import Input
 from .markup import XmlElement, read_xml
+from .mjcf_attributes import SHARED_BY_ACTUATORS, refuse_unread, turned_off
 from .planar import PlanarBuilder
 from .robots import (
     Coordinate,
@@ -30,6 +31,8 @@ from .robots import (
 
 #: Density of geoms that give neither it nor a mass, kg/m³.
 DENSITY = 1000.0
+#: Actuators that are read; defaults of one kind are those of the others too.
+ACTUATORS = ("motor", "position", "velocity", "general")
 #: Geoms that have no mass.
 _MASSLESS = ("plane", "hfield")
 #: Elements for visualisation, sensors or the solver, which change no equation of motion.
@@ -86,6 +89,10 @@ class _Class:
         for child in element.children:
             if child.tag != "default":
                 values.setdefault(child.tag, {}).update(child.attributes)
+            if child.tag in ACTUATORS:
+                shared = {name: text for name, text in child.attributes.items() if name in SHARED_BY_ACTUATORS}
+                for tag in ACTUATORS:
+                    values.setdefault(tag, {}).update(shared)
         return _Class(values)
 
 
@@ -96,15 +103,17 @@ class _Reader:
         self.root = root
         self.degrees, self.sequence, self.from_geoms, self.has_auto_limits = True, "xyz", "auto", True
         self.total_mass = -1.0
+        self.off: set[str] = set()
+        self.has_fluid = False
         self.classes: dict[str, _Class] = {"main": _Class()}
         gravity = np.array([0.0, 0.0, -9.81])
         for element in root.children:
             if element.tag == "compiler":
                 self._read_compiler(element)
             elif element.tag == "option":
-                gravity = element.numbers("gravity", "0 0 -9.81", (3,))
+                gravity = self._read_option(element)
             elif element.tag == "default":
-                self._read_defaults(element, _Class(), "main")
+                self._read_defaults(element, self.classes["main"], "main")
             elif element.tag == "contact":
                 continue
             elif element.tag in ("include", "tendon", "deformable", "flex"):
@@ -112,9 +121,19 @@ class _Reader:
             elif element.tag not in ("worldbody", "equality", "actuator", *_IGNORED):
                 raise element.refuse("is not known")
         self._robot = Robot(root, root.get("model", stem), gravity)
-        self._sites: dict[str, tuple[Link, np.ndarray]] = {}
+        if self.has_fluid:
+            self._robot.left_out.append("the forces of a fluid (density, viscosity and wind of option)")
+        self._sites: dict[str, tuple[Link, np.ndarray, np.ndarray]] = {}
         self._has_contacts = False
         self._count = 0
+
+    def _read_option(self, element: XmlElement) -> np.ndarray:
+        """Take note of what an option turns off, and return the gravity."""
+        refuse_unread(element)
+        self.off = turned_off(element)
+        self.has_fluid = element.number("density", "0") > 0 or element.number("viscosity", "0") > 0
+        gravity = element.numbers("gravity", "0 0 -9.81", (3,))
+        return np.zeros(3) if "gravity" in self.off else gravity
 
     def _read_compiler(self, element: XmlElement) -> None:
         self.degrees = element.get("angle", "degree") == "degree"
@@ -127,6 +146,7 @@ class _Reader:
         for attribute in ("boundmass", "boundinertia", "inertiagrouprange"):
             if element.has(attribute):
                 raise element.refuse(f"has {attribute}, which is not read; give the bodies the masses it leads to")
+        refuse_unread(element)
         if element.get("coordinate", "local") != "local":
             raise element.refuse("has coordinate = 'global', which MuJoCo no longer supports; give local ones")
 
@@ -186,18 +206,20 @@ class _Reader:
             elif child.tag == "geom":
                 geoms.append(self._filled(child, childclass))
             elif child.tag == "inertial":
+                refuse_unread(child)
                 inertial = child
             elif child.tag == "site":
                 site = self._filled(child, childclass)
                 if site.has("name"):
                     point = link.position + link.rotation @ site.numbers("pos", "0 0 0", (3,))
-                    self._sites[site.get("name")] = link, point
+                    self._sites[site.get("name")] = link, point, link.rotation @ self._rotation(site)
             elif child.tag not in ("light", "camera"):
                 raise child.refuse("is not supported here")
         self._read_masses(link, inertial, geoms)
 
     def _read_body(self, element: XmlElement, parent: Link, childclass: str) -> None:
         self._count += 1
+        refuse_unread(element)
         name = element.get("name", f"body {self._count}")
         position = parent.position + parent.rotation @ element.numbers("pos", "0 0 0", (3,))
         link = Link(element, name, parent, parent.rotation @ self._rotation(element), position)
@@ -232,6 +254,7 @@ class _Reader:
         kind = "free" if element.tag == "freejoint" else element.get("type", "hinge")
         if kind not in ("hinge", "slide"):
             raise element.refuse(f"is of the type '{kind}', which moves in space; planar are hinge and slide")
+        refuse_unread(element, "joint")
         name = element.get("name", f"{link.name} joint{f' {len(link.joints) + 1}' if link.joints else ''}")
         axis = unit_vector(element, "axis", element.numbers("axis", "0 0 1", (3,)))
         robot = self._robot
@@ -241,6 +264,9 @@ class _Reader:
             robot.left_out.append(f"the range of joint '{name}' (EndStop holds it)")
         if element.number("frictionloss", "0", least=0.0) > 0:
             robot.left_out.append(f"the dry friction of joint '{name}' (LoadIndependentFriction has it)")
+        if element.has("actuatorfrcrange"):
+            robot.left_out.append(f"the range of the forces of actuators on joint '{name}'")
+        damping, stiffness = element.number("damping", "0", least=0.0), element.number("stiffness", "0", least=0.0)
         return SpatialJoint(
             element,
             name,
@@ -248,8 +274,8 @@ class _Reader:
             axis,
             element.numbers("pos", "0 0 0", (3,)),
             turns(element.number("ref", "0")),
-            element.number("damping", "0", least=0.0),
-            element.number("stiffness", "0", least=0.0),
+            0.0 if "damper" in self.off else damping,
+            0.0 if "spring" in self.off else stiffness,
             turns(element.number("springref", "0")),
             element.number("armature", "0", least=0.0),
         )
@@ -279,6 +305,7 @@ class _Reader:
 
     def _geom(self, element: XmlElement) -> Mass | None:
         """Mass of a geom, homogeneous."""
+        refuse_unread(element)
         kind = element.get("type", "sphere")
         if element.has("mass") and element.number("mass", least=0.0) == 0:
             return None
@@ -336,9 +363,10 @@ class _Reader:
             return
         if element.tag not in ("connect", "weld"):
             raise element.refuse("is not supported; connect, weld and joint are")
+        refuse_unread(element)
         if element.has("site1"):
-            (a, point), (b, there) = (self._site(element, key) for key in ("site1", "site2"))
-            if np.linalg.norm(there - point) > 1e-3:
+            (a, point, turn), (b, there, other) = (self._site(element, key) for key in ("site1", "site2"))
+            if np.linalg.norm(there - point) > 1e-3 or (element.tag == "weld" and np.max(np.abs(turn - other)) > 1e-3):
                 raise element.refuse("connects sites that are apart in the pose of the file")
         else:
             a = robot.link(element.get("body1"), element)
@@ -347,7 +375,7 @@ class _Reader:
             point = a.position + a.rotation @ anchor
         robot.loops.append(Loop(element, name, a, b, point, element.tag == "weld"))
 
-    def _site(self, element: XmlElement, key: str) -> tuple[Link, np.ndarray]:
+    def _site(self, element: XmlElement, key: str) -> tuple[Link, np.ndarray, np.ndarray]:
         name = element.get(key)
         if name not in self._sites:
             raise element.refuse(f"names the site '{name}', which does not exist")
@@ -355,18 +383,20 @@ class _Reader:
 
     def _read_coupling(self, element: XmlElement, name: str) -> None:
         robot = self._robot
+        refuse_unread(element, "coupling")
         names = [element.get("joint1"), *([element.get("joint2")] if element.has("joint2") else [])]
         references = [robot.joint(joint, element).reference for joint in names]
         polynomial = [float(x) for x in element.numbers("polycoef", "0 1 0 0 0")]
         robot.constraints.append((tuple(names), _coupling(name, references, polynomial)))
 
     def _read_actuator(self, element: XmlElement) -> None:
-        if element.tag not in ("motor", "position", "velocity", "general"):
+        if element.tag not in ACTUATORS:
             raise element.refuse("is not supported; motor, position, velocity and general are")
         element = self._filled(element, "main")
         robot = self._robot
         if not element.has("joint"):
             raise element.refuse("does not act on a joint, as motors do here")
+        refuse_unread(element)
         joint = element.get("joint")
         robot.joint(joint, element)
         name = element.get("name", f"{joint} {element.tag}")

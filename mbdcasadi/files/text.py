@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import FileError
+from ..numerics.reading import content_of
 
 _STRING = r'"(?:\\.|[^"\\\n])*"'
 _STRING_OR_COMMENT = re.compile(rf"{_STRING}|//[^\n]*|/\*.*?\*/", re.DOTALL)
@@ -43,11 +44,7 @@ def read_json(path: str | Path) -> JsonObject:
 
     A :class:`FileError` with line and column is raised for a file that does not exist or holds something else.
     """
-    path = Path(path)
-    try:
-        text = _decoded(path.read_bytes())
-    except OSError as error:
-        raise FileError(f"{path}: the file cannot be read: {error.strerror or error}") from None
+    text = _decoded(content_of(path))
     failure: json.JSONDecodeError | None = None
     for repair in (str, _without_comments_and_commas, _without_drawing, _without_comments_and_commas):
         text = repair(text)

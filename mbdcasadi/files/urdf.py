@@ -17,6 +17,8 @@ from .markup import XmlElement, read_xml
 from .planar import PlanarBuilder
 from .robots import Coordinate, Law, Link, Mass, Robot, SpatialJoint, rotation_of_rpy, unit_vector
 
+#: Elements for pictures, sensors and other programs.
+_IGNORED = ("material", "gazebo", "sensor", "ros2_control", "mujoco", "verification_properties")
 #: Kinds of joints of the format, and the kinds that represent them.
 _KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide"}
 
@@ -64,6 +66,7 @@ def read_urdf(path: str | Path, *, gravity: Sequence[float] = (0.0, 0.0, -9.81))
     if direction.shape != (3,) or not np.all(np.isfinite(direction)):
         raise ModelError(f"read_urdf: gravity must be three numbers (gx, gy, gz), got {gravity!r}")
     robot = Robot(root, root.get("name", Path(path).stem), direction)
+    _read_others(robot, root)
     links = {}
     for element in root.all("link"):
         name = element.get("name")
@@ -90,6 +93,17 @@ def read_urdf(path: str | Path, *, gravity: Sequence[float] = (0.0, 0.0, -9.81))
     _read_mimics(robot, joints)
     _read_transmissions(robot, root, joints)
     return PlanarBuilder(robot).mechanism()
+
+
+def _read_others(robot: Robot, root: XmlElement) -> None:
+    """Refuse elements that are not known, and take note of springs that only simulators know."""
+    for element in root.children:
+        if element.tag.startswith("xacro:"):
+            raise element.refuse("is a macro; expand the file with xacro first")
+        if element.tag not in ("link", "joint", "transmission", *_IGNORED):
+            raise element.refuse("is not known")
+        if any(element.all("springStiffness")):
+            robot.left_out.append(f"the spring of '{element.get('reference', '')}' for Gazebo")
 
 
 def _reference(joint: XmlElement, end: str) -> str:

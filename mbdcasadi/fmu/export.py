@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -148,14 +149,12 @@ def export_fmu(
     )
     setup = Setup(mechanism, "export_fmu", t=t, initial=initial)
     model = _model(setup, initial, outputs, drift)
-    levels = setup.signals.level_values
-    variables = variables_of(model, shown_inputs, shown_parameters, levels, _units(units))
+    variables = variables_of(model, shown_inputs, shown_parameters, _units(units))
     name = mechanism.name or target.stem
     identifier = _identifier(name)
     files = source_files(
         model,
         variables,
-        levels,
         identifier,
         version,
         kinds,
@@ -201,7 +200,9 @@ def _binaries(
 ) -> dict[str, bytes]:
     binaries = binary_of(files, compiled, identifier, version)
     if binaries is None:
-        reason = "no C compiler is on the path, or FMI names no folder for this machine"
+        named = os.environ.get("CC", "").strip()
+        reason = f"no C compiler is on the path{f' (CC names {named})' if named else ''}"
+        reason += ", or FMI names no folder for this machine"
         if required:
             raise ModelError(
                 f"export_fmu: {reason}, and binary=True asks for a binary; binary=False writes sources alone"
@@ -274,7 +275,9 @@ def _model(setup: Setup, initial: Any, outputs: Any, drift_rate: float) -> Model
     if start.obstacle is not None:
         raise start.obstacle
     conditions = () if isinstance(initial, State) else read_conditions(initial)
-    model = Model(numeric, start, conditions, _outputs(setup, outputs), drift_rate, isinstance(initial, State))
+    model = Model(
+        numeric, setup.signals, start, conditions, _outputs(setup, outputs), drift_rate, isinstance(initial, State)
+    )
     model.refuse_unsupported()
     _refuse_undefined(model)
     return model

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from ..arguments.inputs import Signals
 from ..assembly.consistent_start import levels_of
 from ..equations import Equations
 from ..equations.newton_code import NewtonLoop, linearised, newton_step
 from ..equations.numeric import NumericEquations
-from ..equations.saddle import SaddlePoint
+from ..equations.saddle import saddle_point_solution
 from ..equations.switching.explicit_time import explicit_time
 from ..errors import ModelError
 from ..model.conditions import Condition, stacked
@@ -22,8 +23,9 @@ from ..numerics.lazy import cached_property
 from ..numerics.rank import analyse_rank
 from ..results.state import State
 from ..results.validity import validity_conditions
+from ..simulation.contact.compiled_elements import repeated_elements
 from ..simulation.contact.watched_terms import WatchedTerms, watched_terms
-from ..simulation.stepping.explicit_system import dynamics_of, projection_of
+from ..simulation.stepping.explicit_system import compared_quantities, dynamics_of, projection_of, switching_of
 
 #: Regularisation of the rows of a start, relative to their own size: constraints and conditions may imply each other.
 REGULARISATION = 1e-9
@@ -39,6 +41,8 @@ class Model:
     ----------
     numeric : NumericEquations
         Equations at the values of the export.
+    signals : Signals
+        Inputs of the mechanism.
     start : State
         The start.
     conditions : tuple of Condition
@@ -52,6 +56,7 @@ class Model:
     """
 
     numeric: NumericEquations
+    signals: Signals
     start: State
     conditions: tuple[Condition, ...]
     outputs: dict[str, ca.SX]
@@ -96,8 +101,7 @@ class Model:
         eom, augmentation = self.eom, self.numeric.augmentation
         if eom.Q_depends_on_lam:
             return linearised(eom, force, gamma, augmentation)
-        saddle = SaddlePoint(eom.mass_diagonal, eom.Phi_q, force, gamma, eom.angular_rows)
-        return saddle.solution(augmentation=augmentation, redundant=self.is_redundant)
+        return saddle_point_solution(eom, force, gamma, augmentation=augmentation, redundant=self.is_redundant)
 
     @property
     def _dynamics(self) -> list[Tape | NewtonLoop]:
@@ -168,6 +172,16 @@ class Model:
     def terms(self) -> WatchedTerms:
         """Contacts and stops with their gaps."""
         return watched_terms(self.eom)
+
+    @cached_property
+    def compared(self) -> ca.SX:
+        """Quantities of the state at whose zeros loads switch."""
+        return ca.vertcat(ca.SX(0, 1), *compared_quantities(self.eom, self.signals))
+
+    @property
+    def switching(self) -> ca.Function:
+        """``(t, q, v, z, p) ->`` quantities at whose zeros the solver of the unit ends its steps."""
+        return switching_of(self.eom, self.signals, with_gaps=repeated_elements(self.terms) is None)
 
     @property
     def gaps(self) -> ca.SX:
@@ -287,9 +301,10 @@ class Model:
         forces = ca.vertcat(ca.SX(0, 1), *[part for part, _ in self.forces])
         return [
             self._projection,
+            self.switching,
             ca.Function("outputs", list(eom.symbols), [self._outputs]),
             self._tangent,
-            ca.Function("indicators", state, [ca.densify(ca.vertcat(self.timed, self.gaps))]),
+            ca.Function("indicators", state, [ca.densify(ca.vertcat(self.timed, self.compared, self.gaps))]),
             *self._closings,
             ca.Function("checks", [eom.p], [ca.densify(margins)]),
             ca.Function("validity", list(eom.symbols), [ca.densify(valid)]),

@@ -28,7 +28,6 @@ HEADER = "/* What belongs to this mechanism alone: sizes, start values, names an
 def source_files(
     model: Model,
     variables: Variables,
-    levels: np.ndarray,
     identifier: str,
     version: int,
     kinds: frozenset[str],
@@ -38,8 +37,6 @@ def source_files(
 
     Parameters
     ----------
-    levels : numpy.ndarray
-        Values of all inputs of the mechanism.
     identifier : str
         Prefix of the functions in C.
     tolerances : dict of str to float
@@ -60,7 +57,7 @@ def source_files(
         "equations.c": equations,
     }
     tables = _sizes(model, variables, kinds) + _numbers(model, tolerances) + _functions(model, identifier)
-    header = "\n".join([HEADER, *tables, *_tables(model, variables, levels)]) + "\n"
+    header = "\n".join([HEADER, *tables, *_tables(model, variables)]) + "\n"
     digest = hashlib.sha256("\0".join([*files.values(), header]).encode()).hexdigest()
     # 48 bits are exact in a double
     identity = f"#define MODEL_IDENTITY {int(digest[:12], 16)}.0\n"
@@ -81,6 +78,7 @@ def _sizes(model: Model, variables: Variables, kinds: frozenset[str]) -> list[st
         "N_SHOWN_PARAMETERS": len(variables.parameters),
         "N_INDICATORS": len(variables.indicators),
         "N_TIMED": model.timed.numel(),
+        "N_SWITCHES": model.switching.numel_out(0),
         "N_GAPS": len(model.terms.owners),
         "N_CHECKS": len(model.checks),
         "N_VALIDITY": len(model.validity),
@@ -123,13 +121,13 @@ def _functions(model: Model, identifier: str) -> list[str]:
     ]
 
 
-def _tables(model: Model, variables: Variables, levels: np.ndarray) -> list[str]:
+def _tables(model: Model, variables: Variables) -> list[str]:
     """Lines with tables of numbers and texts."""
     start = model.start
     arrays = {
         "START_X": np.r_[start.q, start.v, start.z],
         "START_P": model.numeric.p,
-        "START_U": levels,
+        "START_U": model.signals.level_values,
         "ESTIMATE": model.estimate,
         "PROJECTION_WEIGHTS": model.numeric.projection_weights,
         "NOMINALS": np.array([x.nominal for x in variables.states]),

@@ -112,7 +112,7 @@ class Variables:
 
 
 def variables_of(
-    model: Model, inputs: Sequence[Input], parameters: Sequence[Parameter], levels: np.ndarray, units: Mapping[str, str]
+    model: Model, inputs: Sequence[Input], parameters: Sequence[Parameter], units: Mapping[str, str]
 ) -> Variables:
     """Return the variables of a unit.
 
@@ -120,8 +120,6 @@ def variables_of(
     ----------
     inputs, parameters : sequence
         Inputs and parameters of the unit.
-    levels : numpy.ndarray
-        Values of all inputs of the mechanism.
     units : mapping of str to str
         Units by name.
 
@@ -161,7 +159,7 @@ def variables_of(
             unit=[units.get(symbol.label, "") for symbol in symbols],
         )
         for symbols, causality, values, places in (
-            (inputs, "input", levels, input_places),
+            (inputs, "input", model.signals.level_values, input_places),
             (parameters, "parameter", model.numeric.p, parameter_places),
         )
     )
@@ -178,7 +176,7 @@ def variables_of(
         rate_of=[state.reference for state in states],
         unit=[f"{unit}/s" if "/" not in unit else f"{unit}2" if unit else "" for unit in unit_of],
     )
-    indicator_names = [f"switch {k + 1}" for k in range(model.timed.numel())]
+    indicator_names = [f"switch {k + 1}" for k in range(model.timed.numel() + model.compared.numel())]
     indicator_names += [f"gap {k + 1}" for k in range(model.gaps.numel())]
     indicators = made(_free_names(indicator_names, used_names), "local")
     return Variables(

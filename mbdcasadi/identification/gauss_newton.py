@@ -58,7 +58,7 @@ def gauss_newton(
     weights: Sequence[np.ndarray],
     iterations: int,
     loss: Loss,
-    report: Callable[[GaussNewtonOutcome], None] = lambda outcome: None,
+    report: Callable[[GaussNewtonOutcome], None],
 ) -> GaussNewtonOutcome:
     """Minimise the loss of the weighted residuals with all gaps closed.
 
@@ -76,7 +76,7 @@ def gauss_newton(
         Largest number of steps.
     loss : Loss
         Of the weighted residuals.
-    report : callable, optional
+    report : callable
         Called with the outcome so far before each step.
     """
     penalty, typical = 1.0, np.abs(theta)

@@ -155,15 +155,11 @@ def identify(
     so_far: list[GaussNewtonOutcome] = []
     try:
         with keyboard_interrupts("identify"):
-            shootings = [
-                Shooting(
-                    _setup(mechanism, e, method=method, keeps_abstol=keeps, **tolerances),
-                    e,
-                    places,
-                    _segments(segments, e),
-                )
-                for e in motions
-            ]
+            shootings = []
+            for e in motions:
+                given = {"initial": e.initial, "inputs": e.inputs, "parameters": e.parameters, "method": method}
+                setup = MotionSetup(mechanism, "identify", e.times, **given, keeps_abstol=keeps, **tolerances)
+                shootings.append(Shooting(setup, e, places, _segments(segments, e)))
             theta = shootings[0].setup.p[places]
             limits = np.array([u.lower for u in wanted]), np.array([u.upper for u in wanted])
             for shooting in shootings:
@@ -181,18 +177,6 @@ def identify(
     if any("cannot be distinguished" in r or "no trace" in r for r in fit.identifiability):
         warn("identify: " + "; ".join(fit.identifiability))
     return fit
-
-
-def _setup(mechanism: Mechanism, experiment: Experiment, **settings: Any) -> MotionSetup:
-    return MotionSetup(
-        mechanism,
-        "identify",
-        experiment.times,
-        initial=experiment.initial,
-        inputs=experiment.inputs,
-        parameters=experiment.parameters,
-        **settings,
-    )
 
 
 def _interrupted(fit: Fit | None) -> Interrupted:

@@ -15,15 +15,14 @@ Newton method and its application in optimization", SIAM J. Optim. 20, 2010.
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ..errors import SimulationError
 from ..integrators.failures import reason_of
+from ..model.cache import Cache
 from ..numerics.console import call
 from ..numerics.least_squares import least_norm, project_velocity
 from ..numerics.newton import solve
@@ -80,7 +79,7 @@ class Shooting:
         eom = setup.eom
         ends = np.unique(np.round(np.linspace(0, setup.grid.size - 1, segments + 1)).astype(int))
         self.spans = list(zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True))
-        self._compiled: OrderedDict[Any, Compiled] = OrderedDict()
+        self._compiled = Cache(PATTERNS * len(self.spans))
         self.guess = setup.differentiable_start.guess
         self.nodes = np.zeros((len(self.spans), eom.q.numel() + eom.v.numel() + eom.z.numel()))
 
@@ -89,13 +88,10 @@ class Shooting:
         first, last = self.spans[k]
         levels, channel = self.setup.signals.level_values, self._channel(k)
         course = self.motion.course(x0, self._parameters(theta), levels, channel, first, last)
-        key = k, course.pattern
-        if key not in self._compiled:
-            self._compiled[key] = Compiled(self._function(k, course))
-            while len(self._compiled) > PATTERNS * len(self.spans):
-                self._compiled.popitem(last=False)
-        self._compiled.move_to_end(key)
-        return self._compiled[key], course.arguments
+        compiled = self._compiled.get_or_create(
+            (k, course.pattern), lambda: Compiled(self._function(k, course)), bounded=True
+        )
+        return compiled, course.arguments
 
     def _channel(self, k: int) -> np.ndarray:
         first, last = self.spans[k]

@@ -84,4 +84,4 @@ def jansen(scale: float = 0.01, density: float = 1.0, angle: float = 0.0, gravit
             joints.append(Revolute(f"{place} {name}", first, marker))
     main = joints[0]
     parts = {**bars, "main": main, "foot": ends(bars["h"])[1]}
-    return cranked("Jansen linkage", list(bars.values()), joints, {"crank": main.angle}, gravity, parts)
+    return cranked("Jansen linkage", {"crank": main.angle}, gravity, parts, joints[1:])

@@ -26,7 +26,7 @@ from .model import (
     meeting_point,
     pair_of_numbers,
     weight,
-)  # fmt: skip
+)
 
 
 def four_bar(
@@ -79,7 +79,7 @@ def four_bar(
     coordinates = {"crank": pins["A"].angle, "rocker": pins["D"].angle}
     marker = second.at(*pair_of_numbers(point, what, "point"))
     parts = {"crank": first, "coupler": second, "rocker": third, **pins, "point": marker}
-    return cranked("four-bar", [first, second, third], list(pins.values()), coordinates, gravity, parts)
+    return cranked("four-bar", coordinates, gravity, parts)
 
 
 def five_bar(
@@ -118,31 +118,28 @@ def five_bar(
     b, d = at_angle(r, left), e + at_angle(r, right)
     c = meeting_point(b, long, d, long, True, what)
     m = masses_of(masses, 4, what)
-    bodies = [
-        bar("left", (0, 0), b, m[0]),
-        bar("left link", b, c, m[1]),
-        bar("right", e, d, m[2]),
-        bar("right link", d, c, m[3]),
-    ]
-    (a1, b1), (b2, c2), (e3, d3), (d4, c4) = (ends(body) for body in bodies)
-    joints = [
-        Revolute("A", ground.at(0, 0), a1),
-        Revolute("B", b1, b2),
-        Revolute("tip pin", c2, c4),
-        Revolute("C", d3, d4),
-        Revolute("D", ground.at(width, 0), e3),
-    ]
-    inputs = [Input("tau left", unit="N m"), Input("tau right", unit="N m")]
-    motors = [Torque("left motor", bodies[0], inputs[0]), Torque("right motor", bodies[2], inputs[1])]
-    mechanism = Mechanism(bodies, joints, forces=[*weight(gravity), *motors], inputs=inputs, name="five-bar")
+    bodies = {
+        "left": bar("left", (0, 0), b, m[0]),
+        "left_link": bar("left link", b, c, m[1]),
+        "right": bar("right", e, d, m[2]),
+        "right_link": bar("right link", d, c, m[3]),
+    }
+    (a1, b1), (b2, c2), (e3, d3), (d4, c4) = map(ends, bodies.values())
+    joints = {
+        "A": Revolute("A", ground.at(0, 0), a1),
+        "B": Revolute("B", b1, b2),
+        "tip_pin": Revolute("tip pin", c2, c4),
+        "C": Revolute("C", d3, d4),
+        "D": Revolute("D", ground.at(width, 0), e3),
+    }
+    inputs = {f"tau_{side}": Input(f"tau {side}", unit="N m") for side in ("left", "right")}
+    motors = [Torque(f"{side} motor", bodies[side], inputs[f"tau_{side}"]) for side in ("left", "right")]
+    mechanism = Mechanism(
+        list(bodies.values()), list(joints.values()), forces=[*weight(gravity), *motors],
+        inputs=list(inputs.values()), name="five-bar",
+    )  # fmt: skip
     return Model(
-        mechanism,
-        {"left": joints[0].angle, "right": joints[4].angle},
-        **dict(zip(("left", "left_link", "right", "right_link"), bodies, strict=True)),
-        **dict(zip(("A", "B", "tip_pin", "C", "D"), joints, strict=True)),
-        tau_left=inputs[0],
-        tau_right=inputs[1],
-        tip=c2,
+        mechanism, {"left": joints["A"].angle, "right": joints["D"].angle}, **bodies, **joints, **inputs, tip=c2
     )
 
 
@@ -194,6 +191,5 @@ def slider_crank(
     wrist = Revolute("wrist pin", ends(second)[1], slider.at(0, 0))
     guide = Translational("guide", ground.at(0, height), slider.at(0, 0))
     coordinates = {"crank": main.angle, "slider": guide.displacement}
-    bodies: dict[str, Any] = {"crank": first, "rod": second, "slider": slider}
-    joints = {"main": main, "pin": pin, "wrist": wrist, "guide": guide}
-    return cranked("slider-crank", list(bodies.values()), list(joints.values()), coordinates, gravity, bodies | joints)
+    parts = {"crank": first, "rod": second, "slider": slider, "main": main, "pin": pin, "wrist": wrist, "guide": guide}
+    return cranked("slider-crank", coordinates, gravity, parts)

@@ -144,10 +144,7 @@ def cam_follower(
         raise ModelError(
             f"{what}: the offset {aside:g} m is one of a roller; a flat face has none, give roller_radius="
         )
-    if outline is None and roller is None:
-        outline = CamOutline.for_flat_follower(program, base)
-    elif outline is None:
-        outline = CamOutline.for_roller_follower(program, base, roller or 0.0, aside)
+    outline = _profile(program, base, roller, aside) if outline is None else outline
     m = masses_of(masses, 2, what)
     # an offset to the left of the direction of the lift is on the side of -x
     x = 0.0 if roller is None else -aside
@@ -165,10 +162,15 @@ def cam_follower(
     spring = None if stiffness == 0 and preload == 0 else _spring(follower, x, height, base, stiffness, preload)
     coordinates = {"cam": shaft.angle, "lift": guide.displacement}
     parts = {"cam": cam, "follower": follower, "shaft": shaft, "guide": guide, "contact": contact}
-    return cranked(
-        "cam and follower", [cam, follower], [shaft, guide, contact], coordinates, gravity,
-        parts | {"spring": spring, "outline": outline}, [] if spring is None else [spring],
-    )  # fmt: skip
+    parts |= {"spring": spring, "outline": outline}
+    return cranked("cam and follower", coordinates, gravity, parts)
+
+
+def _profile(program: Any, base: float, roller: float | None, aside: float) -> CamOutline:
+    """Outline that moves a flat face, or a roller, by a program."""
+    if roller is None:
+        return CamOutline.for_flat_follower(program, base)
+    return CamOutline.for_roller_follower(program, base, roller, aside)
 
 
 def _height(outline: CamOutline, roller: float | None, x: float) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import ModelError
 from ..model.bodies import Body
 from ..model.drivers import Driver
+from ..model.element import ConstraintElement, Element
 from ..model.forces.applied import Torque
 from ..model.forces.field import Gravity
 from ..model.geometry.shapes import Rod
@@ -73,18 +74,19 @@ class Model(Immutable, HoldsSymbols):
 
 
 def cranked(
-    name: str,
-    bodies: Sequence[Body],
-    joints: Sequence[Any],
-    coordinates: Mapping[str, Any],
-    gravity: Any,
-    parts: Mapping[str, Any],
-    forces: Sequence[Any] = (),
+    name: str, coordinates: Mapping[str, Any], gravity: Any, parts: Mapping[str, Any], joints: Sequence[Any] = ()
 ) -> Model:
-    """Return a mechanism with a torque on its first body, the input ``tau``."""
+    """Return the mechanism of the bodies, joints and forces among its parts, with a torque on the first body, ``tau``.
+
+    `joints` are there besides, without names of their own.
+    """
     tau = Input("tau", unit="N m")
+    elements = [part for part in parts.values() if isinstance(part, Element)]
+    rows = [*(part for part in elements if isinstance(part, ConstraintElement)), *joints]
+    bodies = [part for part in parts.values() if isinstance(part, Body)]
+    forces = [part for part in elements if not isinstance(part, ConstraintElement)]
     loads = [*weight(gravity), Torque("motor", bodies[0], tau), *forces]
-    return Model(Mechanism(bodies, joints, forces=loads, inputs=[tau], name=name), coordinates, **parts, tau=tau)
+    return Model(Mechanism(bodies, rows, forces=loads, inputs=[tau], name=name), coordinates, **parts, tau=tau)
 
 
 def weight(gravity: Any) -> list[Gravity]:

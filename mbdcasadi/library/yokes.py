@@ -60,7 +60,7 @@ def quick_return(
     slot = PointOnLine("slot", ends(second)[0], ends(first)[1])
     coordinates = {"crank": main.angle, "arm": hinge.angle, "block": slot.displacement}
     parts = {"crank": first, "arm": second, "main": main, "pivot": hinge, "slot": slot}
-    return cranked("quick-return", [first, second], [main, hinge, slot], coordinates, gravity, parts)
+    return cranked("quick-return", coordinates, gravity, parts)
 
 
 def scotch_yoke(crank: float = 0.12, angle: float = 1.0, masses: Any = (1.0, 2.5), gravity: Any = GRAVITY) -> Model:
@@ -99,4 +99,4 @@ def scotch_yoke(crank: float = 0.12, angle: float = 1.0, masses: Any = (1.0, 2.5
     slot = PointOnLine("slot", yoke.at(0, 0, angle=np.pi / 2), ends(first)[1])
     coordinates = {"crank": main.angle, "yoke": guide.displacement}
     parts = {"crank": first, "yoke": yoke, "main": main, "guide": guide, "slot": slot}
-    return cranked("Scotch yoke", [first, yoke], [main, guide, slot], coordinates, gravity, parts)
+    return cranked("Scotch yoke", coordinates, gravity, parts)

@@ -273,6 +273,16 @@ class ConstraintElement(Element):
             raise ModelError(f"{self.description} does not act on '{name}'; it acts on {names}")
 
 
+def constraint_load(element: Any, multipliers: ca.SX, q: ca.SX, v: ca.SX) -> ca.SX:
+    """Return the generalised force ``-Phi_q^T lam`` of the rows of an element on coordinates q with rates v."""
+    count, load = element.rows.numel(), ca.SX(q.numel(), 1)
+    if count:
+        load -= ca.jtimes(element.rows, q, multipliers[:count], True)
+    if element.velocity_rows.numel():
+        load -= ca.jtimes(element.velocity_rows, v, multipliers[count:], True)
+    return load
+
+
 class Reaction:
     """Force and couple that a constraint exerts on a body, as expressions in the multipliers.
 
@@ -301,12 +311,7 @@ class Reaction:
 
     def _on_moving(self, body: Body) -> ca.SX:
         """Generalised reaction ``-Phi_q^T lam`` on ``[x, y, phi]`` of a body."""
-        element, multipliers = self.element, self._multipliers
-        count = element.rows.numel()
-        load = ca.jtimes(element.rows, body.q, multipliers[:count], True) if count else ca.SX(3, 1)
-        if element.velocity_rows.numel():
-            load += ca.jtimes(element.velocity_rows, body.v, multipliers[count:], True)
-        return -load
+        return constraint_load(self.element, self._multipliers, body.q, body.v)
 
     @property
     def _multipliers(self) -> ca.SX:

@@ -82,19 +82,14 @@ class Event(Immutable, HoldsSymbols):
     ):
         self.name = check_name(name, "Event")
         what = f"event '{name}'"
-        self.expression = quantity(expression, what, "expression")
-        if not isinstance(self.expression, ca.SX):
-            raise ModelError(f"{what}: the expression is the number {self.expression}, which never passes through zero")
-        if is_relation(self.expression):
-            raise ModelError(
-                f"{what}: {self.expression} is a relation, 0 or 1, which never passes through zero; give the "
-                "difference of both sides, and direction= for the sense"
-            )
+        self.expression = _read_expression(expression, what)
         if direction not in (-1, 0, 1):
             raise ModelError(f"{what}: direction must be -1, 0 or 1, got {direction!r}")
         self.direction = int(direction)
         self.terminal = yes_or_no(terminal, what, "terminal")
-        self.becomes = _read_becomes(becomes, what)
+        if becomes is not None and not isinstance(becomes, Mechanism):
+            raise ModelError(f"{what}: becomes= takes a Mechanism, got {becomes!r}")
+        self.becomes = becomes
         self.during: tuple[Mechanism, ...] | None = _read_during(during, what)
         self.restitution: dict[Any, float] = read_restitution(restitution, what)
         #: values that parameters and state variables take at a change of the mechanism
@@ -126,10 +121,16 @@ class Event(Immutable, HoldsSymbols):
         return all(symbol.element_hash() in known for part in used for symbol in symbols_of(part))
 
 
-def _read_becomes(becomes: Any, what: str) -> Mechanism | None:
-    if becomes is not None and not isinstance(becomes, Mechanism):
-        raise ModelError(f"{what}: becomes= takes a Mechanism, got {becomes!r}")
-    return becomes
+def _read_expression(expression: Any, what: str) -> ca.SX:
+    value = quantity(expression, what, "expression")
+    if not isinstance(value, ca.SX):
+        raise ModelError(f"{what}: the expression is the number {value}, which never passes through zero")
+    if is_relation(value):
+        raise ModelError(
+            f"{what}: {value} is a relation, 0 or 1, which never passes through zero; give the difference of both "
+            "sides, and direction= for the sense"
+        )
+    return value
 
 
 def _read_during(during: Any, what: str) -> tuple[Mechanism, ...] | None:

@@ -176,14 +176,14 @@ def column(value: Any, what: str) -> ca.SX:
     return ca.SX(value)
 
 
-def number_pairs(values: Any, what: str, name: str) -> np.ndarray:
+def number_pairs(values: Any, what: str) -> np.ndarray:
     """Return points of the plane, in finite numbers, as an array (k, 2)."""
     try:
-        points = [[number(x, what, name) for x in point] for point in values]
+        points = [[number(x, what, "points") for x in point] for point in values]
     except TypeError:
-        raise ModelError(f"{what}: {name} must be a list of (x, y), got {values!r}") from None
+        points = [[]]
     if any(len(point) != 2 for point in points):
-        raise ModelError(f"{what}: {name} must be a list of (x, y), got {values!r}")
+        raise ModelError(f"{what}: points must be a list of (x, y), got {values!r}")
     return np.array(points).reshape(-1, 2)
 
 

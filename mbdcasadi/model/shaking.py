@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 
-from .element import cross
-from .immutable import HoldsSymbols
+from .element import constraint_load, cross
 from .mechanism import Mechanism
 from .quantities import vector2
 
 
-@dataclass(frozen=True, eq=False)
-class ShakingForce(HoldsSymbols):
+class ShakingForce:
     """Force and moment of a whole mechanism on the ground, as expressions.
+
+    The sum of what joints, drivers and forces exert on the ground, the reactions of applied forces and couples
+    that name no other body included. Weight and field forces come from outside: the ground does not take their
+    reaction, but carries them through the joints. With the gravity g the sum is, by Newton's law of all bodies,
+    ``Σ m (g - a)``, and about the point P ``Σ (r - r_P) × m (g - a) - J' α``.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The model.
+    point : (float, float), default (0, 0)
+        Point about which the moment is taken, m.
 
     Attributes
     ----------
@@ -25,17 +34,17 @@ class ShakingForce(HoldsSymbols):
         About the point, N m.
     """
 
-    force: ca.SX
-    moment: ca.SX
+    def __init__(self, mechanism: Mechanism, point: Any = (0.0, 0.0)):
+        self.mechanism, self.point = mechanism, vector2(point, "shaking_force", "point")
+        load, self.force, self.moment = _internal_load(mechanism), ca.SX(2, 1), ca.SX(0)
+        for k, body in enumerate(mechanism.bodies):
+            on_body = load[3 * k : 3 * k + 3]
+            self.force -= on_body[:2]
+            self.moment -= on_body[2] + cross(body.position - self.point, on_body[:2])
 
 
 def shaking_force(mechanism: Mechanism, point: Any = (0.0, 0.0)) -> ShakingForce:
     """Return the force and moment of a mechanism on the ground.
-
-    The sum of what joints, drivers and forces exert on the ground, the reactions of applied forces and couples
-    that name no other body included. Weight and field forces come from outside: the ground does not take their
-    reaction, but carries them through the joints. With the gravity g the sum is, by Newton's law of all bodies,
-    ``Σ m (g - a)``, and about the point P ``Σ (r - r_P) × m (g - a) - J' α``.
 
     Parameters
     ----------
@@ -49,13 +58,7 @@ def shaking_force(mechanism: Mechanism, point: Any = (0.0, 0.0)) -> ShakingForce
     ShakingForce
         ``.force`` and ``.moment`` as expressions.
     """
-    centre = vector2(point, "shaking_force", "point")
-    load, force, moment = _internal_load(mechanism), ca.SX(2, 1), ca.SX(0)
-    for k, body in enumerate(mechanism.bodies):
-        on_body = load[3 * k : 3 * k + 3]
-        force -= on_body[:2]
-        moment -= on_body[2] + cross(body.position - centre, on_body[:2])
-    return ShakingForce(force, moment)
+    return ShakingForce(mechanism, point)
 
 
 def _internal_load(mechanism: Mechanism) -> ca.SX:
@@ -66,11 +69,7 @@ def _internal_load(mechanism: Mechanism) -> ca.SX:
     for element in mechanism.elements:
         if getattr(element, "external", False):
             continue
-        count = element.rows.numel()
-        if count:
-            load -= ca.jtimes(element.rows, q, element.multipliers[:count], True)
-        if element.velocity_rows.numel():
-            load -= ca.jtimes(element.velocity_rows, v, element.multipliers[count:], True)
+        load += constraint_load(element, element.multipliers, q, v)
         for displacement, effort in element.virtual_work:
             load += ca.jtimes(ca.vec(ca.SX(displacement)), q, ca.vec(ca.SX(effort)), True)
     return load

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import weakref
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -302,6 +303,11 @@ def as_expression(value: Any, what: str) -> ca.SX:
 def as_sx(value: Any) -> ca.SX:
     """Return a number as an expression, and an expression as it is: copies by ``casadi.SX`` take 50 µs each."""
     return value if isinstance(value, ca.SX) else ca.SX(value)
+
+
+def place_of(symbol: Any, symbols: Sequence[Any]) -> int | None:
+    """Return the place of a symbol in a list, or None; by identity, since ``==`` makes a relation of symbols."""
+    return next((k for k, other in enumerate(symbols) if other is symbol), None)
 
 
 def symbols_of(expression: Any) -> list[ca.SX]:

@@ -81,7 +81,7 @@ def interruptible(*, raising: bool = True) -> Iterator[Interruption]:
 
 
 @contextmanager
-def keyboard_interrupts(analysis: str, partial: Callable[[], Any] | None = None) -> Iterator[None]:
+def keyboard_interrupts(analysis: str, partial: Callable[[], Any] | None = None) -> Iterator[Interruption]:
     """Raise Interrupted on Ctrl-C, also for the error that compiled code raises then.
 
     Inside CasADi's conversions Ctrl-C comes back as nothing, on which the next line fails.
@@ -93,7 +93,7 @@ def keyboard_interrupts(analysis: str, partial: Callable[[], Any] | None = None)
     """
     with interruptible() as interruption:
         try:
-            yield
+            yield interruption
             if not interruption.requested:
                 return
         except Interrupted:

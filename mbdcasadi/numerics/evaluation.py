@@ -44,6 +44,9 @@ class Evaluator:
         buffers.evaluate()
         results = []
         for flat, (shape, places) in zip(buffers.results, self._patterns, strict=True):
+            if isinstance(places, slice):
+                results.append(flat[0].reshape(shape, order="F").copy(order="F"))
+                continue
             result = np.zeros(shape, order="F")
             result.ravel("F")[places] = flat[0]
             results.append(result)
@@ -75,9 +78,10 @@ class Evaluator:
 
     def _buffers(self, size: int) -> _Buffers:
         """Buffers of this thread for so many points; they live as long as it does."""
-        if not hasattr(self._threads, "kept"):
-            self._threads.kept = {}
-        kept: dict[int, _Buffers] = self._threads.kept
+        try:
+            kept: dict[int, _Buffers] = self._threads.kept
+        except AttributeError:
+            kept = self._threads.kept = {}
         if size not in kept:
             kept[size] = _Buffers(self.function, size)
         return kept[size]

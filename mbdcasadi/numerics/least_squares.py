@@ -48,8 +48,6 @@ def project_velocity(
     right: np.ndarray,
     v: np.ndarray,
     weights: np.ndarray | None = None,
-    *,
-    threshold: float = DEPENDENT,
 ) -> np.ndarray:
     """Velocity nearest to a given one that meets ``J v = b``, in the metric of the weights.
 
@@ -64,13 +62,11 @@ def project_velocity(
         The given velocity (n,).
     weights : numpy.ndarray, optional
         Positive metric (n,).
-    threshold : float
-        Singular values below this share of the largest one count as zero.
     """
     missing = right - jacobian @ v
     if largest(missing) <= 4 * EPSILON * (1 + largest(v)):
         return v.copy()
-    return v + least_norm(jacobian, missing, weights, threshold)
+    return v + least_norm(jacobian, missing, weights)
 
 
 def row_scale(jacobian: np.ndarray, weights: np.ndarray) -> np.ndarray:

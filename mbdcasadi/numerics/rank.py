@@ -12,6 +12,8 @@ from .tolerances import RANK
 
 #: Smallest singular value, relative to the largest one, from which rows are independent without a closer look.
 INDEPENDENT = 1e-4
+#: Component in the left null space from which a row takes part in a dependency.
+TAKES_PART = 1e-6
 #: Steps of inverse iteration by which that is estimated for a large matrix.
 INVERSE_ITERATIONS = 5
 
@@ -137,9 +139,9 @@ def dependent_rows(matrix: np.ndarray, tolerance: float = RANK) -> list[int]:
     return dependent
 
 
-def rows_taking_part(null_rows: np.ndarray, threshold: float = 1e-6) -> list[int]:
+def rows_taking_part(null_rows: np.ndarray) -> list[int]:
     """Rows that take part in a dependency: those with a component in the left null space."""
     if null_rows.shape[0] == 0:
         return []
     weight = np.linalg.norm(null_rows, axis=0)
-    return [int(k) for k in np.flatnonzero(weight > threshold)]
+    return [int(k) for k in np.flatnonzero(weight > TAKES_PART)]

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import IO
 
 from ..errors import FileError
+from .reading import path_of
 
 
 def writable(path: str | Path) -> Path:
@@ -26,21 +27,28 @@ def writable(path: str | Path) -> Path:
     FileError
         If the path is no path or names a folder, and if its folder does not exist or nothing may be written there.
     """
-    if not isinstance(path, str | os.PathLike):
-        raise FileError(f"the path of a file is a text or a pathlib.Path, got {path!r}")
-    target = Path(path).resolve()
-    reason = ""
-    if not target.parent.is_dir():
-        reason = f"the folder {target.parent} does not exist"
-    elif target.is_dir():
-        reason = "this is a folder; name a file in it"
-    elif target.exists() and not os.access(target, os.W_OK):
-        reason = "permission denied"
-    elif not target.exists() and not os.access(target.parent, os.W_OK | os.X_OK):
-        reason = f"permission denied in the folder {target.parent}"
+    target = path_of(path)
+    try:
+        target = target.resolve()
+        reason = _obstacle(target)
+    except OSError as error:
+        raise cannot_be_written(path, error) from None
     if reason:
         raise FileError(f"{path}: the file cannot be written: {reason}")
     return target
+
+
+def _obstacle(target: Path) -> str:
+    """Cause for which nothing can be written to a file; empty if there is none."""
+    if not target.parent.is_dir():
+        return f"the folder {target.parent} does not exist"
+    if target.is_dir():
+        return "this is a folder; name a file in it"
+    if target.exists() and not os.access(target, os.W_OK):
+        return "permission denied"
+    if not target.exists() and not os.access(target.parent, os.W_OK | os.X_OK):
+        return f"permission denied in the folder {target.parent}"
+    return ""
 
 
 @contextmanager
@@ -68,7 +76,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     """
     target = writable(path)
     special = target.exists() and not target.is_file()
-    part = target if special else target.with_name(f".{target.name[:100]}.{os.getpid()}.{threading.get_ident()}.part")
+    part = target if special else target.with_name(f".{target.name[:40]}.{os.getpid()}.{threading.get_ident()}.part")
     try:
         yield part
         if not special:

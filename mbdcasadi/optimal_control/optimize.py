@@ -51,7 +51,8 @@ def optimize(
         Problem to solve.
     intervals : int or "auto"
         Number of intervals of the mesh of each phase, of equal length between waypoints. With "auto", the default,
-        there are 40, and those that are too coarse for the motion that was found, or pass limits, are split.
+        there are 40, or those of a solution that is the guess, and the intervals that are too coarse for the motion
+        that was found, or pass limits, are split.
     degree : int, default 3
         Number of stages of an interval of ``"gauss-legendre"``; order ``2 degree`` at the mesh points.
     tolerance : float, optional
@@ -114,8 +115,8 @@ def optimize(
         If a contact of the solution would have to pull, or an element leaves its range of validity; of several phases,
         if a joint that closes at the end of one has passed through its place before, or a foothold pulls; if a path
         limit is passed by more than a hundredth of it between the points at which it is held; if the mesh is too coarse
-        for the motion that was found (not checked if ``guess=`` is a solution); if inputs, limits or switches
-        do not meet the `tolerance`, though the local errors do.
+        for the motion that was found (not checked if ``guess=`` is a solution of the same problem); if inputs, limits
+        or switches do not meet the `tolerance`, though the local errors do.
     """
     if not isinstance(problem, OptimalControlProblem):
         raise ModelError(f"optimize takes an OptimalControlProblem, got {problem!r}")
@@ -141,7 +142,7 @@ def optimize(
                     return search.solve(pairs, near, several, within, goes_on=first)
 
                 solution = by_continuation(steps, solve, guess)
-            if accuracy is None and not isinstance(guess, Solution | Shifted):
+            if accuracy is None and not search.is_known(guess):
                 warn_of_coarse_mesh(solution)
             warn_of_passed_limits(solution)
             warn_of_closings(solution)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import casadi as ca
 import numpy as np
 
 from ..equations.numeric import NumericEquations
@@ -22,22 +25,9 @@ from .transcription.motion import OptimalMotion, Polynomials
 class PhaseSolution:
     """One phase of a solution.
 
-    Parameters
-    ----------
-    program : PhaseProgram
-        Variables and rows of the phase.
-    numeric : NumericEquations
-        Equations at the parameters of the solution.
-    mesh : Mesh
-        The mesh.
-    x : numpy.ndarray
-        Variables of the whole program, in physical units.
-    segment_times : numpy.ndarray
-        Times of start, waypoints and end if none of them is free, s.
-    extra : numpy.ndarray
-        Values of the free parameters that the mechanism does not have.
-    seconds : float
-        Time of the solve, s.
+    It is made of the variables x of the whole program, in physical units, the times of start, waypoints and end if
+    none of them is free, s, the values of the free parameters that the mechanism does not have, and the time of the
+    solve, s.
 
     Attributes
     ----------
@@ -72,6 +62,12 @@ class PhaseSolution:
         points = np.array([x[program.point_index(k)[: program.scheme.point_size]] for k in range(mesh.count + 1)])
         intervals = np.array([x[program.inner_index(i)] for i in range(mesh.count)])
         self.polynomials = Polynomials(program.scheme, self.mesh_times, points, intervals, self.numeric)
+
+    def by_polynomials(self, expressions: Sequence[ca.SX], intervals: np.ndarray, taus: np.ndarray) -> list[np.ndarray]:
+        """Return values of expressions of the problem at points of intervals, each (size, k)."""
+        function = ca.Function("values", self.program.arguments, [ca.densify(e) for e in expressions])
+        points = [x.T for x in self.polynomials.at(intervals, taus)]
+        return [values.full() for values in function.call([*points, self.numeric.p, self.extra])]
 
     @property
     def duration(self) -> float:
@@ -137,15 +133,7 @@ class PhaseSolution:
         return self.trajectory.final
 
     def as_guess(self, phase: Phase, begin: float) -> PhaseGuess:
-        """The motion as a guess for a phase with perhaps other waypoints and another duration.
-
-        Parameters
-        ----------
-        phase : Phase
-            Phase of the problem to be solved.
-        begin : float
-            Time at which it begins, s.
-        """
+        """The motion as a guess for a phase from a time on, s, with perhaps other waypoints and another duration."""
         if phase.is_instant:
             return PhaseGuess(lambda _times: {}, np.array([begin, begin]))
         times, spans = self.segment_times - self.segment_times[0], phase.time_spans

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -162,6 +162,13 @@ def with_values(expression: ca.SX, value: Callable[[Placeholder], Any]) -> ca.SX
     known: dict[int, ca.SX] = {}
     elements = [_rebuilt(element, value, known) for element in ca.vertsplit(ca.vec(expression))]
     return ca.reshape(ca.vertcat(*elements), expression.shape)
+
+
+def with_symbols(placeholders: Sequence[Placeholder]) -> tuple[ca.SX, Callable[[ca.SX], ca.SX]]:
+    """Return a column of new symbols for placeholders, and the function that substitutes them in an expression."""
+    symbols = ca.vertcat(ca.SX(0, 1), *[ca.SX.sym("x") for _ in placeholders])
+    known = {x.node.element_hash(): symbols[k] for k, x in enumerate(placeholders)}
+    return symbols, lambda expression: with_values(expression, lambda x: known[x.node.element_hash()])
 
 
 def _rebuilt(expression: ca.SX, value: Callable[[Placeholder], Any], known: dict[int, ca.SX]) -> ca.SX:

@@ -21,7 +21,7 @@ from .checks.consistency import check_conditions
 from .cost_parts import CostParts, parameter_parts, split_along_path
 from .nlp.compiled import CompiledProblem
 from .phase import Phase, Waypoint, read_cost, time_span
-from .placeholders import PARTS, Placeholder, is_marker, placeholders_in, with_values
+from .placeholders import PARTS, Placeholder, placeholders_in, with_values
 
 
 class OptimalControlProblem(Immutable):
@@ -152,7 +152,7 @@ class OptimalControlProblem(Immutable):
             for name, conditions in named:
                 self.check_symbols(phase, name, () if isinstance(conditions, State) else conditions)
             costs = {f"cost of waypoint {k}": w.cost for k, w in enumerate(phase.waypoints, start=1)}
-            self._check_expressions(phase, {"running_cost": phase.running_cost, **costs}, placeholders=False)
+            self._check_expressions(phase, {"running_cost": phase.running_cost, **costs})
         expressions = {f"boundary: {row.label}": row.expression for row in self.boundary}
         expressions |= {"terminal_cost": self.terminal_cost}
         self._check_placeholders(expressions)
@@ -183,9 +183,9 @@ class OptimalControlProblem(Immutable):
                     )
                 if phase.is_instant and placeholder.kind == "integral":
                     raise ExpressionError(f"{where} contains {placeholder.label}, of a phase of no duration")
-                self._check_expressions(phase, {where: placeholder.expression}, placeholders=False)
+                self._check_expressions(phase, {where: placeholder.expression})
             rest = with_values(expression, lambda _: 0.0)
-            self._check_expressions(self.phases[-1], {where: rest}, placeholders=False)
+            self._check_expressions(self.phases[-1], {where: rest})
 
     def check_symbols(
         self, phase: Phase, name: str, conditions: Sequence[Condition], *, impulses: bool = False
@@ -198,23 +198,20 @@ class OptimalControlProblem(Immutable):
             Naming the condition and the symbol.
         """
         expressions = {f"{name}: {row.label}": row.expression for row in conditions}
-        self._check_expressions(phase, expressions, placeholders=False, impulses=impulses)
+        self._check_expressions(phase, expressions, impulses=impulses)
 
-    def _check_expressions(
-        self, phase: Phase, expressions: dict[str, ca.SX], *, placeholders: bool, impulses: bool = False
-    ) -> None:
+    def _check_expressions(self, phase: Phase, expressions: dict[str, ca.SX], *, impulses: bool = False) -> None:
         eom = phase.equations
         known_at_instant = (eom.t, eom.q, eom.v, eom.z, eom.p)
         groups = known_at_instant if phase.is_instant else (*eom.symbols, phase.input_rates)
         groups = (*groups, *self.extra_parameters(phase), *([phase.law.impulses] if impulses else []))
         known = {s.element_hash() for group in groups for s in ca.vertsplit(ca.SX(group))}
         for where, expression in expressions.items():
-            marked = placeholders_in(expression)
-            for misplaced in [x for p in marked for x in placeholders_in(p.expression)] if placeholders else marked:
+            for misplaced in placeholders_in(expression):
                 place = "a cost" if misplaced.kind in PARTS else "boundary= or terminal_cost="
                 raise ExpressionError(f"{where} contains {misplaced.label}, which belongs in {place}")
             for symbol in symbols_of(expression):
-                if symbol.element_hash() not in known and not (placeholders and is_marker(symbol)):
+                if symbol.element_hash() not in known:
                     role = role_of(symbol)
                     is_parameter = role is not None and role.kind == "parameter"
                     hint = "; list it in free_parameters= or in the mechanism" if is_parameter else ""

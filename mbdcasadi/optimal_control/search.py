@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -50,8 +50,19 @@ class Search:
     def _is_automatic(self) -> bool:
         return isinstance(self.intervals, str) and self.intervals == "auto"
 
+    def is_known(self, guess: Any) -> bool:
+        """Return True if a guess is a solution of the same problem, whose mesh is not checked anew."""
+        return isinstance(guess, Shifted) or (isinstance(guess, Solution) and guess.problem is self.problem)
+
+    def _meshes(self, setups: Sequence[PhaseSetup], near: Any) -> list[Mesh]:
+        """Meshes of the phases to begin with: those of a solution that is the guess, if no number is given."""
+        meshes = [self._mesh(setup) for setup in setups]
+        known = near.meshes if self._is_automatic and isinstance(near, Solution) else []
+        fits = [len(mesh.segments) for mesh in meshes] == [len(mesh.segments) for mesh in known]
+        return list(known) if fits else meshes
+
     def _mesh(self, setup: PhaseSetup) -> Mesh:
-        """Mesh of a phase to begin with."""
+        """Equal intervals of a phase."""
         if setup.phase.is_instant:
             return Mesh.instant()
         waypoints = len(setup.phase.waypoints)
@@ -67,7 +78,8 @@ class Search:
         """
         near = guess.solution if isinstance(guess, Shifted) else guess
         warm = isinstance(near, Solution) and starts is None
-        automatic = self._is_automatic and near is None and tolerance is None
+        checked = not self.is_known(guess)
+        automatic = self._is_automatic and checked and tolerance is None
         failed: list[tuple[_Attempt, OptimizationError]] = []
         for settings in self._settings(near, starts, tolerance):
             attempt = self._attempt(settings, parameters, guess, starts, refined=automatic)
@@ -83,7 +95,7 @@ class Search:
             solution = attempt.go_on(failure)
         if tolerance is not None:
             return refine(attempt.solver, solution, tolerance)
-        return solution if isinstance(near, Solution) else attempt.as_motion(solution)
+        return attempt.as_motion(solution) if checked else solution
 
     def _settings(self, near: Any, starts: Any, tolerance: float | None) -> list[Settings]:
         """Settings that are tried in turn: an open chain in its angles, and then in all coordinates."""
@@ -98,7 +110,7 @@ class Search:
 
     def _attempt(self, settings: Settings, parameters: Any, guess: Any, starts: Any, *, refined: bool) -> _Attempt:
         solver = Solver(self.problem, settings, parameters, self.initial, self.best)
-        meshes = list(map(self._mesh, solver.setups))
+        meshes = self._meshes(solver.setups, guess.solution if isinstance(guess, Shifted) else guess)
         return _Attempt(solver, meshes, guesses(solver, starts, guess), refined)
 
 
@@ -119,7 +131,8 @@ class _Attempt:
     def go_on(self, failure: OptimizationError) -> Solution:
         """Return a solution found by limits that close in, or raise the failure with the result of the search."""
         solver, first = self.solver, self.candidates[0]
-        solution = LimitSearch(solver, self.meshes, first, at_rest(solver), self._detour).run(failure)
+        search = LimitSearch(solver, self.meshes, first, at_rest(solver), self._detour, refined=self.refined)
+        solution = search.run(failure)
         return refine_if_coarse(self.solver, solution)[0] if self.refined else solution
 
     def as_motion(self, solution: Solution) -> Solution:

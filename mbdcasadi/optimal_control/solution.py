@@ -33,7 +33,7 @@ from .problem import OptimalControlProblem
 from .refinement.mesh import Mesh
 from .refinement.phased_verification import phased_verification
 from .refinement.verification import Verification, verification
-from .stability import Stability, stability_of_solution
+from .return_map import Stability, stability_of_solution
 
 if TYPE_CHECKING:
     from .nlp.setup import Settings

@@ -1,162 +1,164 @@
-"""Stability of a periodic motion: how a disturbance of one period has grown at the start of the next."""
+"""Stability of a periodic motion that was simulated: its return map, by saltation matrices across the changes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from ..errors import ModelError
-from ..numerics.rank import analyse_rank
+from ..errors import ModelError, warn
+from ..integrators import Integrator, as_integrator
+from ..model.conditions import Condition, read_conditions
+from ..model.events import Event
+from ..numerics.console import keyboard_interrupts
+from ..numerics.least_squares import largest
+from ..results.state import State
+from ..results.trajectory import Trajectory
+from ..sensitivity.phase_flow import Directions
+from ..sensitivity.phased_variation import phased_variation, start_directions
+from ..simulation.changes.events import read_events
+from .placeholders import placeholders_in, with_symbols
+from .return_map import Stability, next_start
+from .solution import Solution
 
-if TYPE_CHECKING:
-    from .nlp.phase_program import PhaseProgram
-    from .solution import Solution
-
-#: Share of the largest slope by which the next start may miss the boundary conditions.
-CLOSURE_TOLERANCE = 1e-6
+#: Amount by which a simulated motion may miss the boundary conditions without a warning.
+PERIODIC_TOLERANCE = 1e-6
 
 
-@dataclass(frozen=True)
-class Stability:
-    """A periodic motion to first order, from the start of one period to that of the next.
+def stability(
+    motion: Trajectory | Solution,
+    boundary: Any = (),
+    *,
+    events: Sequence[Event] = (),
+    inputs: Any = None,
+    method: str | Integrator = "idas",
+    reltol: float = 1e-10,
+    abstol: float = 1e-10,
+) -> Stability:
+    """Return the stability of a periodic motion: its return map to first order, and the Floquet multipliers.
 
-    Attributes
+    Disturbances of the start are carried by the variational equations through every phase, and by saltation matrices
+    across the changes, whose instants they shift. The boundary conditions lead from the end to the next start.
+
+    Parameters
     ----------
-    matrix : numpy.ndarray
-        Monodromy matrix (d, d) of the return map, in some coordinates of the disturbances at the start that
-        constraints and initial conditions allow.
-    multipliers : numpy.ndarray
-        Floquet multipliers (d,), its eigenvalues, the largest first.
+    motion : Trajectory or Solution
+        One period: a simulation, through changes of the mechanism or in one mechanism, which ends at an event or
+        after the period; or a solution of a periodic problem, which needs no other argument.
+    boundary : sequence of relations
+        Relations between :func:`at_start` and :func:`at_end`: the start of the next period.
+    events : sequence of Event
+        Those of the simulation.
+    inputs : mapping, optional
+        Inputs of the simulation, numbers and expressions; by default the values at the start.
+    method, reltol, abstol
+        Integrator, and its tolerances.
+
+    Returns
+    -------
+    Stability
+        ``.matrix``, ``.multipliers``, ``.is_stable``.
+
+    Raises
+    ------
+    ModelError
+        If the boundary conditions do not decide the next start, or contain more than positions, velocities, states
+        and parameters.
+    SimulationError
+        See :func:`sensitivities`.
+
+    Warns
+    -----
+    MechanismWarning
+        If the motion does not meet the boundary conditions.
+
+    References
+    ----------
+    Leine and Nijmeijer, *Dynamics and Bifurcations of Non-Smooth Mechanical Systems*, Springer 2004, chapter 7.
+
+    Examples
+    --------
+    A pendulum that swings a little is neither stable nor unstable.
+
+    >>> import numpy as np, mbdcasadi as mbd
+    >>> arm = mbd.Body("arm", mass=1, inertia=0)
+    >>> hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(0, 1))
+    >>> pendulum = mbd.Mechanism(bodies=[arm], joints=[hinge], forces=[mbd.Gravity((0, -np.pi**2))])
+    >>> down = mbd.Event("lowest", arm.phi, direction=1, terminal=True)
+    >>> swing = mbd.simulate(pendulum, [0, 1, 3], initial=[arm.phi == 0, arm.omega == 0.01], events=[down])
+    >>> same = [mbd.at_end(arm.phi) == mbd.at_start(arm.phi), mbd.at_end(arm.omega) == mbd.at_start(arm.omega)]
+    >>> found = mbd.stability(swing, same, events=[down])
+    >>> bool(np.allclose(found.multipliers, [1, 0], atol=1e-6))
+    True
     """
-
-    matrix: np.ndarray
-    multipliers: np.ndarray
-
-    @property
-    def is_stable(self) -> bool:
-        """True if disturbances die out: all multipliers are inside the unit circle."""
-        return bool(np.all(np.abs(self.multipliers) < 1))
-
-    def __repr__(self) -> str:
-        kind = "stable" if self.is_stable else "not stable"
-        values = ", ".join(f"{x.real:.6g}" if abs(x.imag) < 1e-12 else f"{x:.6g}" for x in self.multipliers)
-        return f"Stability: {kind}, Floquet multipliers {values}"
-
-
-def stability_of_solution(solution: Solution) -> Stability:
-    """Return the return map of a periodic solution to first order; see :meth:`Solution.stability`."""
-    return _ReturnMap(solution).result()
+    if isinstance(motion, Solution):
+        if boundary or events or inputs is not None:
+            raise ModelError("stability: boundary=, events= and inputs= belong to a simulation; a solution has its own")
+        return motion.stability()
+    if not isinstance(motion, Trajectory):
+        raise ModelError(f"stability: takes a Trajectory or a Solution, got {motion!r}")
+    relations = read_conditions(boundary)
+    if not relations:
+        raise ModelError("stability: boundary= is empty, and so there is no next period")
+    with keyboard_interrupts("stability"):
+        integrator = as_integrator(method, reltol, abstol)
+        return _stability_of_simulation(motion, relations, read_events(events), inputs, integrator)
 
 
-class _ReturnMap:
-    """The rows of a program, linearised at a solution.
-
-    The dynamics, the impacts and the rows that close determine everything that follows from the start, the times of
-    the changes among it; the boundary conditions lead from the end to the next start.
-    """
-
-    def __init__(self, solution: Solution):
-        self.solution, self.program = solution, solution.program
-        if not solution.problem.boundary:
-            raise ModelError("stability: the problem has no boundary conditions, and so no next period")
-        data = self.program.data(
-            [part.numeric.p for part in solution.phases], solution.meshes, [p.segment_times for p in solution.phases]
-        )
-        x = solution.variables / self.program.scale
-        self.jacobian: ca.DM = self.program.nlp.derivatives["jac_g"](x, data)[1]
-        self._divide()
-
-    def _divide(self) -> None:
-        """Variables of the start, variables that follow from them, and the rows that relate them."""
-        first = self.program.phases[0]
-        size = first.scheme.eom.q.numel() * 2 + first.scheme.eom.z.numel()
-        self.start = first.point_index(0)[:size]
-        if first.initial is None:
-            raise ModelError("stability: the initial conditions decide the whole start, and leave nothing to disturb")
-        fixed = set(self._inputs()) | set(self.start.tolist())
-        for phase in self.program.phases:
-            fixed |= self._times(phase)
-            if phase.count:
-                fixed |= set(phase.point_index(0)[phase.scheme.point_size :].tolist())  # integrals begin at zero
-        self.others = np.array([k for k in range(self.program.size) if k not in fixed], int)
-        rows = self.program.rows
-        held = [k for k, row in enumerate(rows) if row.equality and not row.label.startswith("boundary: ")]
-        if any(rows[k].condition and rows[k].repeated for k in held):
-            raise ModelError("stability: path conditions that are equalities would need inputs that follow them")
-        self.boundary = [k for k, row in enumerate(rows) if row.equality and row.label.startswith("boundary: ")]
-        pattern = ca.DM(self.jacobian.sparsity(), 1)[held, :][:, self.others.tolist()]
-        counts = np.array(ca.sum2(pattern)).ravel()
-        self.at_start = [k for k, count in zip(held, counts, strict=True) if count == 0]
-        self.dynamics = [k for k, count in zip(held, counts, strict=True) if count > 0]
-
-    def _times(self, phase: PhaseProgram) -> set[int]:
-        """Places of the times that do not answer a disturbance: those that are given, and mesh points that moved."""
-        fixed = set(phase.time_index.tolist()) - set(phase.stated_time_index.tolist())
-        if phase.time_count and phase.begins[0] == phase.begins[1]:
-            spans = zip(phase.stated_time_index.tolist(), phase.phase.time_spans, strict=False)
-            fixed |= {place for place, (low, high) in spans if low == high}
-        return fixed
-
-    def _inputs(self) -> list[int]:
-        """Places of the inputs, which do not answer a disturbance."""
-        places = []
-        for phase in self.program.phases:
-            n_u = phase.scheme.eom.u.numel()
-            joined = phase.scheme.point_size - n_u if phase.scheme.inputs.joined else phase.scheme.point_size
-            for k in range(phase.count + 1):
-                places += phase.point_index(k)[joined : phase.scheme.point_size].tolist()
-            inner = phase.scheme.interval_slice("u")
-            for i in range(phase.count):
-                places += phase.inner_index(i)[inner].tolist()
-        return places
-
-    def result(self) -> Stability:
-        """Disturbances at the next start by those at this one."""
-        begin = self.jacobian[:, self.start.tolist()].full()
-        tangent = analyse_rank(begin[self.at_start]).null_columns if self.at_start else np.eye(self.start.size)
-        following = self._following(-begin[self.dynamics] @ tangent)
-        boundary = self.jacobian[self.boundary, :][:, self.others.tolist()].full()
-        left, right = begin[self.boundary] @ tangent, -boundary @ following
-        return next_start(left, right, "state it in initial=")
-
-    def _following(self, right: np.ndarray) -> np.ndarray:
-        """Changes of all that follows from the start, for right sides of the dynamics."""
-        from scipy.sparse import csc_matrix
-        from scipy.sparse.linalg import splu
-
-        system = self.jacobian[self.dynamics, :][:, self.others.tolist()]
-        if system.size1() != system.size2():
-            more = "more" if system.size1() > system.size2() else "fewer"
-            raise ModelError(
-                f"stability: there are {more} conditions than what follows from the start ({system.size1()} for "
-                f"{system.size2()}): durations must be free, each ended by one row that closes or one final condition, "
-                "and only parameters free that a closing joint decides"
-            )
-        columns, rows = np.array(system.colind()), np.array(system.row())
-        matrix = csc_matrix((np.array(system.nonzeros()), rows, columns), shape=system.shape)
-        try:
-            factors = splu(matrix)
-        except RuntimeError:
-            raise ModelError("stability: the start does not decide what follows (a closing joint grazes)") from None
-        return np.asarray(factors.solve(right))
+def _stability_of_simulation(
+    motion: Trajectory, boundary: Sequence[Condition], events: Sequence[Event], inputs: Any, integrator: Integrator
+) -> Stability:
+    first, last = motion.phases[0], motion.phases[-1]
+    # in the symbols of their own mechanisms
+    start, end = (State(state.mechanism, *state.arguments) for state in (first.initial, last.final))
+    if inputs is None:
+        held = [list(zip(p.mechanism.inputs, p.initial.inputs.tolist(), strict=True)) for p in motion.phases]
+        inputs = [pair for pairs in reversed(held) for pair in pairs]
+    tangent = start_directions(first.mechanism, start)
+    variation = phased_variation(
+        motion, events, motion.t[[0, -1]], [], Directions(tangent, {}, {}), integrator, list(dict(inputs).items())
+    )
+    left, right = [], []
+    for relation in boundary:
+        if not relation.equality:
+            raise ModelError(f"stability: boundary= takes equalities, got {relation.label}")
+        by_start, by_end, missed = _slopes(relation, start, end)
+        if abs(missed) > PERIODIC_TOLERANCE * (1 + largest(end.q) + largest(end.v)):
+            warn(f"stability: the motion is not periodic: {relation.label} is missed by {missed:.3g}")
+        left.append(by_start @ tangent)
+        right.append(-by_end @ variation.end)
+    return next_start(np.array(left), np.array(right), "state it in boundary=")
 
 
-def next_start(left: np.ndarray, right: np.ndarray, remedy: str) -> Stability:
-    """Return the return map for ``left x_next = right x``, in coordinates of the start."""
-    matrix, _, rank, _ = np.linalg.lstsq(left, right, rcond=1e-9)
-    missed = np.max(np.abs(left @ matrix - right), initial=0.0)
-    if rank < left.shape[1]:
+def _slopes(relation: Condition, start: State, end: State) -> tuple[np.ndarray, np.ndarray, float]:
+    """Derivatives of a boundary condition by the state at the start and at the end, and its value."""
+    marks = placeholders_in(relation.expression)
+    for mark in marks:
+        if mark.phase is not None or mark.kind not in ("at_start", "at_end"):
+            raise ModelError(f"stability: {relation.label}: takes at_start and at_end of the motion, got {mark.label}")
+    symbols, put_in = with_symbols(marks)
+    named = put_in(relation.expression)
+    values = [float((start if mark.kind == "at_start" else end)[mark.expression]) for mark in marks]
+    rest = ca.substitute(named, symbols, ca.SX(ca.DM(values))) if marks else named
+    by_mark: Any = end[ca.substitute(ca.jacobian(named, symbols), symbols, ca.SX(ca.DM(values)))] if marks else []
+    by_start, by_end = np.zeros(start.q.size * 2 + start.z.size), _gradient(rest, end)
+    for mark, factor in zip(marks, np.atleast_1d(by_mark).ravel(), strict=True):
+        if mark.kind == "at_start":
+            by_start = by_start + factor * _gradient(mark.expression, start)
+        else:
+            by_end = by_end + factor * _gradient(mark.expression, end)
+    return by_start, by_end, float(end[rest])
+
+
+def _gradient(expression: ca.SX, state: State) -> np.ndarray:
+    """Derivatives of an expression by ``(q, v, z)`` at a state."""
+    eom = state.equations
+    if ca.depends_on(expression, ca.vertcat(eom.a, eom.lam, eom.u)):
         raise ModelError(
-            f"stability: the boundary conditions decide {rank} of {left.shape[1]} quantities of the next start; "
-            f"relate each of the others to the end, or {remedy}"
+            f"stability: boundary= contains {expression}, in accelerations, reactions or inputs; a start is positions, "
+            "velocities and first-order states"
         )
-    if missed > CLOSURE_TOLERANCE * max(1.0, float(np.max(np.abs(right), initial=0.0))):
-        raise ModelError(
-            "stability: a disturbed motion does not meet the boundary conditions any more: they hold more than "
-            "the next start (for instance a length or a duration, which inputs would have to keep)"
-        )
-    multipliers = np.linalg.eigvals(matrix)
-    return Stability(matrix, multipliers[np.argsort(-np.abs(multipliers))])
+    slope = ca.densify(ca.jacobian(ca.SX(expression), ca.vertcat(eom.q, eom.v, eom.z)))
+    return np.atleast_1d(state[slope]).ravel()

@@ -100,21 +100,7 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: Archive
         settings = replace(Settings.read(**chosen, options=None, progress=False), angles=angles)
     except ModelError as error:
         raise FileError(f"{path}: the settings of the solution are damaged, or of another version: {error}") from None
-    meshes, times, parameters = [], [], []
-    for number, phase in enumerate(problem.phases):
-        prefix = _prefix(problem, number)
-        count = sum(name.startswith(f"{prefix}mesh ") for name in content)
-        segments = [_increasing(content, f"{prefix}mesh {k}") for k in range(count)]
-        if len(segments) != len(phase.waypoints) + 1:
-            raise FileError(
-                f"{path}: the solution has {len(segments) - 1} waypoints, the problem {len(phase.waypoints)}"
-                if segments
-                else f"{path}: the solution does not have the phase '{phase.name}' of the problem"
-            )
-        moving = f"{prefix}moving mesh points"  # files of earlier versions have none
-        meshes.append(Mesh(tuple(segments), tuple(content.numbers(moving, None).tolist()) if moving in content else ()))
-        times.append(_increasing(content, f"{prefix}segment times", len(segments) + 1))
-        parameters.append(content.numbers(f"{prefix}parameters", len(phase.mechanism.parameters)))
+    meshes, times, parameters = _phases(path, problem, content)
     solver = Solver(problem, settings)
     solver.held = tuple((int(phase), str(label), float(tau)) for phase, label, tau in content.json("held"))
     program = solver.transcribe(meshes)
@@ -140,6 +126,28 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: Archive
         SolveStatistics(**statistics),
         Answer(content.numbers("lam_x", program.size), content.numbers("lam_g", count), content["rows"]),
     )
+
+
+def _phases(
+    path: str | Path, problem: OptimalControlProblem, content: Archive
+) -> tuple[list[Mesh], list[np.ndarray], list[np.ndarray]]:
+    """Meshes, times of start, waypoints and end, s, and parameters by phase."""
+    meshes, times, parameters = [], [], []
+    for number, phase in enumerate(problem.phases):
+        prefix = _prefix(problem, number)
+        count = sum(name.startswith(f"{prefix}mesh ") for name in content)
+        segments = [_increasing(content, f"{prefix}mesh {k}") for k in range(count)]
+        if len(segments) != len(phase.waypoints) + 1:
+            raise FileError(
+                f"{path}: the solution has {len(segments) - 1} waypoints, the problem {len(phase.waypoints)}"
+                if segments
+                else f"{path}: the solution does not have the phase '{phase.name}' of the problem"
+            )
+        moving = f"{prefix}moving mesh points"  # files of earlier versions have none
+        meshes.append(Mesh(tuple(segments), tuple(content.numbers(moving, None).tolist()) if moving in content else ()))
+        times.append(_increasing(content, f"{prefix}segment times", len(segments) + 1))
+        parameters.append(content.numbers(f"{prefix}parameters", len(phase.mechanism.parameters)))
+    return meshes, times, parameters
 
 
 def _increasing(content: Archive, name: str, count: int | None = None) -> np.ndarray:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 
 from ..errors import FileError
+from ..numerics.reading import path_of
 from ..numerics.writing import whole_file
 
 
@@ -75,6 +74,13 @@ class Archive(dict[str, np.ndarray]):
         except ValueError:
             raise self.refuse(f"the entry '{name}' cannot be read") from None
 
+    def json_list(self, name: str, count: int) -> list[Any]:
+        """Return a list of a size that a text in JSON holds."""
+        values = self.json(name)
+        if not isinstance(values, list) or len(values) != count:
+            raise self.refuse(f"the entry '{name}' is not a list of {count}")
+        return values
+
 
 def read_arrays(path: str | Path, form: str | tuple[str, ...], kind: str, writer: str) -> Archive:
     """Read what :func:`write_arrays` wrote, in one of the formats `form`.
@@ -82,10 +88,9 @@ def read_arrays(path: str | Path, form: str | tuple[str, ...], kind: str, writer
     `kind` and `writer`, the expected kind of file and the function that writes such files, are for the messages. A
     :class:`FileError` is raised if the file is not there or cannot be read, and for one of another kind or format.
     """
-    if not isinstance(path, str | os.PathLike):
-        raise FileError(f"the path of a {kind} is a text or a pathlib.Path, got {path!r}")
+    given = path_of(path)
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with np.load(given, allow_pickle=False) as file:
             archive = Archive(path, {name: file[name] for name in file.files})
     except OSError as error:
         raise FileError(f"{path}: the file cannot be read: {error.strerror or error}") from None
@@ -94,19 +99,3 @@ def read_arrays(path: str | Path, form: str | tuple[str, ...], kind: str, writer
     if str(archive.get("format")) not in ((form,) if isinstance(form, str) else form):
         raise FileError(f"{path}: the file is not a {kind} file of this version of the package; {writer} writes one")
     return archive
-
-
-def check_names(archive: Archive, kind: str, owner: str, expected: Sequence[str], *, prefix: str = "") -> None:
-    """Raise a :class:`FileError` that names the first difference, if an entry holds other names than expected.
-
-    The entry is that of a kind of names, ``"coordinate"`` for ``coordinate names``, after a prefix; `owner` is the
-    content of the file, for the message.
-    """
-    saved = archive.names(f"{prefix}{kind} names")
-    for k in range(max(len(saved), len(expected))):
-        there, here = (f"'{names[k]}'" if k < len(names) else "none" for names in (saved, expected))
-        if there != here:
-            raise FileError(
-                f"{archive.path}: the {owner} belongs to another mechanism: its {kind} number {k + 1} is {there}, "
-                f"that of the mechanism is {here}"
-            )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import ItemsView, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
@@ -11,7 +11,9 @@ import numpy as np
 from ..errors import MechanismError
 from ..model.bodies import Body
 from ..model.mechanism import Mechanism
-from .trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from .trajectory import Trajectory
 
 _LEVELS = ("x", "y", "phi", "vx", "vy", "omega", "ax", "ay", "alpha")
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -157,9 +156,9 @@ class PhasedTrajectory(Trajectory):
     @cached_property
     def _wide(self) -> list[Trajectory]:
         """The parts in the symbols of all mechanisms."""
-        wide = []
+        columns, wide = self.arguments[1:-1], []
         for part, p, (first, last) in zip(self._parts, self._values, pairwise(self._starts), strict=True):
-            t, arrays = self.t[first:last], six(x[first:last] for x in self.arguments[1:-1])
+            t, arrays = self.t[first:last], six(x[first:last] for x in columns)
             wide.append(Trajectory(self.mechanism, t, *arrays, p, missing_multipliers=part.missing_multipliers))
         return wide
 
@@ -183,12 +182,7 @@ class PhasedTrajectory(Trajectory):
 
     def at(self, times: Any) -> Trajectory:
         """Return the motion at other times within its span; at a change it is the one just before."""
-        wanted = np.atleast_1d(np.asarray(times, float))
-        slack = 1e-12 * max(1.0, abs(self.t[-1]))
-        outside = (wanted < self.t[0] - slack) | (wanted > self.t[-1] + slack) | ~np.isfinite(wanted)
-        if not wanted.size or np.any(outside):
-            return super().at(times)  # which refuses
-        return self.by_parts(np.clip(wanted, self.t[0], self.t[-1]), Trajectory.at)
+        return self.by_parts(self._within(times), Trajectory.at)
 
     def by_parts(self, times: np.ndarray, at: Callable[[Trajectory, np.ndarray], Trajectory]) -> PhasedTrajectory:
         """Return the motion at times within its span, each part by a function of it and of its times."""
@@ -241,12 +235,6 @@ class PhasedTrajectory(Trajectory):
         q = np.where(np.isnan(self.q), self.last_seen if last_seen is None else last_seen, self.q)
         arrays = six([q, *(np.nan_to_num(x) for x in self.arguments[2:-1])])
         return Trajectory(self.mechanism, self.t, *arrays, self._values[-1], events=self.events)
-
-    def save(self, path: str | Path) -> None:
-        """Write all phases to a ``.npz`` file; ``read_trajectory(path, [mechanisms])`` reads it."""
-        from .phased_files import save_phased
-
-        save_phased(self, path)
 
     @property
     def energy(self) -> Energy:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -12,10 +11,9 @@ import numpy as np
 from ..equations import Equations
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
-from ..errors import MechanismError
-from .archives import Archive, check_names
+from ..errors import FileError, MechanismError
+from .archives import Archive
 from .state import Arrays, State, six
-from .trajectory import Statistics
 
 #: Arrays by time, and what their columns belong to.
 ARRAYS = {"q": "coordinate", "v": "coordinate", "a": "coordinate", "z": "state", "lam": "row", "inputs": "input"}
@@ -35,8 +33,15 @@ def column_names(eom: Equations) -> dict[str, tuple[str, ...]]:
 
 def check_columns(archive: Archive, eom: Equations, prefix: str = "") -> None:
     """Raise a :class:`FileError` that names the first difference to the names in a file."""
-    for kind, names in column_names(eom).items():
-        check_names(archive, kind, "trajectory", names, prefix=prefix)
+    for kind, expected in column_names(eom).items():
+        saved = archive.names(f"{prefix}{kind} names")
+        for k in range(max(len(saved), len(expected))):
+            there, here = (f"'{names[k]}'" if k < len(names) else "none" for names in (saved, expected))
+            if there != here:
+                raise FileError(
+                    f"{archive.path}: the trajectory belongs to another mechanism: its {kind} number {k + 1} is "
+                    f"{there}, that of the mechanism is {here}"
+                )
 
 
 def read_times(archive: Archive) -> np.ndarray:
@@ -45,14 +50,6 @@ def read_times(archive: Archive) -> np.ndarray:
     if np.any(np.diff(t) < 0):
         raise archive.refuse("the entry 't' decreases")
     return t
-
-
-def read_statistics(archive: Archive, values: Any) -> Statistics:
-    """Return statistics from names and values; those that this version does not know are left out."""
-    if not isinstance(values, dict):
-        raise archive.refuse(f"the entry 'statistics' holds {values!r} instead of names and values")
-    known = {field.name for field in fields(Statistics)}
-    return Statistics(**{name: value for name, value in values.items() if name in known})
 
 
 def read_columns(archive: Archive, prefix: str, eom: Equations, count: int) -> Arrays:
@@ -104,9 +101,7 @@ def read_states(
 def _listed(archive: Archive, name: str, count: int, otherwise: Any) -> list[Any]:
     if name not in archive:
         return [otherwise] * count
-    values = archive.json(name)
-    if not isinstance(values, list) or len(values) != count:
-        raise archive.refuse(f"the entry '{name}' is not a list of {count}")
+    values = archive.json_list(name, count)
     kinds = (dict, type(None)) if otherwise is None else (str,)
     if not all(isinstance(value, kinds) for value in values):
         raise archive.refuse(f"the entry '{name}' holds {next(v for v in values if not isinstance(v, kinds))!r}")

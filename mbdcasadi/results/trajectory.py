@@ -17,11 +17,13 @@ from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
 from ..numerics.lazy import cached_property
 from ..numerics.real import real_array
+from . import export
 from .energy_and_drift import Drift, Energy, violations
 from .finite import refuse_nan
 from .interpolation import cubic, hermite, linear
 from .notebook import html_table
 from .state import Arguments, EventOccurrence, State, six
+from .summary import summary_lines
 
 if TYPE_CHECKING:
     import pandas
@@ -196,6 +198,15 @@ class Trajectory(HoldsSymbols):
         MechanismError
             For times outside the trajectory.
         """
+        wanted = self._within(times)
+        if self._refine is None:
+            raise MechanismError("this trajectory was made from arrays and cannot be interpolated between its times")
+        q, v, z, u = self.with_jumps.between(wanted)
+        q, v, a, lam, u = self._refine(wanted, q, v, z, u)
+        return self._at(wanted, q, v, a, z, lam, u)
+
+    def _within(self, times: Any) -> np.ndarray:
+        """Return times as an array; raise an error if one is not within the span."""
         try:
             wanted = np.atleast_1d(real_array(times))
         except (TypeError, ValueError):
@@ -210,12 +221,7 @@ class Trajectory(HoldsSymbols):
             raise MechanismError(
                 f"the trajectory covers t = {self.t[0]:.6g} … {self.t[-1]:.6g} s, not t = {wanted[outside][0]:.6g} s"
             )
-        if self._refine is None:
-            raise MechanismError("this trajectory was made from arrays and cannot be interpolated between its times")
-        wanted = np.clip(wanted, self.t[0], self.t[-1])
-        q, v, z, u = self.with_jumps.between(wanted)
-        q, v, a, lam, u = self._refine(wanted, q, v, z, u)
-        return self._at(wanted, q, v, a, z, lam, u)
+        return np.clip(wanted, self.t[0], self.t[-1])
 
     @property
     def phases(self) -> tuple[Trajectory, ...]:
@@ -286,24 +292,18 @@ class Trajectory(HoldsSymbols):
     # --- tables and files -------------------------------------------------------------------
     def to_pandas(self, expressions: dict[str, Any] | None = None) -> pandas.DataFrame:
         """Return a DataFrame over time; without expressions the columns of :meth:`to_csv`."""
-        from .export import to_pandas
-
-        return to_pandas(self, expressions)
+        return export.to_pandas(self, expressions)
 
     def to_xarray(self, expressions: dict[str, Any] | None = None) -> xarray.Dataset:
         """Return a Dataset over time; without expressions coordinates, rates and multipliers."""
-        from .export import to_xarray
-
-        return to_xarray(self, expressions)
+        return export.to_xarray(self, expressions)
 
     def to_csv(self, path: str | Path, expressions: dict[str, Any] | None = None) -> None:
         """Write a table: ``t``, coordinates by body, reactions on body b by joint, efforts by driver."""
-        from .export import to_csv
-
-        to_csv(self, path, expressions)
+        export.to_csv(self, path, expressions)
 
     def save(self, path: str | Path) -> None:
-        """Write all arrays to a ``.npz`` file; ``read_trajectory(path, mechanism)`` reads it."""
+        """Write all arrays to a ``.npz`` file; ``read_trajectory(path, mechanism)``, or all mechanisms, reads it."""
         from .trajectory_files import save
 
         save(self, path)
@@ -325,8 +325,6 @@ class Trajectory(HoldsSymbols):
 
     def _repr_html_(self) -> str:
         """Outputs, energy, drift, efforts and largest reactions as a table, for notebooks."""
-        from .summary import summary_lines
-
         if not self.t.size:
             return html_table(repr(self), [])
         lines = summary_lines(self)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,22 +16,22 @@ from ..errors import FileError, MechanismError, warn
 from ..model.mechanism import Mechanism
 from .archives import Archive, read_arrays, write_arrays
 from .fingerprint import difference, fingerprint
-from .phased_files import PHASED_FORMAT, read_phased
-from .state import EventOccurrence
+from .phases import PhasedTrajectory, in_whole, union_of
+from .state import Arrays, EventOccurrence, State, six
 from .stored_states import (
     ARRAYS,
     check_columns,
     column_names,
     read_columns,
     read_states,
-    read_statistics,
     read_times,
     refinement,
     states_of,
 )
-from .trajectory import Trajectory
+from .trajectory import Statistics, Trajectory
 
 _FORMAT = "mbdcasadi trajectory 1"
+_PHASED_FORMAT = "mbdcasadi phased trajectory 1"
 
 
 def save(motion: Trajectory, path: str | Path) -> None:
@@ -38,6 +39,12 @@ def save(motion: Trajectory, path: str | Path) -> None:
 
     ``.npz`` is usual as its ending, and is not added.
     """
+    content = _phased_content(motion) if isinstance(motion, PhasedTrajectory) else _content(motion)
+    write_arrays(path, content)
+
+
+def _content(motion: Trajectory) -> dict[str, Any]:
+    """Entries of a motion in one mechanism."""
     eom = motion.equations
     content: dict[str, Any] = {"format": _FORMAT, "t": motion.t, "parameters": motion.parameters}
     content |= {name: getattr(motion, name) for name in ARRAYS}
@@ -50,7 +57,7 @@ def save(motion: Trajectory, path: str | Path) -> None:
     content |= states_of([event.state for event in motion.events], eom, "event ")
     content |= states_of([event.after or event.state for event in motion.events], eom, "event after ")
     content["event resets"] = np.array([event.after is not None for event in motion.events], dtype=bool)
-    write_arrays(path, content)
+    return content
 
 
 def read_trajectory(path: str | Path, mechanism: Mechanism | Sequence[Mechanism]) -> Trajectory:
@@ -89,9 +96,9 @@ def read_trajectory(path: str | Path, mechanism: Mechanism | Sequence[Mechanism]
     >>> motion = mbd.read_trajectory("run.npz", model)  # doctest: +SKIP
     """
     mechanisms = _read_mechanisms(mechanism)
-    archive = read_arrays(path, (_FORMAT, PHASED_FORMAT), "trajectory", "Trajectory.save")
-    if str(archive["format"]) == PHASED_FORMAT:
-        return read_phased(archive, mechanisms)
+    archive = read_arrays(path, (_FORMAT, _PHASED_FORMAT), "trajectory", "Trajectory.save")
+    if str(archive["format"]) == _PHASED_FORMAT:
+        return _read_phased(archive, mechanisms)
     if len(mechanisms) > 1:
         raise FileError(
             f"{path}: the motion goes through one mechanism, and {len(mechanisms)} are given; give that one alone"
@@ -129,10 +136,18 @@ def _read_one(archive: Archive, eom: Equations) -> Trajectory:
         *arrays,
         parameters,
         events=_events(archive, eom, parameters),
-        statistics=read_statistics(archive, archive.json("statistics") if "statistics" in archive else {}),
+        statistics=_read_statistics(archive, archive.json("statistics") if "statistics" in archive else {}),
         refine=refinement(eom, t, q, parameters),
         missing_multipliers=unknown_multipliers,
     )
+
+
+def _read_statistics(archive: Archive, values: Any) -> Statistics:
+    """Statistics from names and values; those that this version does not know are left out."""
+    if not isinstance(values, dict):
+        raise archive.refuse(f"the entry 'statistics' holds {values!r} instead of names and values")
+    known = {field.name for field in fields(Statistics)}
+    return Statistics(**{name: value for name, value in values.items() if name in known})
 
 
 def _events(archive: Archive, eom: Equations, parameters: np.ndarray) -> list[EventOccurrence]:
@@ -146,3 +161,215 @@ def _events(archive: Archive, eom: Equations, parameters: np.ndarray) -> list[Ev
         EventOccurrence(name, state.t, state, following if resets[k] else None)
         for k, (name, state, following) in enumerate(zip(names, before, after, strict=True))
     ]
+
+
+# --- motions through several mechanisms -----------------------------------------------------
+def _phased_content(motion: PhasedTrajectory) -> dict[str, Any]:
+    """Entries of a motion through several mechanisms."""
+    parts, whole = motion.phases, motion.mechanism
+    mechanisms = list(dict.fromkeys(part.mechanism for part in parts))
+    content: dict[str, Any] = {
+        "format": _PHASED_FORMAT,
+        "t": motion.t,
+        "parameter names": np.array([p.label for p in whole.parameters], dtype=str),
+        "parameters": np.reshape(motion.parameters_by_phase, (len(parts), len(whole.parameters))),
+        "phase mechanisms": np.array([mechanisms.index(part.mechanism) for part in parts]),
+        "phase lengths": np.array([len(part) for part in parts]),
+        "phase statistics": json.dumps([asdict(part.statistics) for part in parts]),
+        "missing multipliers": json.dumps([part.missing_multipliers for part in parts]),
+        "statistics": json.dumps(asdict(motion.statistics)),
+    }
+    for k, mechanism in enumerate(mechanisms):
+        its_parts, eom = [part for part in parts if part.mechanism is mechanism], equations(mechanism)
+        prefix = f"mechanism {k} "
+        content |= {prefix + name: np.vstack([getattr(part, name) for part in its_parts]) for name in ARRAYS}
+        content |= {f"{prefix}{kind} names": np.array(names, dtype=str) for kind, names in column_names(eom).items()}
+        content[f"{prefix}fingerprint"] = fingerprint(eom, its_parts[0].arguments)
+    return content | _events_of(motion, mechanisms)
+
+
+def _events_of(motion: PhasedTrajectory, mechanisms: Sequence[Mechanism]) -> dict[str, Any]:
+    """Entries of the events: their states by mechanism, and the places of each event's states there."""
+    states: list[list[State]] = [[] for _ in mechanisms]
+    values: list[np.ndarray] = []
+    rows = []
+    for event in motion.events:
+        places = []
+        for state in (event.state, event.after):
+            if state is None:
+                places += [-1, -1]
+                continue
+            k = mechanisms.index(state.mechanism)
+            places += [k, len(states[k])]
+            states[k].append(state)
+            values.append(state.whole.parameters)
+        rows.append([_phase_of(event, motion), *places])
+    content: dict[str, Any] = {
+        "event names": np.array([event.name for event in motion.events], dtype=str),
+        "event t": np.array([event.t for event in motion.events], float),
+        "event places": np.reshape(rows, (len(rows), 5)).astype(int),
+        "event parameters": np.reshape(values, (len(values), motion.parameters.size)),
+    }
+    for k, (mechanism, its_states) in enumerate(zip(mechanisms, states, strict=True)):
+        content |= states_of(its_states, equations(mechanism), f"mechanism {k} event ")
+    return content
+
+
+def _phase_of(event: EventOccurrence, motion: PhasedTrajectory) -> int:
+    """Number of the phase within which an event took place; -1 of a change between phases."""
+    for k, part in enumerate(motion.phases):
+        if any(own.name == event.name and own.t == event.t for own in part.events):
+            return k
+    return -1
+
+
+def _read_phased(archive: Archive, candidates: Sequence[Mechanism]) -> PhasedTrajectory:
+    """A motion through several mechanisms, which are given in any order."""
+    numbers, times = _read_phases(archive)
+    count = int(numbers.max()) + 1
+    labels = archive.names("parameter names")
+    values = archive.numbers("parameters", numbers.size, len(labels))
+    matching = _Matching(archive, candidates, count)
+    mechanisms: list[Mechanism] = []
+    tables: list[Arrays] = []
+    for k in range(count):
+        chosen = np.flatnonzero(numbers == k)
+        own_t, first = np.concatenate([times[i] for i in chosen]), chosen[0]
+        mechanism, columns = matching.find(k, own_t, times[first].size, labels, values[first])
+        mechanisms.append(mechanism)
+        tables.append(columns)
+    matching.warn_of_differences()
+    whole = union_of([*mechanisms, *candidates])
+    by_phase = [_parameters_in(whole, labels, row) for row in values]
+    events, own_events = _read_phased_events(archive, mechanisms, whole, labels, numbers.size)
+    all_statistics, missing = (
+        archive.json_list(name, numbers.size) for name in ("phase statistics", "missing multipliers")
+    )
+    parts, used = [], [0] * count
+    for i, k in enumerate(numbers):
+        eom, rows = equations(mechanisms[k]), slice(used[k], used[k] + times[i].size)
+        used[k] += times[i].size
+        columns = six(x[rows] for x in tables[k])
+        p = _parameters_in(eom.mechanism, labels, values[i])
+        part = Trajectory(
+            mechanisms[k],
+            times[i],
+            *columns,
+            p,
+            events=own_events[i],
+            statistics=_read_statistics(archive, all_statistics[i]),
+            refine=refinement(eom, times[i], columns[0], p),
+            missing_multipliers=str(missing[i]),
+        )
+        parts.append(part)
+    statistics = _read_statistics(archive, archive.json("statistics"))
+    return PhasedTrajectory(parts, whole, by_phase, events=events, statistics=statistics)
+
+
+def _read_phases(archive: Archive) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Number of the mechanism, and times, s, by phase."""
+    t = read_times(archive)
+    numbers = archive.numbers("phase mechanisms", None).astype(int)
+    lengths = archive.numbers("phase lengths", numbers.size).astype(int)
+    if not numbers.size or np.sum(lengths) != t.size or np.any(lengths < 0) or np.any(numbers < 0):
+        raise archive.refuse("the entries 'phase mechanisms' and 'phase lengths' do not fit the times")
+    if set(numbers.tolist()) != set(range(int(numbers.max()) + 1)):
+        raise archive.refuse("the entry 'phase mechanisms' leaves out a number")
+    return numbers, [t[first:last] for first, last in pairwise(np.cumsum([0, *lengths]))]
+
+
+class _Matching:
+    """Mechanisms of a file among those that are given: by their names, and by their fingerprints if several fit."""
+
+    def __init__(self, archive: Archive, given: Sequence[Mechanism], count: int):
+        self._archive, self._given, self._count = archive, given, count
+        self._taken: set[Mechanism] = set()
+        self._differences: list[str] = []
+
+    def find(
+        self, number: int, t: np.ndarray, count: int, labels: Sequence[str], values: np.ndarray
+    ) -> tuple[Mechanism, Arrays]:
+        """Return a mechanism and its columns ``q, v, a, z, lam, u``; `count` times are those of its first phase."""
+        candidates: list[tuple[bool, bool, Mechanism, Arrays, str]] = []
+        for mechanism in self._with_names(number):
+            eom = equations(mechanism)
+            columns = read_columns(self._archive, f"mechanism {number} ", eom, t.size)
+            p = _parameters_in(eom.mechanism, labels, values)
+            first = [x[:count] for x in columns]
+            here = fingerprint(eom, (t[:count, None], *first, p[None]))
+            other = difference(eom, self._archive.rows(f"mechanism {number} fingerprint"), here)
+            candidates.append((bool(other), mechanism in self._taken, mechanism, columns, other))
+        _, _, mechanism, columns, other = min(candidates, key=lambda one: one[:2])
+        self._taken.add(mechanism)
+        if other:
+            self._differences.append(f"mechanism {number + 1} in {other}")
+        return mechanism, columns
+
+    def _with_names(self, number: int) -> list[Mechanism]:
+        """Given mechanisms with the names of one in the file."""
+        fitting, errors = [], []
+        for mechanism in self._given:
+            try:
+                check_columns(self._archive, equations(mechanism), f"mechanism {number} ")
+            except FileError as error:
+                errors.append(error)
+            else:
+                fitting.append(mechanism)
+        if fitting:
+            return fitting
+        message = str(errors[min(number, len(errors) - 1)])
+        if len(self._given) == 1 and self._count > 1:
+            message += f"; the motion goes through {self._count} mechanisms: give them in a list"
+        raise FileError(f"{message} (mechanism {number + 1} of the motion)")
+
+    def warn_of_differences(self) -> None:
+        """Warn of mechanisms that have the right names but other masses, lengths or forces."""
+        if self._differences:
+            warn(
+                f"{self._archive.path}: the mechanisms have the names of those that were saved, but differ from them: "
+                + ", ".join(self._differences)
+            )
+
+
+def _read_phased_events(
+    archive: Archive, mechanisms: Sequence[Mechanism], whole: Mechanism, labels: Sequence[str], phases: int
+) -> tuple[list[EventOccurrence], list[list[EventOccurrence]]]:
+    """All events in the symbols of the whole, and by phase those within it."""
+    times = archive.numbers("event t", None)
+    names = archive.names("event names", times.size)
+    rows = archive.numbers("event places", times.size, 5).astype(int)
+    if np.any(rows[:, 0] >= phases) or np.any(rows[:, [1, 3]] >= len(mechanisms)) or np.any(rows[:, 1] < 0):
+        raise archive.refuse("the entry 'event places' is not one of places")
+    places = [(k, place, times[i], i) for i, row in enumerate(rows) for k, place in (row[1:3], row[3:5]) if k >= 0]
+    values = archive.numbers("event parameters", len(places), len(labels))
+    by_place = {(k, place): (time, values[i]) for i, (k, place, time, _) in enumerate(places)}
+    if len(by_place) < len(places):
+        raise archive.refuse("the entry 'event places' is not one of places")
+    states: dict[tuple[int, int], State] = {}
+    for k, mechanism in enumerate(mechanisms):
+        state_places = sorted(place for number, place in by_place if number == k)
+        eom = equations(mechanism)
+        at = np.array([by_place[k, place][0] for place in state_places], float)
+        p = [_parameters_in(eom.mechanism, labels, by_place[k, place][1]) for place in state_places]
+        read = read_states(archive, f"mechanism {k} event ", eom, at, p)
+        states |= {(k, place): state for place, state in zip(state_places, read, strict=True)}
+    events: list[EventOccurrence] = []
+    by_phase: list[list[EventOccurrence]] = [[] for _ in range(phases)]
+    for name, time, row in zip(names, times.tolist(), rows.tolist(), strict=True):
+        phase, keys = row[0], [tuple(row[1:3]), tuple(row[3:5])]
+        own_states = [states.get(key) for key in keys]
+        wide = [
+            None if s is None else in_whole(s, whole, _parameters_in(whole, labels, by_place[key][1]))
+            for s, key in zip(own_states, keys, strict=True)
+        ]
+        assert own_states[0] is not None and wide[0] is not None
+        events.append(EventOccurrence(name, time, wide[0], wide[1]))
+        if phase >= 0:
+            by_phase[phase].append(EventOccurrence(name, time, own_states[0], own_states[1]))
+    return events, by_phase
+
+
+def _parameters_in(whole: Mechanism, labels: Sequence[str], values: np.ndarray) -> np.ndarray:
+    """Values of all parameters; those that the file does not have keep their own."""
+    known = dict(zip(labels, values.tolist(), strict=True))
+    return np.array([known.get(p.label, p.value) for p in whole.parameters], float)

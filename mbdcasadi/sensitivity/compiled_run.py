@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Collection, Sequence
 from typing import Any
 
@@ -15,6 +14,7 @@ from ..errors import SimulationError, warn
 from ..integrators import Integrator
 from ..integrators.failures import reason_of
 from ..kinematics.singular import describe_singularity
+from ..model.cache import Cache
 from ..model.mechanism import Mechanism
 from ..numerics.console import call
 from ..numerics.lazy import cached_property
@@ -193,7 +193,7 @@ class CompiledRun:
         d = ca.MX.sym("d", self.design.size)
         self._given = ca.Function("given", [d], list(self.design.arguments(d)))
         self._outputs = self.motion.outputs(expressions)
-        self._compiled: OrderedDict[Any, Compiled] = OrderedDict()
+        self._compiled = Cache(PATTERNS)
 
     def values(self, d: np.ndarray) -> np.ndarray:
         """All outputs (n_y n_t + integrals,), time by time.
@@ -275,13 +275,7 @@ class CompiledRun:
 
     def _of(self, course: Cuts) -> Compiled:
         """The compiled run for a course and others of its pattern."""
-        pattern = course.pattern
-        if pattern not in self._compiled:
-            self._compiled[pattern] = Compiled(self._function(course), 1)
-            while len(self._compiled) > PATTERNS:
-                self._compiled.popitem(last=False)
-        self._compiled.move_to_end(pattern)
-        return self._compiled[pattern]
+        return self._compiled.get_or_create(course.pattern, lambda: Compiled(self._function(course), 1), bounded=True)
 
     def _function(self, course: Cuts) -> ca.Function:
         """``(d, guess, cuts, sides, borders) -> (y, X, residual of the start, its solution)``."""

@@ -124,11 +124,11 @@ class OneSidedWarnings:
     ----------
     unmoved : collection of int
         Switches in time whose instants no parameter moves: these have no derivative of their own.
-    differentiates : bool, default True
+    differentiates : bool
         False if nothing is differentiated, and nothing is to be said.
     """
 
-    def __init__(self, unmoved: Collection[int], *, differentiates: bool = True):
+    def __init__(self, unmoved: Collection[int], *, differentiates: bool):
         self._unmoved, self._warned = frozenset(unmoved), set[str]()
         self._differentiates = differentiates
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from .checks.failure_diagnosis import singular_stop
 from .checks.resolution import Resolution
 from .checks.uniqueness import Uniqueness
 from .checks.unseen_loads import UnseenLoad, UnseenLoads
+from .outputs import Outputs
 from .path import Path
 from .schedule import Piece
 from .singular.passage import Passage, SingularPassage, Trail
@@ -49,16 +51,8 @@ class Arc:
     ----------
     stepper : Stepper
         Advances it.
-    watch : EventWatch
-        Looks for events.
-    passage : SingularPassage
-        Looks for singular poses.
-    projection : PieceProjection
-        Brings states onto the constraints.
-    resolution : Resolution
-        Looks for what the steps did not follow.
-    uniqueness : Uniqueness
-        Looks for reactions that are not unique.
+    watch, passage, resolution, uniqueness
+        Look for events, singular poses, what the steps did not follow, and reactions that are not unique.
     trail : Trail
         States since the motion last began smoothly.
     """
@@ -83,7 +77,7 @@ class Arc:
         else:
             self.stepper = CompiledStepper(system)
         self.passage = SingularPassage(regularity, self.stepper.outputs)
-        self.projection = PieceProjection(self.stepper, run.integrator.reltol, only_wanted=not self.watch.events)
+        self._projection = PieceProjection(self.stepper, run.integrator.reltol, only_wanted=not self.watch.events)
         self.trail = Trail()
 
     def is_own(self, event: Event) -> bool:
@@ -111,6 +105,20 @@ class Arc:
             nothing = np.zeros((times.size, self.resolution.terms.size))
             return piece, Path(np.r_[piece.start, times], np.vstack([x, stopped.x]), nothing), stopped
         return piece.refined(path.times[1:]) if self._integrator.runs_whole else piece, path, None
+
+    def outputs(self, passage: Passage | None) -> Outputs:
+        """Return what makes outputs of states, on the way across a singular pose if there is one."""
+        return self.stepper.outputs if passage is None else self.stepper.tolerant_outputs
+
+    def on_constraints(
+        self, piece: Piece, path: Path, passage: Passage | None
+    ) -> tuple[Path, IntegrationFailure | None]:
+        """Return a path on the constraints, up to the first state that cannot be brought there, and the failure."""
+        x, apart = path.x[1:], None
+        if not path.on_constraints:
+            x, apart = self._projection.states(piece, path, self.outputs(passage), across=passage is not None)
+        self.stepper.note_turning(x)
+        return replace(path, times=path.times[: len(x) + 1], x=np.vstack([path.x[:1], x])), apart
 
     def first_touch(self, path: Path) -> tuple[float, np.ndarray] | None:
         """First time at which a piece is to end, as a contact closes that its steps did not follow; and stops."""
@@ -172,7 +180,7 @@ class Arc:
         def way(times: np.ndarray) -> np.ndarray:
             time, x = trail.before(float(times[0]))
             x = self.stepper.outputs.projected(np.array([time]), x[None, :])[0]
-            return self.stepper.precise_way_from(time, x)(times)
+            return self.stepper.way_from(time, x, precise=True)(times)
 
         try:
             passage = self.passage.across(entry, trail.start, way, smooth_until(entry))

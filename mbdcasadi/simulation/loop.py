@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from ..integrators import Integrator
 from ..integrators.compiled import IntegrationFailure
 from ..model.events import Event
 from ..model.forces.friction.modes import switching
-from ..numerics.console import interruptible
+from ..numerics.console import Interruption, interruptible
 from ..numerics.progress import simulated_time_bar
 from ..results.state import State
 from ..results.trajectory import EventOccurrence, Trajectory
@@ -40,9 +41,6 @@ from .trajectory_builder import TrajectoryBuilder
 
 #: Time from the jump of a prescribed velocity, relative to a run, at which it explains a failure.
 NEAR_CORNER = 1e-5
-#: A multistep method starts with some hundred small steps of low order: pieces that take fewer steps than this are
-#: joined (measured: twenty pieces of 140 steps take three times as long as one).
-STEPS_PER_PIECE = 1000
 #: Fraction of a piece after whose start a new start at a touch makes sense.
 NEW_START = 1e-6
 #: Looks at the path across one load, at most.
@@ -51,13 +49,20 @@ LEAST_NORM = "the constraints are redundant: multipliers and reactions are those
 
 
 class Run:
-    """A simulation that is being run."""
+    """A simulation that is being run; one that is given an interruption leaves it to its analysis to notice Ctrl-C."""
 
     def __init__(
-        self, setup: Setup, modes: Modes, events: Sequence[Event], integrator: Integrator, *, progress: bool = False
+        self,
+        setup: Setup,
+        modes: Modes,
+        events: Sequence[Event],
+        integrator: Integrator,
+        *,
+        progress: bool = False,
+        interruption: Interruption | None = None,
     ):
         self.setup, self.modes, self.events, self.integrator = setup, modes, tuple(events), integrator
-        self._progress = progress
+        self._progress, self._noticed = progress, interruption
         timed = time_dependence(setup)
         self.max_step, self._obstacle, self._corners = timed.max_step, timed.obstacle(), timed.velocity_jumps
         grid = setup.grid
@@ -66,7 +71,7 @@ class Run:
         controller = setup.signals.controller
         self._schedule = Schedule(
             grid,
-            stops=np.r_[setup.signals.breaks, timed.stops],
+            stops=np.concatenate([setup.signals.breaks, timed.stops]),
             jumps=timed.jumps,
             period=None if controller is None else controller.period,
             watch_points=WATCH_POINTS if self._is_watched(integrator) else 0,
@@ -75,8 +80,7 @@ class Run:
         self.transitions = Transitions(modes, events, self.instant)
         self._arcs: dict[Any, Arc] = {}
         self._notes = timed.notes
-        self._x = np.zeros(0)
-        self._extra_stops = np.zeros(0)
+        self._x = self._extra_stops = np.zeros(0)
         self._passed: list[float] = []
         #: True if the paths of all pieces are kept, on which the shortest load is looked for
         self.keeps_paths = False
@@ -123,7 +127,8 @@ class Run:
         self._prepare()
         builder = self._builder
         span = self._schedule.end - self._schedule.start
-        with interruptible() as self._interruption, simulated_time_bar(span, show=self._progress) as bar:
+        noticing = interruptible() if self._noticed is None else nullcontext(self._noticed)
+        with noticing as self._interruption, simulated_time_bar(span, show=self._progress) as bar:
             try:
                 self._begin() if entry is None else self._resume(entry)
                 if any(event.becomes is not None for event in self.events):
@@ -217,8 +222,10 @@ class Run:
             bar.update(self._time - before)
             if ended:
                 return
-            if first and self._arc.stepper.steps:
-                first, size = False, self._joined(size)
+            if first and self._arc.stepper.counts.steps:
+                first = False
+                if self.integrator.is_multistep and not any(map(resets_or_ends, self._arc.watch.events)):
+                    size = schedule.joined(size, self._index, self._arc.stepper.counts.steps)
             if schedule.samples_at(self._index - 1) and self._time == schedule.times[self._index - 1]:
                 state = self.transitions.by_controller(self._arc.stepper.outputs.state(self._time, self._x))
                 self._enter(state)
@@ -229,15 +236,6 @@ class Run:
         """Raise at a time at which no motion goes on."""
         if self._obstacle is not None and self._obstacle.time <= self._time + self._schedule.tolerance:
             raise self._obstacle
-
-    def _joined(self, size: int) -> int:
-        """Times of the pieces that follow the first: more, if a multistep method would mostly be starting."""
-        arc, left = self._arc, self._schedule.size - self._index
-        steps, restarts = arc.stepper.steps, any(map(resets_or_ends, arc.watch.events))
-        if not self.integrator.is_multistep or restarts or steps >= STEPS_PER_PIECE:
-            return size
-        pieces = max(1, round(left / size * steps / STEPS_PER_PIECE))
-        return max(size, -(-left // pieces))  # of equal length: an integrator is made for each pattern of outputs
 
     # --- one piece ----------------------------------------------------------------------------------
     def _advance(self, last: int) -> bool:
@@ -299,15 +297,11 @@ class Run:
         passage : Passage, optional
             Continues the motion across a singular pose, instead of the integrator.
         """
-        arc, times = self._arc, path.times[1:]
-        outputs = arc.stepper.outputs if passage is None else arc.stepper.tolerant_outputs
-        x, apart = path.x[1:], None
-        if not path.on_constraints:
-            x, apart = arc.projection.states(piece, path, outputs, across=passage is not None)
-        if apart is not None:
-            failure, times = apart, times[: len(x)]
-        arc.stepper.note_turning(x)
-        crossings = arc.crossings(Path(np.r_[piece.start, times], np.vstack([self._x, x]), path.integrals), passage)
+        arc = self._arc
+        consistent, apart = arc.on_constraints(piece, path, passage)
+        failure = failure if apart is None else apart
+        times, x = consistent.times[1:], consistent.x[1:]
+        crossings = arc.crossings(consistent, passage)
         deciding = [c for c in crossings if arc.decides(c.event)]
         count = times.size
         if deciding:
@@ -320,7 +314,7 @@ class Run:
             if self.keeps_paths:
                 self._paths.append(counted)
         kept = np.flatnonzero(piece.wanted[:count])
-        self._keep(times[kept], x[kept], piece.begins[kept], outputs)
+        self._keep(times[kept], x[kept], piece.begins[kept], arc.outputs(passage))
         for crossing in crossings:
             if not arc.decides(crossing.event):
                 self._builder.events.append(self._occurrence(crossing))
@@ -342,22 +336,15 @@ class Run:
     def _advance_across(self, piece: Piece, path: Path, passage: Passage) -> bool:
         """Advance to the far side of a singular pose; whether the run ended."""
         approach = self._schedule.stretch(piece.start, self._index, passage.start)
-        # the integrator's states as far as they are sure, and beyond them those of the polynomial, which they support
-        times = approach.times
-        known = np.isin(times, path.times) & (times <= path.times[-1])
-        states, integrals = np.empty((times.size, path.x.shape[1])), np.zeros((times.size, path.integrals.shape[1]))
-        places = np.searchsorted(path.times, times[known])
-        states[known], integrals[known] = path.x[places], path.integrals[places - 1]
-        states[~known] = passage.states(times[~known])
-        if self._finish(approach, Path(np.r_[approach.start, times], np.vstack([self._x, states]), integrals)):
+        if self._finish(approach, passage.approach(path, approach.times)):
             return True
         if self._time < passage.start:  # an event came before
             return False
         arc = self._arc
         across = self._schedule.stretch(self._time, self._index, passage.end)
-        states = np.vstack([self._x, passage.states(across.times[:-1]), passage.x])
         self._passed.append((passage.start + passage.end) / 2)
         nothing = np.zeros((across.times.size, path.integrals.shape[1]))
+        states = np.vstack([self._x, passage.states(across.times[:-1]), passage.x])
         ended = self._finish(across, Path(np.r_[across.start, across.times], states, nothing), passage=passage)
         arc.passage.left_behind()
         if self._time == passage.end:
@@ -393,7 +380,7 @@ class Run:
         if mode not in self._arcs:
             self._arcs[mode] = Arc(self, mode, state)
         arc = self._arc = self._arcs[mode]
-        self._x, self._time = np.r_[state.q, state.v, state.z], state.t
+        self._x, self._time = np.concatenate([state.q, state.v, state.z]), state.t
         self._arc.trail.begin(self._time, self._x)
         arc.watch.start_at(state)
         self._builder.enter(state.t, mode, arc.stepper.outputs.recovery.refine(arc.stepper.outputs.rule))
@@ -491,9 +478,9 @@ class Run:
     def _passage_notes(self) -> list[str]:
         if not self._passed:
             return []
-        count = len(self._passed)
+        poses = "1 singular pose" if len(self._passed) == 1 else f"{len(self._passed)} singular poses"
         return [
-            f"passes {count} singular pose{'s' if count > 1 else ''}, the first at t = {self._passed[0]:.6g} s, in "
+            f"passes {poses}, the first at t = {self._passed[0]:.6g} s, in "
             "which the mechanism could fold; the motion is continued smoothly"
         ]
 
@@ -503,12 +490,12 @@ class Run:
     @property
     def starts(self) -> int:
         """Number of starts of the integrator."""
-        return sum(arc.stepper.starts for arc in self._arcs.values())
+        return sum(arc.stepper.counts.starts for arc in self._arcs.values())
 
     @property
     def steps(self) -> int:
         """Steps of the integrator."""
-        return sum(arc.stepper.all_steps for arc in self._arcs.values())
+        return sum(arc.stepper.counts.all_steps for arc in self._arcs.values())
 
     def shortest_load(self) -> float:
         """Duration of the shortest load or contact on the paths that were kept, s; infinite if there is none."""

@@ -28,7 +28,7 @@ class Outputs:
 
     def split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Coordinates, velocities and first-order states."""
-        n = self.numeric.eom.q.numel()
+        n = self.numeric.eom.sizes[0]
         return x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
 
     def projected(self, times: np.ndarray, x: np.ndarray) -> np.ndarray:

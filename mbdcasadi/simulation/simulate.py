@@ -22,7 +22,14 @@ from ..results.validity import report_validity
 from .changes.events import read_events
 from .changes.friction_modes import FrictionModes
 from .changes.modes import Modes, SingleMode
-from .checks.accuracy import grown_error, range_near_rounding, small_motions, tolerance_for, unresolved_range
+from .checks.accuracy import (
+    grown_error,
+    notes_on_range,
+    ranges,
+    small_motions,
+    tolerance_for,
+    unresolved_range,
+)
 from .contact.compiled_elements import has_many_contacts
 from .loop import Run
 from .phases import PhasedRun
@@ -121,7 +128,7 @@ def simulate(
     True
     """
     found: list[Trajectory] = []
-    with keyboard_interrupts("simulate", lambda: found[-1] if found else None):
+    with keyboard_interrupts("simulate", lambda: found[-1] if found else None) as interruption:
         read = read_events(events)
         if any(event.becomes is not None for event in read):
             chosen = dict(reltol=reltol, abstol=abstol, jit=jit, options=options)
@@ -142,10 +149,12 @@ def simulate(
             method, modes, reltol=reltol, abstol=abstol, jit=jit, options=options, analysis="simulate"
         )
         integrator = suited_to_friction(asked, modes.numeric(modes.free))
-        run = Run(setup, modes, read, integrator, progress=bool(progress))
+        run = Run(setup, modes, read, integrator, progress=bool(progress), interruption=interruption)
         found.append(run.run())
         if integrator.abstol < asked.abstol:
             found[-1].statistics.notes.append(f"abstol = {integrator.abstol:.1e}, as the friction asks for")
+        if integrator.name == "idas" and has_many_contacts(modes.numeric(modes.free)):
+            found[-1].statistics.notes.append('method="bdf" is faster for many contacts of bodies that no joint holds')
         may_repeat = abstol is None and asked is not method and setup.signals.controller is None
         found.append(_checked(*_resolved(run, found[-1], may_repeat=may_repeat, progress=bool(progress))))
     return found[-1]
@@ -153,7 +162,7 @@ def simulate(
 
 def _checked(run: Run, motion: Trajectory) -> Trajectory:
     """A motion with notes on its tolerances, after warnings of what it passed."""
-    motion.statistics.notes += small_motions(motion, run.integrator.abstol) + range_near_rounding(motion.q)
+    motion.statistics.notes += notes_on_range(motion, run.integrator.abstol)
     motion.statistics.notes += grown_error(motion, run.steps)
     _report_exceeded_limits(run.setup.mechanism, motion)
     report_validity(motion, run.unresolved())
@@ -173,7 +182,7 @@ def _through_phases(
     motion = run.run()
     notes = motion.statistics.notes
     for part in motion.phases:
-        notes += [note for note in small_motions(part, run.integrator.abstol) if note not in notes]
+        notes += [note for note in small_motions(part, ranges(part.q), run.integrator.abstol) if note not in notes]
     for part in motion.phases:
         _report_exceeded_limits(part.mechanism, part)
         report_validity(part, run.unresolved() if part is motion.phases[0] else ())

@@ -246,7 +246,7 @@ def _left_over(statics: Statics, x: np.ndarray) -> str:
     force = here.basis @ here.force / statics.numeric.column_scale**2
     order = np.argsort(-np.abs(force * statics.numeric.column_scale))
     parts = [f"{eom.coordinate_names[k]} ({force[k]:.4g})" for k in order[:3] if abs(force[k]) > 1e-9 * largest(force)]
-    rates = statics.rows(x)[0][statics.n + statics.constant_rows :][: statics.k]
+    rates = statics.rows(x)[0][statics.rates]
     parts += [f"{z.label} (rate {r:.4g})" for z, r in zip(eom.mechanism.states, rates, strict=True) if abs(r) > 1e-9]
     pose = amplification(statics, x)
     singular = f"; the pose is singular, {pose.text}" if pose is not None and pose.singular else ""

@@ -147,7 +147,9 @@ class Statics:
         moving = ca.substitute(ca.vertcat(eom.Q, eom.z_rate), eom.u, fed_back)
         slope = ca.substitute(ca.jacobian(moving, eom.v), ca.vertcat(eom.v, eom.a, eom.u), ca.vertcat(rest, rest, u))
         self._by_velocity = ca.Function("by_velocity", arguments, [ca.densify(slope)])
-        self.constant_rows = eom.Phi.numel()
+        first = self.n + eom.Phi.numel()
+        #: rows of the rates of first-order states
+        self.rates = slice(first, first + self.k)
 
     # --- the unknowns ----------------------------------------------------------------
     def join(self, q: np.ndarray, z: np.ndarray, lam: np.ndarray, y: np.ndarray | Sequence[float] = ()) -> np.ndarray:
@@ -231,7 +233,7 @@ class Statics:
         for _ in range(3):
             values, jacobian = self.rows(x)
             left = self._left(jacobian, basis, c)
-            right = np.concatenate([values[: self.n] * c, values[self.n + self.constant_rows :][: self.k]])
+            right = np.concatenate([values[: self.n] * c, values[self.rates]])
             step = -least_norm(left, right, threshold=BALANCED)
             x[self.n : self.n + self.k] += step[: self.k]
             x[self.n + self.k : self.n + self.k + self.m] += step[self.k : self.k + self.m]
@@ -244,8 +246,7 @@ class Statics:
         c, basis = self._free(x)
         values, jacobian = self.rows(x)
         left = self._left(jacobian, basis, c)
-        rates = slice(self.n + self.constant_rows, self.n + self.constant_rows + self.k)
-        moved = np.vstack([c[:, None] * jacobian[: self.n, : self.n], jacobian[rates, : self.n]]) @ basis
+        moved = np.vstack([c[:, None] * jacobian[: self.n, : self.n], jacobian[self.rates, : self.n]]) @ basis
         held = np.concatenate([c * values[: self.n], np.zeros(self.k)])
         answer = least_norm(left, np.column_stack([moved, held]), threshold=BALANCED)[self.k + self.m :]
         matrix, force = -answer[:, :-1], answer[:, -1]
@@ -264,22 +265,15 @@ class Statics:
         n, k = self.n, self.k
         _, jacobian = self.rows(x)
         by_velocity = self._by_velocity(x, self.t, self.numeric.p[self._known_p]).full()
-        rates = slice(n + self.constant_rows, n + self.constant_rows + k)
         inertia = np.vstack([-self.eom.masses(self.parameters(x))[:, None] * basis, np.zeros((k, basis.shape[1]))])
         # forces and rates by displacements, velocities, accelerations and states; multipliers follow
-        sources = np.hstack(
-            [
-                jacobian[[*range(n), *range(rates.start, rates.stop)], :n] @ basis,
-                by_velocity @ basis,
-                inertia,
-                jacobian[[*range(n), *range(rates.start, rates.stop)], n : n + k],
-            ]
-        )
+        moving = np.vstack([jacobian[:n], jacobian[self.rates]])
+        sources = np.hstack([moving[:, :n] @ basis, by_velocity @ basis, inertia, moving[:, n : n + k]])
         lam = slice(n + k, n + k + self.m)
         left = np.hstack([c[:, None] * jacobian[:n, lam], basis / c[:, None]])
         answer = least_norm(left, c[:, None] * sources[:n], threshold=BALANCED)
         force = answer[self.m :]
-        rate = sources[n:] - jacobian[rates, lam] @ answer[: self.m]
+        rate = sources[n:] - jacobian[self.rates, lam] @ answer[: self.m]
         return SmallMotions.of(force, rate, basis)
 
     def _free(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -293,9 +287,8 @@ class Statics:
     def _left(self, jacobian: np.ndarray, basis: np.ndarray, c: np.ndarray) -> np.ndarray:
         """Matrix that multiplies ``(dz, dlam, -f)``: states, multipliers, and the force left over along the basis."""
         n, k, m = self.n, self.k, self.m
-        rates = slice(n + self.constant_rows, n + self.constant_rows + k)
         upper = np.hstack([c[:, None] * jacobian[:n, n : n + k + m], basis / c[:, None]])
-        lower = np.hstack([jacobian[rates, n : n + k + m], np.zeros((k, basis.shape[1]))])
+        lower = np.hstack([jacobian[self.rates, n : n + k + m], np.zeros((k, basis.shape[1]))])
         return np.vstack([upper, lower])
 
 

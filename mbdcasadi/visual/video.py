@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import MechanismError
 from .axes import dress, legend, readable
 from .drawing.canvas import LOWEST, STEP, Canvas
-from .drawing.draw import FLAT, TALL, draw_scale, frame_axes, room
+from .drawing.draw import FLAT, TALL, corners, draw_scale, frame_axes, room, with_scale_room
 from .drawing.scene import TRACE
 from .drawing.style import LIGHT, SERIES_LIGHT
 from .film import Film
@@ -59,8 +59,10 @@ class Stage:
         scene_axes, *others = axes[:, 0]
         self._picture = Canvas(scene_axes, scene)
         if scale := {unit: size for unit, size in film.scale.items() if forces or unit in scene.arrow_units}:
-            box = draw_scale(scene_axes, scale, box, scene.unit)
-        frame_axes(scene_axes, box, fresh=False)
+            frame_axes(scene_axes, with_scale_room(box, scale), fresh=False)
+            draw_scale(scene_axes, scale, box, corners(scene_axes)[1] - [scene.unit, 0])
+        else:
+            frame_axes(scene_axes, box, fresh=False)
         self._traces = [
             scene_axes.plot([], [], color=LIGHT["trace"], linewidth=1.3, zorder=LOWEST + STEP * TRACE)[0]
             for _ in scene.traces

@@ -153,6 +153,11 @@ MJCF = """<mujoco>
         ("", '<actuator><motor joint="no"/></actuator>', "motor names the joint 'no', which does not exist"),
         ("", '<actuator><general joint="j" dyntype="filter"/></actuator>', "has the dyntype 'filter'; read is none"),
         ("", '<compiler boundmass="0.1"/>', "has boundmass, which is not read"),
+        ('<body name="c" gravcomp="1"/>', "", "body 'c' has gravcomp = '1', which is not read"),
+        ('<geom size="0.1" shellinertia="true"/>', "", "geom has shellinertia = 'true', which is not read"),
+        ("", '<option><flag actuation="disable"/></option>', "flag has actuation = 'disable', which is not read"),
+        ("", '<actuator><position joint="j" timeconst="1"/></actuator>', "position has timeconst = '1', which is not"),
+        ("", '<equality><weld body1="arm" relpose="1 0 0 1 0 0 0"/></equality>', "weld has relpose = '1 0 0 1 0 0 0'"),
         ("", "<nonsense/>", "line 9: nonsense is not known"),
         ('<body name="c" quat="0 0 0 0"/>', "", "body 'c' has a zero vector as quat"),
         ('<geom type="capsule" size="1" fromto="0 0 0 0 0 0"/>', "", "geom has a zero vector as fromto"),
@@ -193,6 +198,29 @@ def test_what_changes_the_inertia(tmp_path):
     assert state[arm.y] == pytest.approx(-0.5 * np.cos(0.4), abs=1e-12)
 
 
+def test_flags_and_shared_defaults(tmp_path):
+    """Forces that flags turn off, and defaults of one kind of actuator that are those of the others."""
+    text = """<mujoco>
+      <compiler angle="radian"/>
+      <option density="1.2"><flag gravity="disable" spring="disable" contact="disable"/></option>
+      <default><motor gear="2"/></default>
+      <default><joint damping="0.5" stiffness="9"/></default>
+      <worldbody>
+        <body name="arm" gravcomp="0">
+          <joint name="hip" axis="0 -1 0"/>
+          <geom type="sphere" size="0.1" mass="3" pos="0 0 -0.5" contype="0" conaffinity="0"/>
+        </body>
+      </worldbody>
+      <actuator><velocity name="drive" joint="hip" kv="4"/></actuator>
+    </mujoco>"""
+    with pytest.warns(mbd.MechanismWarning, match="left out the forces of a fluid"):
+        machine = read(tmp_path / "m.xml", text)
+    (drive,), arm = machine.inputs, machine.bodies[0]
+    state = mbd.assemble(machine, [arm.phi == 0.4, arm.omega == 1.5], inputs={drive: 0.8})
+    inertia = 3 * 0.5**2 + 0.4 * 3 * 0.1**2
+    assert float(state[arm.alpha]) == pytest.approx((2 * 4 * (0.8 - 2 * 1.5) - 0.5 * 1.5) / inertia, rel=1e-10)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -204,6 +232,8 @@ def test_what_changes_the_inertia(tmp_path):
         (('mass value="2"', 'mass value="-2"'), "must be at least 0"),
         (('xyz="0.2 0 0"', 'xyz="0.2 0"'), "which are not finite numbers (3)"),
         (("<robot", "<!DOCTYPE r [<!ENTITY x 'y'>]><robot"), "declarations of entities are not read"),
+        (('<link name="world"/>', '<link name="world"/><xacro:include/>'), "xacro:include is a macro; expand the file"),
+        (('<link name="world"/>', '<link name="world"/><loop_joint name="l"/>'), "loop_joint 'l' is not known"),
         (("<robot", "<model"), "not valid XML"),
     ],
 )

@@ -1,7 +1,10 @@
 """Functional mock-up units against ``simulate`` of the same mechanism."""
 
 import ctypes
+import tempfile
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -15,6 +18,7 @@ from mbdcasadi.__main__ import main
 fmpy = pytest.importorskip("fmpy")
 
 from fmpy.fmi1 import FMICallException  # noqa: E402
+from fmpy.simulation import instantiate_fmu  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
 from units import Unit, simulated  # noqa: E402
 
@@ -181,6 +185,66 @@ def test_machines_move_as_in_simulate(machine, version, tolerance, tmp_path):
     for kind in ("CoSimulation", "ModelExchange"):
         found = simulated(path, TIMES, outputs, kind, tolerance)
         assert np.all(off(found, columns(motion, outputs)) < 1e-6), kind
+
+
+def rubbing_ball():
+    machine, _, outputs = bouncing_ball()
+    (ball,), (gravity, floor) = machine.bodies, machine.forces
+    shapes = mbd.HalfPlane(mbd.ground.at(0, 0)), mbd.Circle(ball.at(0, 0), 0.05)
+    rubbing = mbd.Contact("floor", *shapes, law=floor.law, friction=mbd.Coulomb(0.3, 0.05))
+    return machine.replace(forces=[gravity, rubbing]), (), outputs | {"spin": ball.omega}
+
+
+def block_between_forces():
+    block = mbd.Body("block", mass=1, inertia=1)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), block.at(0, 0))
+    force = mbd.Force("push", block.at(0, 0), mbd.vertcat(mbd.if_else(block.x > 0.3, -20.0, 5.0), 0))
+    machine = mbd.Mechanism(bodies=[block], joints=[rail], forces=[force])
+    return machine, [block.x == 0, block.vx == 0], {"x": block.x, "v": block.vx}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("machine", [rubbing_ball, block_between_forces])
+def test_steps_end_where_the_state_switches(machine, tmp_path):
+    """Contacts and comparisons at 1e-8: the motion is that of dop853, and the same after going back to any time."""
+    mechanism, initial, outputs = machine()
+    path = mbd.export_fmu(mechanism, tmp_path / "unit.fmu", initial=initial, outputs=outputs, kind="both", version=2)
+    times = np.linspace(0, 3, 301)
+    exact = mbd.simulate(mechanism, times, initial=initial, method="dop853", reltol=1e-12, abstol=1e-12)
+    unit = Unit(path, tmp_path).start(tolerance=1e-8)
+    rows = [unit.get(*outputs)]
+    for begin, end in pairwise(times):
+        unit.time, saved = begin, unit.fmu.getFMUState()
+        unit.step((end - begin) / 3)
+        unit.fmu.setFMUState(saved)
+        unit.fmu.freeFMUState(saved)
+        unit.time = begin
+        unit.step(end - begin)
+        rows.append(unit.get(*outputs))
+    assert np.all(off(np.array(rows), columns(exact, outputs)) < 2e-6)
+    assert np.array_equal(Unit(path, tmp_path).start(tolerance=1e-8).run(times, *outputs), rows)
+    # the importer's solver stops at the same switches
+    found = simulated(path, times, outputs, "ModelExchange", 1e-10)
+    assert np.all(off(found, columns(exact, outputs)) < 1e-5)
+
+
+@pytest.mark.slow
+def test_instances_in_threads(paths, linkage, tmp_path):
+    """Several instances of one library that run at once each give what they give alone."""
+    description, folder = fmpy.read_model_description(str(paths[2])), str(tmp_path / "unit")
+    fmpy.extract(str(paths[2]), folder)
+
+    def run(damping):
+        unit = instantiate_fmu(folder, description, "CoSimulation")
+        more = dict(model_description=description, fmu_instance=unit, fmi_type="CoSimulation", start_values=damping)
+        found = fmpy.simulate_fmu(folder, stop_time=0.5, output_interval=0.01, output=list(linkage.outputs), **more)
+        return np.array(found.tolist())
+
+    values = [{"damping": value} for value in (0.01, 0.02, 0.05, 0.1)]
+    alone = [run(value) for value in values]
+    with ThreadPoolExecutor(len(values)) as pool:
+        assert all(map(np.array_equal, pool.map(run, values), alone))
+    assert np.max(np.abs(alone[0] - alone[1])) > 0.1
 
 
 @pytest.mark.slow
@@ -793,8 +857,23 @@ def test_nothing_is_half_written(linkage, tmp_path, monkeypatch):
     monkeypatch.setenv("CC", "false")
     refused("the compiler false failed", m, path)
     assert path.read_bytes() == b"old"
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    monkeypatch.setenv("CC", "cc")
+    monkeypatch.setattr(tempfile, "tempdir", str(scratch))
+    with full_disk(2000):
+        refused("the files for the compiler cc cannot be written: File too large", m, path)
+    assert path.read_bytes() == b"old" and list(scratch.iterdir()) == []
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "gone"))
+    refused("the files for the compiler cc cannot be written: No such file", m, path)
+    monkeypatch.undo()
+    refused("the file cannot be written: File name too long", m, tmp_path / f"{'x' * 300}.fmu")
+    long = mbd.export_fmu(m, tmp_path / f"{'ä' * 120}.fmu", binary=False)
+    assert long.exists() and sorted(p.name for p in tmp_path.iterdir()) == sorted([long.name, "scratch", "x.fmu"])
+    monkeypatch.setenv("CC", "'no such")
+    refused("no C compiler is on the path (CC names 'no such)", m, path, binary=True)
     monkeypatch.setenv("CC", "no-such-compiler")
-    refused("no C compiler is on the path", m, path, binary=True)
+    refused("no C compiler is on the path (CC names no-such-compiler)", m, path, binary=True)
     with pytest.warns(mbd.MechanismWarning, match="holds sources and no binary"):
         mbd.export_fmu(m, path)
     with zipfile.ZipFile(path) as archive:

@@ -42,13 +42,72 @@ def test_an_svg_drawing_with_holes_and_an_island(tmp_path):
     known = plate()
     values = known.area, known.centroid, known.second_moment
     close_to(mbd.Polygon.from_svg(path), *values, 2e-4)
-    # the library knows the millimetre to six digits
     close_to(mbd.Polygon.from_svg(path, tolerance=1e-7), *values, 5e-6)
     pixel = 0.0254 / 96
     twice = mbd.Polygon.from_svg(path, scale=2 * pixel, tolerance=1e-7)
     close_to(twice, 4 * values[0], 2 * values[1], 16 * values[2], 5e-6)
     body = mbd.Body.from_shape("plate", mbd.Polygon.from_svg(path), mass=2.0)
     assert body.inertia == pytest.approx(known.mass_properties(mass=2.0)[2], rel=2e-4)
+
+
+def svg(path, content, size='width="100mm" height="100mm" viewBox="0 0 100 100"'):
+    path.write_text(f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{content}</svg>')
+    return path
+
+
+@pytest.mark.parametrize(
+    ("content", "size", "area", "centroid"),
+    [
+        # lengths on paper
+        ('<rect width="50" height="20"/>', 'width="400Q" height="10cm" viewBox="0 0 100 100"', 1e-3, (0.025, -0.01)),
+        ('<rect x="1mm" width="5cm" height="20mm"/>', 'width="100mm" height="100mm"', 1e-3, (0.026, -0.01)),
+        ('<rect width="72pt" height="6pc"/>', 'width="4in" height="4in"', 0.0254**2, (0.0127, -0.0127)),
+        (
+            '<rect width="50" height="20"/>',
+            'width="200mm" height="100mm" viewBox="-50 -50 100 100"',
+            1e-3,
+            (0.125, -0.06),
+        ),
+        # transformations of what is no path
+        ('<g transform="rotate(30 25 10)"><rect width="50" height="20"/></g>', None, 1e-3, (0.025, -0.01)),
+        ('<rect width="10" height="10" transform="matrix(2 .3 .5 1.5 3 4)"/>', None, 2.85e-4, (0.0155, -0.013)),
+        ('<circle r="10" transform="matrix(2 .3 .5 1.5 50 40)"/>', None, np.pi * 2.85e-4, (0.05, -0.04)),
+        ('<ellipse rx="30" ry="10" transform="translate(50 50) rotate(20)"/>', None, np.pi * 3e-4, (0.05, -0.05)),
+        # a hole in the same path, and one that touches
+        ('<path d="m 0 0 h 50 v 20 h -50 z m 20 5 h 10 v 10 h -10 z"/>', None, 9e-4, (0.025, -0.01)),
+        ('<rect width="50" height="20"/><rect width="50" height="10"/>', None, 5e-4, (0.025, -0.015)),
+        # side by side
+        ('<rect width="50" height="10"/><rect y="10" width="50" height="10"/>', None, 1e-3, (0.025, -0.01)),
+        # what is not drawn
+        ('<rect width="50" height="20"/><mask><path d="M 0 0 h 90 v 90 z"/></mask>', None, 1e-3, (0.025, -0.01)),
+        ('<symbol><path d="M 0 0 h 90 v 90 z"/></symbol><rect width="50" height="20"/>', None, 1e-3, (0.025, -0.01)),
+        ('<defs><rect id="a" width="50" height="20"/></defs><use href="#a" x="5"/>', None, 1e-3, (0.03, -0.01)),
+    ],
+)
+def test_units_and_transformations_of_svg(content, size, area, centroid, tmp_path):
+    """Areas and centroids by hand: exact for straight outlines, to the tolerance for curves."""
+    path = svg(tmp_path / "a.svg", content, *([size] if size else []))
+    shape = mbd.Polygon.from_svg(path, tolerance=1e-8)
+    assert shape.area == pytest.approx(area, rel=1e-6 if "r=" in content or "rx" in content else 1e-11)
+    assert shape.centroid == pytest.approx(centroid, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ('<rect width="30" height="20"/><rect x="20" y="5" width="30" height="20"/>', r"outlines cross at \(0.0"),
+        ('<path d="M 0 0 L 40 30 L 40 0 L 0 20 z"/>', "outlines cross at"),
+        ('<rect width="30" height="20"/><rect x="20" width="30" height="20"/>', "another outline overlaps"),
+        ('<rect width="20" height="20"/><path d="M 0 0 L 20 20 L 30 0 z"/>', "another outline overlaps"),
+        ('<rect width="20" height="20"/><rect width="20" height="20"/>', "another outline overlaps"),
+        ('<svg x="10"><rect width="20" height="20"/></svg>', "svg in svg"),
+        ('<symbol id="a"><rect width="20" height="20"/></symbol><use href="#a"/>', "the symbol '#a' is not read"),
+    ],
+)
+def test_drawings_without_a_known_area(content, words, tmp_path):
+    """Outlines that cross or lie on each other, and drawings in the drawing, are refused and not counted twice."""
+    with pytest.raises(mbd.FileError, match=words):
+        mbd.Polygon.from_svg(svg(tmp_path / "a.svg", content))
 
 
 def test_curves_of_svg(tmp_path):
@@ -94,6 +153,62 @@ def test_dxf_drawings(tmp_path):
         mbd.Polygon.from_dxf(path)
 
 
+def test_lines_of_dxf(tmp_path):
+    """Slots of loose lines and arcs, blocks that are turned, ellipses, exact splines; what is hidden does not count."""
+    drawing = ezdxf.new(units=ezdxf.units.MM)
+    space, path = drawing.modelspace(), tmp_path / "a.dxf"
+    space.add_line((40, 10), (0, 10), dxfattribs={"layer": "slot"})
+    space.add_arc((40, 5), 5, -90, 90, dxfattribs={"layer": "slot"})
+    space.add_line((0, 0), (40, 0), dxfattribs={"layer": "slot"})
+    space.add_arc((0, 5), 5, 90, 270, dxfattribs={"layer": "slot"})
+    space.add_line((0, 0), (-5, -9), dxfattribs={"layer": "slot"})  # leads nowhere
+    block = drawing.blocks.new("ring")
+    block.add_circle((0, 0), 5)
+    for x in (0, 30):
+        space.add_blockref("ring", (x, 0), dxfattribs={"layer": "rings", "xscale": 2, "rotation": 30})
+    space.add_ellipse((1, 2), (10, 5), 0.5, dxfattribs={"layer": "ellipse"})
+    points = [(10, 0), (10, 10), (0, 10), (-10, 10), (-10, 0), (-10, -10), (0, -10), (10, -10), (10, 0)]
+    half = np.sqrt(0.5)
+    knots = [0, 0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 4]
+    space.add_rational_spline(points, [1, half, 1, half, 1, half, 1, half, 1], 2, knots, dxfattribs={"layer": "spline"})
+    space.add_lwpolyline([(0, 0, -1), (0, 10, -1)], "xyb", close=True, dxfattribs={"layer": "negative"})
+    drawing.saveas(path)
+    for layer, area in (
+        ("slot", 400 + np.pi * 25),
+        ("rings", 2 * np.pi * 50),
+        ("ellipse", np.pi * 125 / 2),
+        ("spline", np.pi * 100),
+        ("negative", np.pi * 25),
+    ):
+        assert mbd.Polygon.from_dxf(path, layer=layer, tolerance=1e-8).area == pytest.approx(area * 1e-6, rel=5e-6)
+    with pytest.raises(mbd.FileError, match="nothing is on a layer 'slots'; there are ellipse, negative, rings"):
+        mbd.Polygon.from_dxf(path, layer="slots")
+
+
+def test_hidden_and_branching_lines_of_dxf(tmp_path):
+    """Layers that are off, frozen or never printed; lines of which three meet enclose no known outline."""
+    drawing, path = ezdxf.new(units=ezdxf.units.MM), tmp_path / "a.dxf"
+    space = drawing.modelspace()
+    space.add_lwpolyline([(0, 0), (50, 0), (50, 20), (0, 20)], close=True)
+    drawing.layers.add("off").off()
+    drawing.layers.add("frozen").freeze()
+    for k, more in enumerate(({"layer": "off"}, {"layer": "frozen"}, {"layer": "Defpoints"}, {"invisible": 1})):
+        space.add_circle((5 + 10 * k, 10), 3, dxfattribs=more)
+    drawing.saveas(path)
+    assert mbd.Polygon.from_dxf(path).area == pytest.approx(1e-3)
+    for begin, end in (
+        ((0, 0), (10, 0)),
+        ((10, 0), (10, 10)),
+        ((10, 10), (0, 0)),
+        ((10, 0), (20, 0)),
+        ((20, 0), (10, 10)),
+    ):
+        space.add_line(begin, end, dxfattribs={"layer": "web"})
+    drawing.saveas(path)
+    with pytest.raises(mbd.FileError, match=r"more than two lines meet at \(10, \d+\) in the drawing"):
+        mbd.Polygon.from_dxf(path, layer="web")
+
+
 def test_bad_drawings(tmp_path, monkeypatch):
     """One sentence each: missing, broken, without an outline, without the library."""
     for read, name in ((mbd.Polygon.from_svg, "a.svg"), (mbd.Polygon.from_dxf, "a.dxf")):
@@ -103,6 +218,11 @@ def test_bad_drawings(tmp_path, monkeypatch):
         path.write_text("nothing of the kind")
         with pytest.raises(mbd.FileError, match=r"this is not an? \w+ drawing"):
             read(path)
+        for wrong in (3, None, b"a", "a\0b"):
+            with pytest.raises(mbd.FileError, match=r"the path of a file is a text or a pathlib\.Path, got"):
+                read(wrong)
+        with pytest.raises(mbd.FileError, match="the file cannot be read: File name too long"):
+            read("x" * 300)
     path = tmp_path / "open.svg"
     path.write_text('<svg xmlns="http://www.w3.org/2000/svg"><path d="M 0 0 L 10 0 L 10 10"/></svg>')
     with pytest.raises(mbd.FileError, match="holds no closed outline"):

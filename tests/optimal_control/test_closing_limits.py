@@ -6,6 +6,8 @@ from motions import crank_rocker, half_turn, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
 from mbdcasadi.optimal_control.guess import closing_limits
+from mbdcasadi.optimal_control.nlp.solver import Solver
+from mbdcasadi.optimal_control.nlp.solvers import ipopt
 
 
 def cart_pole(limit, rail):
@@ -46,6 +48,37 @@ def test_limits_close_in_on_a_cart():
     assert np.max(np.abs(motion[force])) <= 8 + 1e-6 and np.max(np.abs(motion[cart.x])) <= 1.01
     assert solution.verify().final_error < 2e-2
     assert mbd.optimize(problem, guess=solution).cost == pytest.approx(solution.cost, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_limits_close_in_from_a_motion(monkeypatch):
+    """If the solution without limits owes its cost to a coarse mesh, limits close in on finer ones."""
+    monkeypatch.setattr(closing_limits, "is_lost", lambda solution: solution.meshes[0].count < 80)
+    problem, _cart, force = cart_pole(8.0, 1.0)
+    solution = mbd.optimize(problem)
+    stages = [stage.description for stage in solution.statistics.stages]
+    assert stages[:4] == ["all limits", "no limits", "no limits", "all limits, closed in"]
+    assert solution.mesh.size - 1 == 80
+    assert np.max(np.abs(solution.trajectory[force])) <= 8 + 1e-6
+
+
+@pytest.mark.slow
+def test_a_least_time_without_limits_is_no_shorter_than_the_guess(monkeypatch):
+    """Else forces have no end, and limits do not close in from there; 8 N move 1 kg by 1 m in ``2 / sqrt(8)`` s."""
+    original, durations = Solver.solve_loosened, []
+
+    def recorded(self, *arguments):
+        found = original(self, *arguments)
+        durations.append(found[0].duration)
+        return found
+
+    monkeypatch.setattr(Solver, "solve_loosened", recorded)
+    monkeypatch.setitem(ipopt.WARM_START["cold"], "ipopt.max_iter", 1)  # the first solve fails
+    problem, *_ = rest_to_rest(1.0, (0.01, 10.0), lower=-8, upper=8, running_cost=0, terminal_cost=mbd.t)
+    solution = mbd.optimize(problem)
+    assert durations[0] >= np.sqrt(0.01 * 10.0) - 1e-6
+    assert solution.statistics.stages[1].description == "no limits"
+    assert solution.duration == pytest.approx(2 / np.sqrt(8), rel=1e-6)
 
 
 @pytest.mark.slow
@@ -125,8 +158,6 @@ def test_what_was_not_proven_is_not_said(monkeypatch):
 @pytest.mark.slow
 def test_ctrl_c_between_the_stages(monkeypatch):
     """A search that is stopped has no solution; its last iterate is kept, and passes limits."""
-    from mbdcasadi.optimal_control.nlp.solver import Solver
-
     original = Solver.solve_loosened
 
     def stopped(self, *arguments):

@@ -5,11 +5,13 @@ import signal
 import threading
 import time
 
+import casadi as ca
 import numpy as np
 import pytest
 from motions import crank_rocker, half_turn, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
+from mbdcasadi.optimal_control.checks.expressions import kinks_in
 
 
 def failed(problem, **settings):
@@ -105,6 +107,22 @@ def test_a_slope_that_is_not_finite():
     problem, _u, block = rest_to_rest(distance=0.0)
     error = failed(problem.replace(running_cost=mbd.sqrt(block.vx)), intervals=4)
     assert "the slope of sqrt(" in str(error) and "is not finite at t" in str(error)
+
+
+@pytest.mark.parametrize(
+    ("function", "where"),
+    [
+        (lambda x: mbd.if_else(x > 1, x, 2 * x - 1), "passes zero"),
+        (lambda x: mbd.if_else(x <= 0, 0, 3 * x), "passes zero"),
+        (lambda x: 1 + mbd.fabs(x), "fabs(x) bends"),
+        (lambda x: mbd.if_else(x > 0, x**2, 0), None),
+        (lambda x: mbd.spline(x, [0, 1, 2, 4], [0, 1, 0, 3]), None),
+        (lambda x: x**2, None),
+    ],
+)
+def test_kinks_are_found_where_slopes_jump(function, where):
+    found = kinks_in(ca.SX(function(ca.SX.sym("x"))))
+    assert (where in found[0]) if where else not found
 
 
 @pytest.mark.slow

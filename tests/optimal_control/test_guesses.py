@@ -50,6 +50,17 @@ def test_a_solution_of_another_duration_and_other_waypoints(solved):
     assert back.cost <= before.cost * (1 + 1e-6), "the detour may lead to a better optimum"
 
 
+def test_a_solution_brings_its_mesh():
+    """Without ``intervals=``, if it has as many segments; of the same problem it is not checked anew, else it is."""
+    problem, *_ = rest_to_rest()
+    first = mbd.optimize(problem, intervals=23)
+    assert mbd.optimize(problem, guess=first).mesh.size == 24
+    other = problem.replace(duration=2.0)
+    assert mbd.optimize(other, guess=first).mesh.size == 24
+    via = other.replace(waypoints=[mbd.Waypoint(1.0)])
+    assert mbd.optimize(via, guess=first).mesh.size == 41
+
+
 def test_a_simulation(solved):
     """A replay of the optimum is as good as the optimum."""
     problem, _f, before = solved

@@ -29,10 +29,12 @@ def two_links(driven, duration, **changes):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("driven", "best"), [("elbow", 77.61), ("shoulder", 172.0)])
-def test_swing_ups(driven, best):
-    """Acrobot and pendubot of 2.5 s, from the automatic guess: cost, a mesh that holds, and the forward dynamics."""
-    problem, upper, lower, elbow = two_links(driven, 2.5)
+@pytest.mark.parametrize(
+    ("driven", "duration", "best"), [("elbow", 2.5, 77.61), ("shoulder", 2.5, 172.0), ("shoulder", 4.0, 72.45)]
+)
+def test_swing_ups(driven, duration, best):
+    """Acrobot and pendubot from the automatic guess: cost, a mesh that holds, and the forward dynamics."""
+    problem, upper, lower, elbow = two_links(driven, duration)
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # no mesh that is too coarse
         solution = mbd.optimize(problem)

@@ -201,7 +201,13 @@ def test_a_mesh_too_coarse_is_told():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         fine = mbd.optimize(problem, intervals=30)
+        # as the guess for another problem it brings its mesh, which is refined; for the same one nothing is checked
+        limited = mbd.optimize(problem.replace(path=[mbd.bounded(-1.5, cart.x, 1.5)]), guess=coarse)
+        same = mbd.optimize(problem, guess=coarse)
     assert fine.verify().final_error < 1e-3
+    assert limited.mesh.size - 1 > 10 and limited.verify().final_error < 0.02
+    assert limited.cost == pytest.approx(fine.cost, rel=1e-3)
+    assert same.mesh.size - 1 == 10 and same.statistics.iterations <= 2
 
 
 def test_a_coarse_mesh_of_linear_forces_is_told():
@@ -277,6 +283,9 @@ def test_errors_of_first_order_states_count():
     missed = abs(proof.trajectory.final[lag.output] - solution.trajectory.final[lag.output]) / span
     assert missed > 0.01 and proof.final_error >= 0.99 * missed
     assert solution.mesh_error > 0.01
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # without a number of intervals they are split for the state, too
+        assert mbd.optimize(problem).mesh.size - 1 > 40
 
 
 @pytest.mark.slow
@@ -322,3 +331,12 @@ def test_a_solution_that_is_no_motion_is_found_again_from_its_guess(monkeypatch)
     monkeypatch.setattr(refinement, "LOST_ERROR", np.inf)
     once = mbd.optimize(problem)
     assert once.mesh.size - 1 == 40 and solution.statistics.iterations > once.statistics.iterations
+
+
+def test_all_intervals_are_halved_if_the_error_moves_on(monkeypatch):
+    """The first interval stays coarse though it was split: a fast motion that goes to where the mesh is coarse."""
+    problem, *_ = rest_to_rest()
+    monkeypatch.setattr(refinement, "coarseness", lambda part: np.where(np.arange(part.mesh.count) == 0, 0.1, 0.0))
+    solution = mbd.optimize(problem)
+    assert solution.mesh.size - 1 == (40 + 1) * 2 ** (refinement.COARSE_PASSES - 1)
+    assert solution.cost == pytest.approx(12, rel=1e-8)

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from motions import crank_rocker, half_turn
+from motions import crank_rocker, guided_block, half_turn
 
 import mbdcasadi as mbd
 
@@ -100,3 +100,21 @@ def test_limits_and_costates_in_other_units():
     active = reference.active_limits, other.active_limits
     assert [len(a) for a in active] == [1, 1]
     assert active[1][0].costate == pytest.approx(active[0][0].costate * 1e18 / 1e6, rel=1e-4)
+
+
+@pytest.mark.parametrize("middle", [0.2, 0.5, 0.8])
+def test_the_size_of_a_cost_in_a_window_of_time(middle):
+    """Most of the time a small cost on the input is all there is; the solver sees the cost as a number near one."""
+    push = mbd.Input("u")
+    block, mechanism = guided_block(1.0, push)
+    window = (mbd.tanh((mbd.t - middle + 0.15) / 0.02) - mbd.tanh((mbd.t - middle - 0.15) / 0.02)) / 2
+    problem = mbd.OptimalControlProblem(
+        mechanism,
+        duration=1.0,
+        initial=[block.x == 0, block.vx == 0],
+        final=[block.x == 1, block.vx == 0],
+        running_cost=window * (block.x - 0.5) ** 2 + 1e-9 * push**2,
+    )
+    solution = mbd.optimize(problem, intervals=40)
+    assert 1e-3 < solution.program.cost_scale < 1
+    assert solution.statistics.iterations < 20

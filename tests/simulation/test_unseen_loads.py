@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 import mbdcasadi as mbd
+from mbdcasadi.arguments.inputs import read_signals
+from mbdcasadi.equations.switching.switch_functions import state_switches
+from mbdcasadi.simulation.checks.unseen_loads import meets_loads
 
 METHODS = ["idas", "dop853", "erk", "rosenbrock"]
 TIMES = np.linspace(0, 10, 11)
@@ -45,6 +48,25 @@ def test_work_of_a_force_in_a_short_range(load, way, method):
     mechanism, body = puck(load)
     motion = mbd.simulate(mechanism, TIMES, initial=[body.vx == SPEED], method=method)
     assert motion[body.vx][-1] == pytest.approx(np.sqrt(SPEED**2 + 2 * PUSH * way), rel=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["idas", "dop853"])
+def test_a_load_at_equal_values_of_what_switches(method):
+    """The operands of the comparison are looked at, not the comparison."""
+    mechanism, body = puck(lambda b: PUSH * FACTOR * mbd.if_else(ca.sign(b.x - 50) + ca.sign(50.1 - b.x) == 2, 1, 0))
+    motion = mbd.simulate(mechanism, TIMES, initial=[body.vx == SPEED], method=method)
+    assert motion[body.vx][-1] == pytest.approx(np.sqrt(SPEED**2 + 2 * PUSH * 0.1), rel=1e-5)
+
+
+def test_lengths_are_no_loads():
+    """The length of a spring compares for zero, and divides; nothing comes and goes there."""
+    body = mbd.Body("bob", mass=1.0, inertia=1.0, pose=(1, 0, 0))
+    spring = mbd.TSDA("spring", mbd.ground.at(0, 0), body.at(0, 0), stiffness=10, free_length=0.5)
+    eom = mbd.equations(mbd.Mechanism(bodies=[body], forces=[spring]))
+    assert not meets_loads(eom, read_signals(eom, None))
+    switches, _ = state_switches(ca.sign(body.x) == 1, eom.q, eom.a)
+    assert len(switches) == 1 and ca.is_equal(switches[0], body.x)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -269,6 +269,18 @@ def test_the_longest_step(way):
     assert np.ptp(held.energy.total) < 1e-11
 
 
+def test_noise_at_the_limit_of_stability(way):
+    """A strong drag that follows a moving belt, against the closed form: steps stay where no noise grows."""
+    body, rate = cart()[0], 2000.0
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), body.at(0, 0))
+    drag = mbd.Force("drag", body.at(0, 0), (-2 * rate * (body.vx - mbd.sin(mbd.t)), 0))
+    mechanism = mbd.Mechanism(bodies=[body], joints=[rail], forces=[drag])
+    times, initial = np.linspace(0, 2, 101), [body.x == 0, body.vx == 0]
+    motion = mbd.simulate(mechanism, times, initial=initial, method="dop853", reltol=1e-6, abstol=1e-6)
+    known = rate**2 * np.sin(times) - rate * np.cos(times) + rate * np.exp(-rate * times)
+    assert np.max(np.abs(motion[body.vx] - known / (1 + rate**2))) < 2e-5  # 1e-4 at the limit itself
+
+
 # --- what it refuses -------------------------------------------------------------------------------------
 def test_stiff_motion_is_refused(way):
     """A hard spring with a strong damper: stability asks for 1e7 steps, and the error says so with the remedy."""

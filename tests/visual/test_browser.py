@@ -118,15 +118,17 @@ def test_it_plays_pauses_repeats_and_scrubs(page):
     assert page.evaluate("mechanism.time") == 4.0
 
 
+def point_at(page, name):
+    """Move the mouse to where a part is drawn."""
+    corner = page.locator("#stage").bounding_box()
+    x, y = page.evaluate(f"mechanism.place('{name}')")
+    page.mouse.move(corner["x"] + x, corner["y"] + y)
+
+
 def test_what_is_pointed_at_is_named(page):
     """A body and a joint, with numbers that follow the time; a click keeps them."""
     corner = page.locator("#stage").bounding_box()
-
-    def point_at(name):
-        x, y = page.evaluate(f"mechanism.place('{name}')")
-        page.mouse.move(corner["x"] + x, corner["y"] + y)
-
-    point_at("wrist pin")
+    point_at(page, "wrist pin")
     assert page.locator("#reading b").text_content() == "wrist pin"
     assert "force on slider" in page.locator("#reading").text_content()
     page.mouse.down()
@@ -136,18 +138,42 @@ def test_what_is_pointed_at_is_named(page):
     before = page.locator("#reading table").text_content()
     page.evaluate("mechanism.seek(1.0)")
     assert page.locator("#reading table").text_content() != before
-    point_at("rod")
+    point_at(page, "rod")
     page.mouse.down()
     page.mouse.up()
     assert page.locator("#reading b").text_content() in ("rod", "wrist pin", "crank pin")
 
 
-def test_forces_and_darkness_are_switched(page):
+def legend(page):
+    """Units of the arrows that are shown, and how much of each is a pixel, from the picture."""
+    picture = ElementTree.fromstring(page.evaluate("mechanism.svg()"))
+    found, unit, value = {}, None, None
+    for part in picture.iter():
+        if part.tag.endswith("text") and part.get("text-anchor") == "end" and part.get("stroke") is None:
+            number, unit = part.text.removesuffix(" (radius)").split(" ", 1)
+            value = float(number)
+        elif part.tag.endswith("path") and unit is not None:
+            x, _, u, _ = (float(x) for x in part.get("d")[1:].replace("L", " ").split())
+            found[unit], unit = value / (u - x), None
+    return found
+
+
+def model_scale(crank, page):
+    """Newtons, newton metres and metres per second of an arrow of one pixel."""
+    model, motion, animation = crank
+    main, wrist = (page.evaluate(f"mechanism.place('{name}')") for name in ("main bearing", "wrist pin"))
+    place = motion.at(page.evaluate("mechanism.time")).initial[model.slider.position]
+    metre = np.hypot(*np.subtract(wrist, main)) / np.hypot(*place)
+    return {unit: of_one / metre for unit, of_one in animation.film.scale.items()}
+
+
+def test_forces_and_darkness_are_switched(page, crank):
     """Both change the picture; the choice of the reader's system is the start."""
     plain = drawn(page)
+    assert legend(page) == {}
     page.keyboard.press("f")
     assert page.locator("#forces").get_attribute("aria-pressed") == "true"
-    assert "N: arrow of" in page.locator("#scale").text_content() and page.locator("#scale").is_visible()
+    assert legend(page)["N"] == pytest.approx(model_scale(crank, page)["N"], rel=1e-3)
     assert drawn(page) != plain
     page.click("#forces")
     assert drawn(page) == plain
@@ -167,11 +193,49 @@ def test_velocities_and_names_are_switched(page, crank):
     named = drawn(page)
     assert named != plain
     page.keyboard.press("v")
-    assert drawn(page) != named and "m/s: arrow of" in page.locator("#scale").text_content()
+    assert drawn(page) != named and legend(page) == {"m/s": pytest.approx(model_scale(crank, page)["m/s"], rel=1e-3)}
     state = motion.at(1.3).initial
     for body in (model.rod, model.slider):
         drawn_velocity = np.array(page.evaluate(f"mechanism.arrow('{body.name}')")) * animation.film.scale["m/s"]
         np.testing.assert_allclose(drawn_velocity, state[body.velocity], atol=2e-4)
+
+
+def test_a_kept_number_is_plotted(page, crank):
+    """By a click into its row; another one takes the plot away."""
+    model, motion, _ = crank
+    point_at(page, "rod")
+    before = page.locator("#plots canvas").count()
+    page.mouse.down()
+    page.mouse.up()
+    page.locator("#reading tr", has_text="phi").click()
+    assert page.locator("#plots canvas").count() == before + 1
+    points = np.array(page.evaluate("mechanism.plot('rod: phi, rad')")[""]["points"])
+    np.testing.assert_allclose(points[:, 1], motion.at(points[:, 0])[model.rod.phi], atol=2e-4)
+    last = page.locator("#plots canvas").last.bounding_box()
+    page.mouse.click(last["x"] + 56 + (last["width"] - 66) / 2, last["y"] + last["height"] / 2)
+    assert page.evaluate("mechanism.time") == pytest.approx(2.0, abs=0.02)
+    page.locator("#reading tr", has_text="phi").click()
+    assert page.locator("#plots canvas").count() == before
+
+
+def test_names_stay_within_the_picture(page):
+    """On a phone there is less room beside a part than where the names were placed."""
+    page.set_viewport_size(PHONE)
+    page.keyboard.press("n")
+    outside = """() => {
+        const picture = new DOMParser().parseFromString(mechanism.svg(), "text/xml").documentElement, off = [];
+        document.body.append(picture);
+        for (const text of picture.querySelectorAll("text[text-anchor=middle]")) {
+            const box = text.getBBox();
+            if (box.x < 0 || box.x + box.width > Number(picture.getAttribute("width"))) off.push(text.textContent);
+        }
+        picture.remove();
+        return off;
+    }"""
+    for time in np.linspace(0, 4, 9):
+        page.evaluate(f"mechanism.seek({time})")
+        assert page.evaluate(outside) == [], time
+    assert "main bearing" in page.evaluate("mechanism.svg()")
 
 
 def test_plots_move_along_and_lead_to_a_time(page):

@@ -574,6 +574,25 @@ def test_forty_torques_do_not_bury_a_chain():
     assert len(arrows) == 40 and max(size_of(m, poses[0]) for m in arrows) < 1.2
 
 
+def test_many_loads_at_one_point_are_drawn_as_their_sum():
+    """Up to three of a kind are drawn each for itself; elsewhere on the body nothing is added."""
+    wheel = mbd.Body.from_shape("wheel", mbd.Disc(0.3), mass=2)
+    hub = mbd.Revolute("hub", mbd.ground.at(0, 0), wheel.at(0, 0))
+    other = mbd.Force("other", wheel.at(0, 0.3), (0, 5))
+    for number, count in ((3, 3), (40, 1)):
+        torques = [mbd.Torque(f"t{k}", wheel, 0.1 * (k - 15)) for k in range(number)]
+        pulls = [mbd.Force(f"f{k}", wheel.at(0.3, 0), (1.0, k)) for k in range(number)]
+        scene, poses, scale = scene_of(mbd.Mechanism([wheel], joints=[hub], forces=[*torques, *pulls, other]))
+        turning, pushing = (
+            [poses[0, m.frame] for m in scene.marks if m.style == style] for style in ("motion", "force")
+        )
+        assert len(turning) == count and len(pushing) == count + 1
+        for couple in turning if count == 1 else ():
+            assert couple[3] * scale["N m"] == pytest.approx(0.1 * (780 - 40 * 15))
+            assert pushing[0][3] * scale["N"] == pytest.approx(np.hypot(40, 780))
+        assert pushing[-1][3] * scale["N"] == pytest.approx(5)
+
+
 def test_the_slot_of_a_scotch_yoke_is_as_long_as_its_stroke():
     """In the first pose already; the slide is held by two guides, one on each side."""
     model = mbd.library.scotch_yoke(crank=0.12)
@@ -641,3 +660,50 @@ def test_names_of_a_planetary_gear_are_apart_and_led_to():
         apart = np.hypot(*np.maximum(np.maximum([box.x0, box.y0] - place, place - [box.x1, box.y1]), 0))
         led = np.min(np.hypot(*(ends - mesh).T)) < 1e-9
         assert led or apart < 30, box
+
+
+def train():
+    """Five gears in a row, with a motor."""
+    radii = (0.04, 0.12, 0.05, 0.1, 0.03)
+    places = np.cumsum([0, *(a + b for a, b in itertools.pairwise(radii))])
+    gears = [
+        mbd.Body.from_shape(f"gear {k}", mbd.Disc(r), mass=1, pose=(x, 0, 0))
+        for k, (r, x) in enumerate(zip(radii, places, strict=True))
+    ]
+    shafts = [mbd.Revolute(f"shaft {k}", mbd.ground.at(places[k], 0), gear.at(0, 0)) for k, gear in enumerate(gears)]
+    meshes = [mbd.Gear(f"mesh {k}", gears[k].at(0, 0), gears[k + 1].at(0, 0), radii[k], radii[k + 1]) for k in range(4)]
+    motor = mbd.Torque("motor", gears[0], 2.0)
+    return mbd.Mechanism(gears, joints=[*shafts, *meshes], forces=[mbd.Gravity(), motor])
+
+
+def tower():
+    """Bars on top of each other, with long names: high and narrow."""
+    bars = [mbd.Body.from_shape(f"bar number {k}", mbd.Rod(1.0), mass=1, pose=(0, k, np.pi / 2)) for k in range(4)]
+    before = [mbd.ground.at(0, -0.5), *(bar.at(0.5, 0) for bar in bars)]
+    pins = [
+        mbd.Revolute(f"pin at the foot of bar number {k}", before[k], bar.at(-0.5, 0)) for k, bar in enumerate(bars)
+    ]
+    return mbd.Mechanism(bars, joints=pins, forces=[mbd.Gravity(), mbd.Torque("motor", bars[0], 2.0)])
+
+
+@pytest.mark.parametrize("machine", [train, tower])
+@pytest.mark.parametrize("forces", [False, True])
+def test_a_drawing_fills_axes_as_wide_as_a_column(machine, forces):
+    """Whatever its proportions: names are apart from each other, from the scale of forces and from other numbers."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(3.5, 2.6), layout="constrained")
+    axes = mbd.draw(machine(), figure.subplots(), names=True, forces=forces)
+    figure.draw_without_rendering()
+    texts = [text for text in axes.texts if text.get_text()]
+    assert any("(radius)" in text.get_text() for text in texts) and len(texts) > 8
+    assert axes.get_window_extent().width > 0.75 * figure.bbox.width
+    for one, two in itertools.combinations(texts, 2):
+        a, b = one.get_window_extent(), two.get_window_extent()
+        common = min(a.x1, b.x1) - max(a.x0, b.x0), min(a.y1, b.y1) - max(a.y0, b.y0)
+        assert min(common) < 3, (one.get_text(), two.get_text())
+    for axis in (axes.xaxis, axes.yaxis):
+        boxes = [label.get_window_extent() for label in axis.get_ticklabels() if label.get_text()]
+        for a, b in itertools.pairwise(boxes):
+            assert a.x1 < b.x0 or a.y1 < b.y0 or b.y1 < a.y0
+    assert all(len(line) <= 22 for text in texts for line in text.get_text().split("\n"))

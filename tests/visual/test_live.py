@@ -3,6 +3,8 @@
 Needs the extra ``browser`` and a Chromium, as ``test_browser``; the refusals do not.
 """
 
+import re
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -395,12 +397,33 @@ def test_names_velocities_and_forces_are_switched(opened):
     for switch, shown in (("names", "coupler"), ("velocities", "#1f5fa8"), ("forces", "#1f6f4a")):
         tab.click(f"#{switch}")
         assert shown in tab.evaluate("mechanism.svg()") and shown not in plain, switch
-        assert tab.locator("#scale").is_visible() == (switch != "names")
+        assert ('text-anchor="end"' in tab.evaluate("mechanism.svg()")) == (switch != "names")
         tab.click(f"#{switch}")
         assert tab.evaluate("mechanism.svg()") == plain
-    assert "m/s: arrow of" in tab.locator("#scale").text_content()
     tab = opened(mechanism, initial=start, names=True, forces=True)
-    assert "coupler" in tab.evaluate("mechanism.svg()") and tab.locator("#scale").is_visible()
+    assert "coupler" in tab.evaluate("mechanism.svg()") and re.search(r">[\d.]+ N<", tab.evaluate("mechanism.svg()"))
+
+
+@pytest.mark.slow
+def test_a_kept_number_is_plotted_from_then_on(opened):
+    """By a click, in a page without plots, too; the table of the page has it beside what was plotted before."""
+    mechanism, start, _ = adjustable()
+    crank = mechanism.bodies[0]
+    for plots in ({}, {"crank, rad/s": crank.omega}):
+        tab = opened(mechanism, initial=start, plots=plots)
+        tab.evaluate("mechanism.run(0.3)")
+        tab.locator("#stage").click(position=dict(zip("xy", tab.evaluate("mechanism.place('crank')"), strict=True)))
+        tab.locator("#reading tr", has_text="omega").click()
+        tab.evaluate("mechanism.run(0.2)")
+        points = tab.evaluate("mechanism.plot('crank: omega, rad/s')")[""]["points"]
+        known = [(t, value) for t, value in points if np.isfinite(value)]
+        assert known[0][0] == pytest.approx(0.3, abs=0.01) and known[-1][0] == pytest.approx(0.5, abs=0.01)
+        motion = mbd.simulate(mechanism, [0, *(t for t, _ in known)], initial=start, reltol=1e-9, abstol=1e-9)
+        np.testing.assert_allclose([value for _, value in known], motion[crank.omega][1:], atol=1e-5)
+        head, *rows = tab.evaluate("mechanism.csv()").splitlines()
+        assert head.endswith('"crank: omega, rad/s"') and {row.count(",") for row in rows} == {head.count('","')}
+        tab.locator("#reading tr", has_text="omega").click()
+        assert tab.locator("#plots canvas").count() == len(plots)
 
 
 @pytest.mark.slow

@@ -17,29 +17,23 @@ _COMPARE = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_FMIN, ca.OP_FMAX)
 _AT_ZERO = (ca.OP_FABS, ca.OP_SIGN, ca.OP_SQRT, ca.OP_LOG, ca.OP_INV)
 #: Functions that switch when their operand is an integer.
 _AT_INTEGERS = (ca.OP_FLOOR, ca.OP_CEIL)
+#: Operations that switch where a quotient, or the operand, is a whole number.
+_INTEGERS = (*_AT_INTEGERS, ca.OP_FMOD, ca.OP_REMAINDER)
 #: Operations that switch. The values of comparisons are compared in their turn by and, or, not and if_else.
-_SWITCHING = (
-    *_COMPARE, *_AT_ZERO, *_AT_INTEGERS, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_ATAN2, ca.OP_DIV,
+_SWITCHING = frozenset((
+    *_COMPARE, *_AT_ZERO, *_INTEGERS, ca.OP_COPYSIGN, ca.OP_ATAN2, ca.OP_DIV,
     ca.OP_ASIN, ca.OP_ACOS, ca.OP_TAN, ca.OP_POW, ca.OP_CONSTPOW,
-)  # fmt: skip
+))  # fmt: skip
 #: Operations that may cause a short transient, when their operand is zero, or largest or smallest.
-_TRANSIENT = (
+_TRANSIENT = frozenset((
     ca.OP_EXP, ca.OP_EXPM1, ca.OP_TANH, ca.OP_ERF, ca.OP_ATAN, ca.OP_DIV, ca.OP_INV, ca.OP_POW, ca.OP_CONSTPOW,
-)  # fmt: skip
+))  # fmt: skip
 
 #: Functions that another value has at single instants alone, which no load is: their operands may switch, and are
 #: looked at themselves. The lengths of springs compare for zero.
 _AT_INSTANTS = (ca.OP_EQ, ca.OP_NE)
 #: Operations that switch with the motion.
-_IN_STATE = (
-    *(op for op in _COMPARE if op not in _AT_INSTANTS),
-    *_AT_INTEGERS,
-    ca.OP_FABS,
-    ca.OP_SIGN,
-    ca.OP_COPYSIGN,
-    ca.OP_FMOD,
-    ca.OP_REMAINDER,
-)
+_IN_STATE = frozenset((*_COMPARE, *_INTEGERS, ca.OP_FABS, ca.OP_SIGN, ca.OP_COPYSIGN)) - frozenset(_AT_INSTANTS)
 #: Operations by whose values geometry divides: the lengths of springs, and powers of these.
 _OF_GEOMETRY = (ca.OP_SQRT, ca.OP_CONST, ca.OP_HYPOT) if hasattr(ca, "OP_HYPOT") else (ca.OP_SQRT, ca.OP_CONST)
 
@@ -48,33 +42,36 @@ def time_switches(parts: ca.SX, t: ca.SX, p: ca.SX) -> tuple[list[ca.SX], list[c
     """Functions that switch at zero, that switch at integers, and that cause a transient."""
     function = ca.Function("parts", [t, p], [parts])
     nodes = function.instructions_sx()
-    wanted = set(_SWITCHING) | set(_TRANSIENT)
-    zeros, integers, transients = [], [], []
+    zeros: list[ca.SX] = []
+    integers: list[ca.SX] = []
+    transients: list[ca.SX] = []
     for k, op in enumerate(map(function.instruction_id, range(function.n_instructions()))):
-        if op not in wanted:
+        if op not in _SWITCHING and op not in _TRANSIENT:
             continue
-        node = nodes[k]
-        a = node.dep(0)
-        b = node.dep(1) if node.n_dep() > 1 else a
-        if op in _COMPARE:
-            zeros.append(a - b)
-        elif op in _AT_ZERO:
-            zeros.append(a)
-        elif op in _AT_INTEGERS:
-            integers.append(a)
-        elif op in (ca.OP_FMOD, ca.OP_REMAINDER):
-            integers.append(a / b - (0.5 if op == ca.OP_REMAINDER else 0.0))
-        elif op in (ca.OP_COPYSIGN, ca.OP_DIV):
-            zeros.append(b)
-        elif op in (ca.OP_ATAN2, ca.OP_POW, ca.OP_CONSTPOW):
-            zeros.append(a)
-        elif op in (ca.OP_ASIN, ca.OP_ACOS):
-            zeros.append(a * a - 1)
-        elif op == ca.OP_TAN:
-            zeros.append(ca.cos(a))
+        a, b = _operands(nodes[k])
+        if op in _SWITCHING:
+            (integers if op in _INTEGERS else zeros).append(_switch(op, a, b))
         if op in _TRANSIENT:
             transients += _of_transient(op, a, b)
     return depending_on_time(zeros, t), depending_on_time(integers, t), depending_on_time(transients, t)
+
+
+def _operands(node: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """First and last operand of an operation."""
+    return node.dep(0), node.dep(node.n_dep() - 1)
+
+
+def _switch(op: int, a: ca.SX, b: ca.SX) -> ca.SX:
+    """The function that is zero, or of :data:`_INTEGERS` a whole number, where an operation switches."""
+    if op in _COMPARE:
+        return a - b
+    if op in (ca.OP_COPYSIGN, ca.OP_DIV):
+        return b
+    if op in (ca.OP_FMOD, ca.OP_REMAINDER):
+        return a / b - (0.5 if op == ca.OP_REMAINDER else 0.0)
+    if op in (ca.OP_ASIN, ca.OP_ACOS):
+        return a * a - 1
+    return ca.cos(a) if op == ca.OP_TAN else a
 
 
 def state_switches(expressions: ca.SX, state: ca.SX, unknown: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
@@ -102,17 +99,12 @@ def state_switches(expressions: ca.SX, state: ca.SX, unknown: ca.SX) -> tuple[li
     for k, op in enumerate(map(function.instruction_id, range(function.n_instructions()))):
         if op not in _IN_STATE and op not in _TRANSIENT:
             continue
-        node = nodes[k]
-        operands = [node.dep(i) for i in range(node.n_dep())]
-        if op in _COMPARE:
-            switches.append(operands[0] - operands[1])
-        elif op in (ca.OP_FABS, ca.OP_SIGN, ca.OP_COPYSIGN):
-            switches.append(operands[-1])
-        elif op in (*_AT_INTEGERS, ca.OP_FMOD, ca.OP_REMAINDER):
-            whole = operands[0] if op in _AT_INTEGERS else operands[0] / operands[1]
-            switches.append(ca.sin(np.pi * (whole + (0.5 if op == ca.OP_REMAINDER else 0.0))))
+        a, b = _operands(nodes[k])
+        if op in _IN_STATE:
+            switch = _switch(op, a, b)
+            switches.append(ca.sin(np.pi * switch) if op in _INTEGERS else switch)
         else:
-            transients += [a for a in _of_transient(op, operands[0], operands[-1]) if a.op() not in _OF_GEOMETRY]
+            transients += [x for x in _of_transient(op, a, b) if x.op() not in _OF_GEOMETRY]
     return _moving(switches, state, unknown), _moving(transients, state, unknown)
 
 
@@ -161,7 +153,7 @@ def nesting_depths(column: ca.SX, t: ca.SX, p: ca.SX) -> np.ndarray:
     function = ca.Function("depths", [t, p], [column])
     operations = list(map(function.instruction_id, range(function.n_instructions())))
     level = np.zeros(column.numel(), int)
-    if not set(operations) & set(_SWITCHING):
+    if not set(operations) & _SWITCHING:
         return level
     work: dict[int, int] = {}
     for k, op in enumerate(operations):

@@ -111,18 +111,10 @@ def hold(
             operands = [work[place] for place in places]
             node, new = nodes[k], any(changed[place] for place in places)
             if op in JUMPING and node.element_hash() not in free:
-                inside = [node.dep(i) for i in range(node.n_dep())]
-                side = symbol(f"side {len(switches)}")
-                switches.append(
-                    Switch(
-                        node.element_hash(),
-                        side,
-                        _quantity(op, operands),
-                        _quantity(op, inside),
-                        op in _AT_WHOLE_NUMBERS,
-                        description,
-                    )
-                )
+                side, quantity = symbol(f"side {len(switches)}"), _quantity(op, operands)
+                natural = _quantity(op, [node.dep(i) for i in range(node.n_dep())])
+                whole = op in _AT_WHOLE_NUMBERS
+                switches.append(Switch(node.element_hash(), side, quantity, natural, whole, description))
                 value, new = _held(op, operands, side), True
             elif new:
                 value = _operation(op, operands)

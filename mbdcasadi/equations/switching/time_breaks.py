@@ -62,15 +62,6 @@ class TimeBreaks:
         """No instants at all."""
         return cls(np.zeros(0), np.zeros(0, int), np.zeros((0, 2)), width)
 
-    @property
-    def jumps(self) -> np.ndarray:
-        """Instants at which a value jumps."""
-        return self.times[self.order == 0]
-
-    def sides(self) -> tuple[np.ndarray, np.ndarray]:
-        """Instants just before and just after, at which every comparison has the truth of that side."""
-        return self.times - self.width, self.times + self.width
-
 
 def merge_breaks(parts: Sequence[TimeBreaks]) -> TimeBreaks:
     """Return the breaks of several functions as one; of the same instant the lowest order counts."""

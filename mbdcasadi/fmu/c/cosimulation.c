@@ -84,11 +84,17 @@ static int take_step(instance* s, double wanted, double limit) {
   task->samples = task->keep_samples = N_GAPS > 0;
   task->capacity = ROWS_OUT;
   task->step = s->block[STEP];
+  task->across = s->block[IS_ACROSS] != 0.0;
+  task->passed = s->block[PASSED];
+  task->eigenvalue = s->block[EIGENVALUE];
   memcpy(s->start, s->finish, sizeof(double) * N_X);
   task->max_step = is_short(s, begin) ? s->block[SHORT_STEP] : INFINITY;
   const int status = mbd_advance(s->run, task);
   if (!task->steps || !task->recorded) return status == DONE ? TOO_SMALL : status;
   s->block[STEP] = task->step;
+  s->block[IS_ACROSS] = (double)task->across;
+  s->block[PASSED] = task->passed;
+  s->block[EIGENVALUE] = task->eigenvalue;
   s->block[AHEAD_BEGIN] = begin;
   s->block[AHEAD_END] = task->out_times[task->recorded - 1];
   memcpy(s->finish, task->out_x + (task->recorded - 1) * N_X, sizeof(double) * N_X);
@@ -105,25 +111,35 @@ static const char* reason(int status) {
   }
 }
 
-/* Forget the step that is ahead, up to its begin. */
-static void step_back(instance* s, double begin, double end, const double* finish) {
-  s->block[AHEAD_BEGIN] = begin;
-  s->block[AHEAD_END] = end;
-  memcpy(s->finish, finish, sizeof(double) * N_X);
+/* How far the integrator is, and what it goes on with. */
+#define KEPT (EIGENVALUE + 1 - AHEAD_BEGIN)
+
+static void keep(const instance* s, double* kept) {
+  memcpy(kept, s->block + AHEAD_BEGIN, sizeof(double) * KEPT);
+  memcpy(kept + KEPT, s->finish, sizeof(double) * N_X);
 }
 
-/* Repeat the step that is ahead up to a gap that closes in it, so that the force that arises is followed. */
-static int stop_at_contacts(instance* s, double wanted, double limit, double begin, double end, const double* finish) {
+/* Forget the step that is ahead, up to its begin. */
+static void step_back(instance* s, const double* kept) {
+  memcpy(s->block + AHEAD_BEGIN, kept, sizeof(double) * KEPT);
+  memcpy(s->finish, kept + KEPT, sizeof(double) * N_X);
+}
+
+/* Repeat the step that is ahead up to a gap that closes and opens again in it, so that the force that arises is
+   followed. At those that stay closed the integrator ends its steps, and goes across them. */
+static int stop_at_contacts(instance* s, double wanted, double limit, const double* kept) {
   double* block = s->block;
+  const double end = kept[AHEAD_END - AHEAD_BEGIN];
   int status = DONE, gap = 0;
+  if (kept[IS_ACROSS - AHEAD_BEGIN] != 0.0) return DONE;
   for (int k = 0; k < CONTACTS_IN_STEP && status == DONE; ++k) {
     const double closing = first_closing(s, &gap), taken = block[AHEAD_END] - end;
     const int at_once = closing - end <= NEAR_CONTACT * taken;
     if (isinf(closing) || (at_once && is_short(s, end) && taken <= 1.01 * block[SHORT_STEP])) return DONE;
     follow_contact(s, at_once ? end : closing, closing, gap);
     if (!at_once) limit = closing;
+    step_back(s, kept);
     block[STEP] = at_once ? 0.0 : closing - end;
-    step_back(s, begin, end, finish);
     status = take_step(s, fmin(wanted, limit), limit);
     if (status == DONE && block[AHEAD_END] >= closing) block[STEP] = 0.0;
   }
@@ -133,22 +149,22 @@ static int stop_at_contacts(instance* s, double wanted, double limit, double beg
 /* A step up to a limit, repeated with its end at the communication point if it fails, and at a contact. */
 static int go_on(instance* s, double wanted) {
   double* block = s->block;
-  const double begin = block[AHEAD_BEGIN], end = block[AHEAD_END], step = block[STEP];
+  const double end = block[AHEAD_END], step = block[STEP];
   double limit = block[STOP_TIME];
   if (!(limit > end)) limit = INFINITY;
   if (limit < wanted) limit = wanted;
   if (N_TIMED) limit = next_switch(s, end, fmin(limit, end + fmax(2.0 * (wanted - end), TIME_WINDOW * step)));
   double* kept = s->scratch + 2 * N_X;
-  memcpy(kept, s->finish, sizeof(double) * N_X);
+  keep(s, kept);
   int status = take_step(s, wanted, limit);
   if (status != DONE && limit > wanted) {
-    step_back(s, begin, end, kept);
+    step_back(s, kept);
     block[STEP] = 0.0;
     limit = wanted;
     status = take_step(s, wanted, limit);
   }
-  if (status == DONE) status = stop_at_contacts(s, wanted, limit, begin, end, kept);
-  if (status != DONE) step_back(s, begin, end, kept);
+  if (status == DONE) status = stop_at_contacts(s, wanted, limit, kept);
+  if (status != DONE) step_back(s, kept);
   return status;
 }
 

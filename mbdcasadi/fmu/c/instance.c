@@ -17,9 +17,12 @@ enum {
   IDENTITY,      /* of the model, so that no saved state of another one is taken */
   TIME, START_TIME, STOP_TIME, RELTOL, MODE,
   IS_UNSETTLED,  /* parameters changed, and the state is not on the constraints yet */
-  STEP,          /* size of the next step of the integrator */
   IS_AHEAD,      /* the integrator is ahead of the communication point, between these times: */
   AHEAD_BEGIN, AHEAD_END,
+  STEP,          /* size of the next step of the integrator */
+  IS_ACROSS,     /* that is a tiny one across a zero of what switches */
+  PASSED,        /* time at which such a zero was passed last */
+  EIGENVALUE,    /* size of the largest one of late */
   SHORT_STEP, SHORT_FROM, SHORT_UNTIL, /* longest step between these times: the force of a contact is followed */
   SCALARS
 };
@@ -73,7 +76,8 @@ static void changed(instance* s) { s->has_outputs = s->has_derivatives = 0; }
 
 static void turned(instance* s) {
   changed(s);
-  s->block[IS_AHEAD] = 0.0;
+  s->block[IS_AHEAD] = s->block[IS_ACROSS] = 0.0;
+  s->block[PASSED] = -INFINITY;
 }
 
 /* --- functions of the equations that are not one tape -------------------------------------------------- */
@@ -98,7 +102,7 @@ static void reset(instance* s) {
   memcpy(s->p, START_P, sizeof(double) * N_PARAMETERS);
   memcpy(s->levels, START_U, sizeof(double) * N_INPUTS);
   if (N_VALIDITY) memset(s->warned, 0, N_VALIDITY);
-  changed(s);
+  turned(s);
 }
 
 /* Take the tolerance and the times of an experiment. */
@@ -152,11 +156,14 @@ static instance* create(report_t report, void* host) {
   s->system.states = N_STATES;
   s->system.multipliers = N_MULTIPLIERS;
   s->system.inputs = N_INPUTS;
+  s->system.switches = N_SWITCHES;
   s->system.input.code = find_levels;
   s->system.dynamics.code = dynamics;
   s->system.dynamics.work = WORK_dynamics;
   s->system.projection.code = projection;
   s->system.projection.work = WORK_projection;
+  s->system.switching.code = switching;
+  s->system.switching.work = WORK_switching;
   s->run = mbd_new(&s->system);
   if (!s->run) { dismiss(s); return NULL; }
   s->task.p = s->p;

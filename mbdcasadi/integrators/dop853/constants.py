@@ -6,8 +6,12 @@ from __future__ import annotations
 DRIFT = 10.0
 #: Correction, relative to 1 + |x|, that counts for none: rounding divided by a singular value.
 SLIGHT = 1e-9
-#: Product of step and largest eigenvalue at the limit of stability.
-STABILITY = 6.1
+#: Product of step and largest eigenvalue up to which steps are taken (what is stiff grows from 6.1 on, and the estimate
+#: of the error shows that late), and from which stability limits them.
+STABLE, STABILITY = 4.5, 4.0
+#: Difference of two stages at one time, relative to the tolerances, from which it shows the largest eigenvalue; and the
+#: part of that which holds in the next step.
+QUIET, FADING = 1e-2, 0.9
 #: Steps off that limit after which those at it are forgotten.
 FORGOTTEN = 6
 #: Steps near to a singular pose after which this is reported at the latest.

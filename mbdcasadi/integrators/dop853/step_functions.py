@@ -12,7 +12,7 @@ from ...numerics.c_code import simplified
 from ...numerics.evaluation import Evaluator
 from ..native.stretch import ExplicitSystem, Stretch
 from .coefficients import STAGES, coefficients
-from .constants import SLIGHT
+from .constants import QUIET, SLIGHT
 
 
 class StepFunctions:
@@ -81,12 +81,12 @@ class StepFunctions:
         return ca.Function("attempt", given, [end, ca.horzcat(*k), stage, scale, error, ca.mmin(ca.vertcat(*hints))])
 
     def _make_arrive(self) -> ca.Function:
-        """``(t, h, end, last stage, its rate, scale, …) -> (end, |Phi|, size, correction, rate, regularity, h λ)``.
+        """``(t, end, last stage, its rate, scale, …) -> (end, |Phi|, size, correction, rate, regularity, |λ|)``.
 
         The end is brought onto the constraints by one step; the correction is in tolerances.
         """
         n, n_x = self.n, self.n_x
-        t, h, end, stage, early = (ca.MX.sym(*g) for g in _symbols("t h end stage early", self.n_y))
+        t, end, stage, early = (ca.MX.sym(*g) for g in _symbols("t end stage early", self.n_y))
         scale, weights = ca.MX.sym("scale", n_x), ca.MX.sym("weights", n)
         y, left, size, correction = end, ca.MX(0), ca.MX(1), ca.MX(0)
         if self.system.multipliers:
@@ -98,9 +98,9 @@ class StepFunctions:
             correction = self._norm(moved / scale)
         rate, hint = self._rate(t, y)
         change, distance = (self._norm(d[:n_x] / scale) for d in (rate - early, y - stage))
-        stability = ca.if_else(distance > 0, h * change / (distance + (distance == 0)), 0.0)
-        given = [t, h, end, stage, early, scale, weights, *self._held]
-        return ca.Function("arrive", given, [y, left, size, correction, rate, hint, stability])
+        eigenvalue = ca.if_else(distance > QUIET, change / (distance + (distance == 0)), 0.0)
+        given = [t, end, stage, early, scale, weights, *self._held]
+        return ca.Function("arrive", given, [y, left, size, correction, rate, hint, eigenvalue])
 
     def _norm(self, x: ca.MX) -> ca.MX:
         """Root of the mean square."""
@@ -178,9 +178,9 @@ class Steps:
         Derivative at the start, last stage, sizes by which errors are measured.
     error, stage_hint : numpy.ndarray
         Error in tolerances and least regularity of the stages (1,).
-    left, size, correction, hint, stability : numpy.ndarray
+    left, size, correction, hint, eigenvalue : numpy.ndarray
         Constraint residual after one projection, size of the coordinates, correction in tolerances, regularity at
-        the end, and ``h |lambda|`` (1,).
+        the end, and ``|lambda|`` (1,).
     coefficients : numpy.ndarray
         Of the dense output (7, n_y).
     """
@@ -192,7 +192,7 @@ class Steps:
         self.y, self.k0, self.end, self.next, self.stage = (np.zeros(n_y) for _ in range(5))
         self.k, self.scale, self.weights = np.zeros((STAGES + 1, n_y)), np.zeros(f.n_x), np.zeros(f.n)
         self.error, self.stage_hint, self.left, self.size, self.correction = (np.zeros(1) for _ in range(5))
-        self.hint, self.stability, self.coefficients = np.zeros(1), np.zeros(1), np.zeros((7, n_y))
+        self.hint, self.eigenvalue, self.coefficients = np.zeros(1), np.zeros(1), np.zeros((7, n_y))
         self.held = [np.zeros(f.attempt.nnz_in(k)) for k in range(6, 9)]
         stages = self.k[:STAGES].reshape(-1)
         self.attempt = BufferedFunction(
@@ -202,8 +202,8 @@ class Steps:
         )
         self.arrive = BufferedFunction(
             f.arrive,
-            [self.arrival, self.h, self.end, self.stage, self.k[STAGES - 1], self.scale, self.weights, *self.held],
-            [self.next, self.left, self.size, self.correction, self.k[STAGES], self.hint, self.stability],
+            [self.arrival, self.end, self.stage, self.k[STAGES - 1], self.scale, self.weights, *self.held],
+            [self.next, self.left, self.size, self.correction, self.k[STAGES], self.hint, self.eigenvalue],
         )
         self.dense = BufferedFunction(
             f.dense,

@@ -63,8 +63,8 @@ static int arrive(run_t* run, double t) {
   return 1;
 }
 
-/* h |lambda| of the last step, by the two last stages, which are at the same time. */
-static double stability(const run_t* run, double h) {
+/* |lambda| in the last step, by the two last stages, which are at the same time; 0 if they hardly differ. */
+static double eigenvalue(const run_t* run) {
   const double *late = run->k + 12 * run->n_y, *early = run->k + 11 * run->n_y;
   double change = 0.0, distance = 0.0;
   for (integer i = 0; i < run->n_x; ++i) {
@@ -72,7 +72,7 @@ static double stability(const run_t* run, double h) {
     change += a * a;
     distance += b * b;
   }
-  return distance > 0.0 ? h * sqrt(change / distance) : 0.0;
+  return distance > QUIET * QUIET * (double)run->n_x ? sqrt(change / distance) : 0.0;
 }
 
 /* Coefficients of the dense output of the last step. */
@@ -247,8 +247,8 @@ int mbd_advance(run_t* run, stretch_t* task) {
   const integer margin = s->events || task->keep_samples || task->fall > 0.0 ? MOST_SAMPLES + 4 : 4;
   double step = task->step;
   integer stop = 0, near_steps = 0;
-  run->across = 0;
-  run->passed = -INFINITY;
+  run->across = task->across != 0;
+  run->passed = task->passed;
   if (s->switches) find_switches(run, t, y, run->now);
   while (task->reached < task->count) {
     while (stop < task->count - 1 && (stop < task->reached || !task->stops[stop])) ++stop;
@@ -288,11 +288,13 @@ int mbd_advance(run_t* run, stretch_t* task) {
     const double factor = error > 0.0 ? fmin(MOST, SAFETY * pow(error, -1.0 / 8.0)) : MOST;
     step = h * (repeated ? fmin(factor, 1.0) : factor);
     if (clipped) step = fmax(step, tried);
+    task->eigenvalue = fmax(eigenvalue(run), FADING * task->eigenvalue);
+    if (task->eigenvalue > 0.0) step = fmin(step, STABLE / task->eigenvalue);
     if (at.left > 0.0) step = at.left;
     else if (run->across) { run->passed = t; step = 0.0; }
     run->across = at.left > 0.0;
     if (task->stiff_after) {
-      if (stability(run, h) > STABILITY) {
+      if (h * task->eigenvalue > STABILITY) {
         task->not_stiff = 0;
         if (++task->stiff >= task->stiff_after) task->status = STIFF;
       } else if (++task->not_stiff == FORGOTTEN) task->stiff = 0;
@@ -355,6 +357,8 @@ finish:
   if (task->status == HALTED || task->status == PAUSED || task->status == FULL || task->status == STIFF)
     if (task->reached == task->count) task->status = DONE;
   task->step = step;
+  task->across = run->across;
+  task->passed = run->passed;
   task->evaluations = run->evaluations;
   return task->status;
 }

@@ -33,7 +33,20 @@ from ..native.stretch import (
     Watched,
 )
 from .coefficients import EXPONENT, STAGES
-from .constants import BEFORE, DOUBT, DRIFT, FORGOTTEN, NEAR_STEPS, NEARLY, SAME_SIDE, SEARCHES, SLIGHT, STABILITY
+from .constants import (
+    BEFORE,
+    DOUBT,
+    DRIFT,
+    FADING,
+    FORGOTTEN,
+    NEAR_STEPS,
+    NEARLY,
+    SAME_SIDE,
+    SEARCHES,
+    SLIGHT,
+    STABILITY,
+    STABLE,
+)
 from .recording import Recording
 from .step_functions import BufferedFunction, StepFunctions, Steps, interpolated
 
@@ -121,6 +134,7 @@ class _StretchRun:
         self._halt, self.s, self.progress = owner.halted, s, progress
         self.n, self.n_x = system.coordinates, system.size
         self.n_y = self.n_x + system.integrals
+        self._across, self._passed = progress.across, progress.passed
         self.status, self.steps, self.rejected, self.evaluations = Status.DONE, 0, 0, 0
         self.least_regularity, self._hint = np.inf, np.inf
         self.recording = Recording(steps, system, s)
@@ -331,7 +345,7 @@ class _StretchRun:
             return self._returned()
         if self._event is not None:
             self._watch_from(t)
-        self._now, self._passed, self._across = self._switches(t, f.y), -np.inf, False
+        self._now = self._switches(t, f.y)
         step, stop, self._near_steps = progress.step, 0, 0
         while record.reached < count:
             while stop < count - 1 and (stop < record.reached or not s.stops[stop]):
@@ -359,7 +373,7 @@ class _StretchRun:
             record.add(t, f.y, -1)
         if self.status in (Status.PAUSED, Status.HALTED, Status.STIFF) and record.is_complete:
             self.status = Status.DONE
-        progress.step = step
+        progress.step, progress.across, progress.passed = step, self._across, self._passed
         return self._returned()
 
     def _look_for_pause(self, began: float) -> None:
@@ -404,6 +418,8 @@ class _StretchRun:
         factor = min(MOST, SAFETY * error ** (-1.0 / EXPONENT)) if error > 0.0 else MOST
         following = h * (min(factor, 1.0) if repeated else factor)
         following = max(following, step) if clipped else following
+        self.progress.eigenvalue = known = max(float(self._f.eigenvalue[0]), FADING * self.progress.eigenvalue)
+        following = min(following, STABLE / known) if known > 0.0 else following
         if at.left > 0.0:
             following = at.left
         elif self._across:  # beyond the switch the motion is another one
@@ -414,7 +430,7 @@ class _StretchRun:
     def _look_back(self, t: float, h: float, arrival: float) -> None:
         """Stiffness, events and singular poses of a step, and the outputs inside it."""
         s = self.s
-        self._note_stiffness()
+        self._note_stiffness(h)
         samples = found = 0
         if self._event is not None or s.keep_samples:
             samples = SAMPLES
@@ -435,11 +451,11 @@ class _StretchRun:
         if inside or kept:
             self.recording.add_inside(t, h, arrival, kept)
 
-    def _note_stiffness(self) -> None:
+    def _note_stiffness(self, h: float) -> None:
         s, progress = self.s, self.progress
         if not s.stiff_after:
             return
-        if self._f.stability[0] > STABILITY:
+        if h * progress.eigenvalue > STABILITY:
             progress.not_stiff = 0
             progress.stiff += 1
             if progress.stiff >= s.stiff_after:

@@ -18,7 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -68,7 +68,11 @@ def compiler() -> Compiler | None:
 
 @cache
 def _compiler(wanted: str, path: str) -> Compiler | None:
-    candidates = [tuple(shlex.split(wanted))] if wanted.strip() else [(name,) for name in COMPILERS]
+    try:
+        named = tuple(shlex.split(wanted))
+    except ValueError:  # a quote that is not closed
+        named = (wanted,)
+    candidates = [named] if named else [(name,) for name in COMPILERS]
     for command in candidates:
         place = shutil.which(command[0], path=path or None)
         if place is not None:
@@ -172,8 +176,7 @@ def build(key: str, source: str, optimisation: str, using: Compiler) -> ctypes.C
     """
     content = compiled({"equations.c": source}, [("equations.c", optimisation)], using)
     name = f"{key}-{_digest(content)}{_SUFFIX}"
-    for own in (False, True):
-        folder = _own_folder() if own else cache_folder()
+    for folder in (cache_folder, _own_folder):
         place = _kept(folder, name, content)
         library = None if place is None else _opened(place)
         if library is not None:
@@ -201,35 +204,32 @@ def compiled(files: Mapping[str, str], sources: Sequence[tuple[str, str]], using
     Raises
     ------
     CompilationError
-        If the compiler fails.
+        If the compiler fails, or its files cannot be written.
     """
-    with tempfile.TemporaryDirectory(prefix="mbdcasadi-") as scratch:
-        for name, text in files.items():
-            (Path(scratch) / name).write_text(text, encoding="utf-8")
-        made = f"made{_SUFFIX}"
-        if len(sources) == 1:
-            name, optimisation = sources[0]
-            commands = [[optimisation, *FLAGS, "-o", made, name, "-lm"]]
-        else:
-            objects = [f"{name}.o" for name, _ in sources]
-            commands = [
-                [
-                    "-c",
-                    optimisation,
-                    *(flag for flag in FLAGS if flag != "-shared"),
-                    "-fvisibility=hidden",
-                    "-o",
-                    made_one,
-                    name,
-                ]
-                for (name, optimisation), made_one in zip(sources, objects, strict=True)
-            ]
-            commands.append([*FLAGS, "-o", made, *objects, "-lm"])
-        for command in commands:
-            _run(using, command, scratch)
-        if not (Path(scratch) / made).exists():
-            raise CompilationError(f"the compiler {using.name} failed: it wrote no library")
-        return (Path(scratch) / made).read_bytes()
+    try:
+        with tempfile.TemporaryDirectory(prefix="mbdcasadi-") as scratch:
+            for name, text in files.items():
+                (Path(scratch) / name).write_text(text, encoding="utf-8")
+            made = f"made{_SUFFIX}"
+            for command in _commands(sources, made):
+                _run(using, command, scratch)
+            if not (Path(scratch) / made).exists():
+                raise CompilationError(f"the compiler {using.name} failed: it wrote no library")
+            return (Path(scratch) / made).read_bytes()
+    except OSError as error:
+        raise CompilationError(
+            f"the files for the compiler {using.name} cannot be written: {error.strerror or error}"
+        ) from None
+
+
+def _commands(sources: Sequence[tuple[str, str]], made: str) -> list[list[str]]:
+    """Options of the compiler, call by call, that make a library of sources with their optimisations."""
+    if len(sources) == 1:
+        name, optimisation = sources[0]
+        return [[optimisation, *FLAGS, "-o", made, name, "-lm"]]
+    of_objects = [*(flag for flag in FLAGS if flag != "-shared"), "-fvisibility=hidden"]
+    commands = [["-c", optimisation, *of_objects, "-o", f"{name}.o", name] for name, optimisation in sources]
+    return [*commands, [*FLAGS, "-o", made, *(f"{name}.o" for name, _ in sources), "-lm"]]
 
 
 def _run(using: Compiler, options: Sequence[str], folder: str) -> None:
@@ -254,10 +254,11 @@ def _reason(said: str) -> str:
     return next((line for line in lines if "error" in line), lines[0] if lines else "it gives no reason")
 
 
-def _kept(folder: Path, name: str, content: bytes) -> Path | None:
+def _kept(folder_of: Callable[[], Path], name: str, content: bytes) -> Path | None:
     """Write a file whole or not at all; None if the folder cannot be written."""
-    place = folder / name
     try:
+        folder = folder_of()
+        place = folder / name
         folder.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(prefix=".", suffix=_SUFFIX, dir=folder)
         try:

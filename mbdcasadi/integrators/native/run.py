@@ -96,6 +96,9 @@ class _Stretch(ctypes.Structure):
         ("stiff_after", c_longlong),
         ("capacity", c_longlong),
         ("step", c_double),
+        ("across", c_longlong),
+        ("passed", c_double),
+        ("eigenvalue", c_double),
         ("regularity", c_double),
         ("stiff", c_longlong),
         ("not_stiff", c_longlong),
@@ -204,6 +207,7 @@ class NativeRun:
     ):
         self.library, self.system, self.codes, self.watched = library, system, tuple(codes), watched
         self._halt = np.zeros(1, np.int32)
+        self._halt_address = self._halt.ctypes.data
         self._state = self.compiled
         found = _System(
             coordinates=system.coordinates,
@@ -250,6 +254,8 @@ class NativeRun:
         task = self._task(s, progress, rows, given)
         self.library.mbd_advance(self._run, ctypes.addressof(task))
         progress.step, progress.regularity = task.step, task.regularity
+        progress.across, progress.passed = bool(task.across), task.passed
+        progress.eigenvalue = task.eigenvalue
         progress.stiff, progress.not_stiff = task.stiff, task.not_stiff
         r = task.recorded
         return Reached(
@@ -285,7 +291,7 @@ class NativeRun:
             accuracy=ACCURACY,
             seconds=s.seconds,
             most_steps=s.most_steps,
-            halt=self._halt.ctypes.data,
+            halt=self._halt_address,
             every_step=s.every_step,
             samples=SAMPLES,
             spacing=s.spacing,
@@ -299,13 +305,16 @@ class NativeRun:
             stiff_after=s.stiff_after,
             capacity=rows.times.size,
             step=progress.step,
+            across=progress.across,
+            passed=progress.passed,
+            eigenvalue=progress.eigenvalue,
             regularity=progress.regularity,
             stiff=progress.stiff,
             not_stiff=progress.not_stiff,
-            out_times=rows.times.ctypes.data,
-            out_x=rows.x.ctypes.data,
-            out_integrals=rows.integrals.ctypes.data,
-            out_index=rows.index.ctypes.data,
+            out_times=given.address(rows.times),
+            out_x=given.address(rows.x),
+            out_integrals=given.address(rows.integrals),
+            out_index=given.address(rows.index),
         )
 
     def complete(
@@ -329,9 +338,9 @@ class NativeRun:
             given.doubles(times),
             given.doubles(x),
             given.doubles(channels),
-            a.ctypes.data,
-            lam.ctypes.data,
-            u.ctypes.data,
+            given.address(a),
+            given.address(lam),
+            given.address(u),
         )
         return a, lam, u
 
@@ -406,15 +415,19 @@ class _Arrays:
 
     def doubles(self, values: Any) -> int:
         """Address of values as C doubles."""
-        return self._address(np.ascontiguousarray(values, dtype=np.float64))
+        return self.address(np.ascontiguousarray(values, dtype=np.float64))
 
     def ints(self, values: Any) -> int:
         """Address of values as C ints."""
-        return self._address(np.ascontiguousarray(values, dtype=np.int32))
+        return self.address(np.ascontiguousarray(values, dtype=np.int32))
 
-    def _address(self, array: np.ndarray) -> int:
+    def address(self, array: np.ndarray) -> int:
+        """Address of an array in one piece; 0 of an empty one."""
+        if not array.size:
+            return 0
         self._kept.append(array)
-        return array.ctypes.data
+        place: int = array.__array_interface__["data"][0]  # array.ctypes makes an object more
+        return place
 
 
 def _entry(code: Code, k: int) -> _Function:

@@ -160,6 +160,12 @@ class Progress:
     ----------
     step : float
         Size of the next step, s; 0 if it is not known.
+    across : bool
+        True if that is a tiny one that goes across a zero of what switches.
+    passed : float
+        Time at which such a zero was passed last, s; minus infinity if none was.
+    eigenvalue : float
+        Size of the largest eigenvalue of late, 1/s; 0 if it is not known.
     regularity : float
         Largest regularity that was seen.
     stiff, not_stiff : int
@@ -167,6 +173,9 @@ class Progress:
     """
 
     step: float = 0.0
+    across: bool = False
+    passed: float = -np.inf
+    eigenvalue: float = 0.0
     regularity: float = 0.0
     stiff: int = 0
     not_stiff: int = 0

@@ -89,13 +89,13 @@ class DCMotor(Element):
             raise ModelError(f"{self.description}: the ratio is zero, so that the motor would turn nothing")
         self.limits = read.limits
         left = self.voltage - self.constant * self.ratio * (self.body.omega - self.opposite.omega)
-        if without:
-            if isinstance(current, StateVariable) or current != 0.0:
-                raise ModelError(f"{self.description}: without inductance the current has no start; leave current= out")
-            self.current = left / self.resistance
-        else:
+        if not without:
             self.current = state_of(self, f"{name}.current", current)
             self.rates = {self.current: (left - self.resistance * self.current) / self.inductance}
+        elif isinstance(current, StateVariable) or current != 0.0:
+            raise ModelError(f"{self.description}: without inductance the current has no start; leave current= out")
+        else:
+            self.current = left / self.resistance
         self.torque = self.ratio * self.constant * self.current
         self.electric_power = self.voltage * self.current
         self.heat = self.resistance * self.current**2

@@ -69,20 +69,13 @@ LAWS: dict[str, Callable[[ca.SX], ca.SX]] = {
 
 @dataclass(frozen=True)
 class ProgramSegment:
-    """A segment of a motion program.
+    """A segment of a motion program, made by :func:`rise`, :func:`fall` or :func:`dwell`."""
 
-    Attributes
-    ----------
-    duration : float
-        Its length in the argument of the program: an angle of the cam (rad) or a time (s).
-    level : float or None
-        Position at its end, m or rad; None for a dwell.
-    law : str
-        One of ``"cycloidal"``, ``"modified trapezoidal"``, ``"3-4-5"``, ``"harmonic"``.
-    """
-
+    #: its length in the argument of the program: an angle of the cam (rad) or a time (s)
     duration: float
+    #: position at its end, m or rad; None for a dwell
     level: float | None = None
+    #: one of :data:`LAWS`
     law: str = "cycloidal"
 
     kind: ClassVar[str] = "segment"

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
 from ...errors import FileError
+from ...numerics.reading import content_of
+from .chains import Branching, closed_chains, strung
+from .nesting import crossing_of, sides_of
 
 #: Largest distance of a chord from a curve, relative to the size of the drawing, unless another one is given.
 TOLERANCE = 1e-4
@@ -20,27 +26,33 @@ JOINED = 1e-6
 #: Halvings of a curve, at most.
 _MOST_HALVINGS = 12
 
+#: Lengths in metric units, and metres in these; a Q is a quarter of a millimetre.
+_METRIC = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(mm|cm|Q)\s*")
+_METRES = {"mm": 1e-3, "cm": 1e-2, "Q": 2.5e-4}
+
 Loop = np.ndarray
 
 
 def loops_of_svg(path: str | Path, scale: float | None, tolerance: float | None) -> list[tuple[Loop, int]]:
     """Return the closed outlines of an SVG file (k, 2), m, and the number of others around each."""
+    content = content_of(path)
     library = _library("svgelements", path)
     try:
-        document = library.SVG.parse(str(path), reify=True)
-    except OSError as error:
-        raise _unreadable(path, error) from None
+        drawing = ElementTree.fromstring(content)
+        document = library.SVG.parse(BytesIO(_prepared(drawing, path)), reify=False)
+        paths = [library.Path(e) for e in document.elements() if isinstance(e, library.Shape)]
+    except FileError:
+        raise
     except Exception as error:  # whatever the library meets in a broken file
         raise FileError(f"{path}: this is not an SVG drawing: {error}") from None
-    paths = [library.Path(e) for e in document.elements() if isinstance(e, library.Shape)]
-    subpaths = [part for each in paths for part in each.as_subpaths() if len(part) > 1]
-    ends = np.array([[point.x, point.y] for part in subpaths for s in part for point in (s.start, s.end) if point])
-    size = float(np.max(np.ptp(ends, axis=0), initial=0.0)) if ends.size else 0.0
+    parts = [(_transform(each), list(part)) for each in paths for part in each.as_subpaths() if len(part) > 1]
+    ends = [move(np.array([[p.x, p.y] for s in part for p in (s.start, s.end) if p])) for move, part in parts]
+    size = float(np.max(np.ptp(np.vstack(ends), axis=0))) if ends else 0.0
     factor = PIXEL if scale is None else _positive(scale, path, "scale")
     allowed = TOLERANCE * size if tolerance is None else _positive(tolerance, path, "tolerance") / factor
     loops = []
-    for part in subpaths:
-        points = _joined([_sampled(segment, allowed) for segment in part if segment.start is not None])
+    for move, part in parts:
+        points = _joined([_sampled(segment, move, allowed) for segment in part if type(segment).__name__ != "Move"])
         if len(points) > 1 and np.linalg.norm(points[0] - points[-1]) <= JOINED * size:
             loops.append(points[:-1] * [factor, -factor])  # the y axis of drawings points down
     return _by_depth(loops, path)
@@ -50,29 +62,51 @@ def loops_of_dxf(
     path: str | Path, scale: float | None, tolerance: float | None, layer: str | None
 ) -> list[tuple[Loop, int]]:
     """Return the closed outlines of a DXF file (k, 2), m, and the number of others around each."""
+    content_of(path)  # raises for a file that cannot be read
     library = _library("ezdxf", path)
     try:
         document = library.readfile(str(path))
     except Exception as error:
-        if isinstance(error, OSError) and error.strerror:
-            raise _unreadable(path, error) from None
         raise FileError(f"{path}: this is not a DXF drawing: {error}") from None
     factor = _unit(document, path) if scale is None else _positive(scale, path, "scale")
-    lines = list(_lines(e for e in document.modelspace() if layer is None or e.dxf.layer == layer))
-    ends = np.vstack([np.zeros((0, 2)), *(_ends(line) for line in lines)])
+    groups = list(_groups(document.modelspace(), _hidden(document, layer, path)))
+    ends = np.vstack([np.zeros((0, 2)), *(_ends(line) for lines in groups for line in lines)])
     size = float(np.max(np.ptp(ends, axis=0), initial=0.0)) if ends.size else 0.0
     allowed = TOLERANCE * size if tolerance is None else _positive(tolerance, path, "tolerance") / factor
-    pieces = [_ends(line) if line.dxftype() == "LINE" else _flat(line, allowed) for line in lines]
-    return _by_depth([loop * factor for loop in _chained(pieces, JOINED * size)], path)
+    pieces = [
+        strung([_ends(line) if line.dxftype() == "LINE" else _flat(line, allowed) for line in lines])
+        for lines in groups
+    ]
+    try:
+        return _by_depth([loop * factor for loop in closed_chains(pieces, JOINED * size)], path)
+    except Branching as branching:
+        raise FileError(f"{path}: {branching} in the drawing; leave out what is no outline by layer=") from None
 
 
-def _lines(entities: Iterable[Any]) -> Iterator[Any]:
-    """Lines and curves of entities, polylines and blocks taken apart; texts, dimensions and the like are left out."""
+def _hidden(document: Any, layer: str | None, path: Any) -> Callable[[Any], bool]:
+    """True for entities that are not drawn, or are on other layers than the given one."""
+    if layer is None:
+        unseen = {each.dxf.name for each in document.layers if each.is_off() or each.is_frozen()} | {"Defpoints"}
+        return lambda entity: entity.dxf.layer in unseen or bool(entity.dxf.get("invisible", 0))
+    known = sorted({entity.dxf.layer for entity in document.modelspace()})
+    if layer not in known:
+        raise FileError(f"{path}: nothing is on a layer {layer!r}; there are {', '.join(known)}")
+    return lambda entity: entity.dxf.layer != layer
+
+
+def _groups(entities: Iterable[Any], hidden: Callable[[Any], bool]) -> Iterator[list[Any]]:
+    """Lines and curves, those of a polyline together, blocks taken apart; texts and the like are left out."""
     for entity in entities:
-        if entity.dxftype() in ("LWPOLYLINE", "POLYLINE", "INSERT"):
-            yield from _lines(entity.virtual_entities())
-        elif entity.dxftype() in ("LINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE"):
-            yield entity
+        kind = entity.dxftype()
+        if hidden(entity):
+            continue
+        if kind == "INSERT":
+            yield from _groups(entity.virtual_entities(), lambda part: bool(part.dxf.get("invisible", 0)))
+        elif kind in ("LWPOLYLINE", "POLYLINE"):
+            lines = [part for part in entity.virtual_entities() if part.dxftype() in ("LINE", "ARC")]
+            yield from [lines] if lines else []
+        elif kind in ("LINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE"):
+            yield [entity]
 
 
 def _ends(line: Any) -> np.ndarray:
@@ -91,16 +125,37 @@ def _flat(curve: Any, allowed: float) -> np.ndarray:
 
 
 def _library(name: str, path: Any) -> Any:
-    if not Path(path).is_file():
-        raise FileError(f"{path}: the file cannot be read: there is no such file")
     try:
         return import_module(name)
     except ImportError:
         raise FileError(f'{path}: reading it needs {name}: pip install "mbdcasadi[outlines]"') from None
 
 
-def _unreadable(path: Any, error: OSError) -> FileError:
-    return FileError(f"{path}: the file cannot be read: {error.strerror or error}")
+def _prepared(drawing: ElementTree.Element, path: Any) -> bytes:
+    """A drawing as svgelements understands it.
+
+    Pixels stand in place of metric lengths, which it knows to six digits only, and masks and symbols, which are not
+    drawn where they stand, are taken out.
+    """
+    hidden = {part for kind in ("mask", "symbol") for part in drawing.iter() if _tag(part) == kind}
+    names = {part.get("id") for part in hidden}
+    for element in list(drawing.iter()):
+        referred = next((text for name, text in element.items() if name.rpartition("}")[2] == "href"), "")
+        if _tag(element) == "use" and referred.removeprefix("#") in names:
+            raise FileError(f"{path}: the symbol '{referred}' is not read; insert its content in its place")
+        if element is not drawing and _tag(element) == "svg":
+            raise FileError(f"{path}: a drawing inside the drawing (svg in svg) is not read; insert its content")
+        for name, text in element.items():
+            if length := _METRIC.fullmatch(text):
+                element.set(name, repr(float(length[1]) * _METRES[length[2]] / PIXEL))
+        for part in [part for part in element if part in hidden]:
+            element.remove(part)
+    return ElementTree.tostring(drawing)
+
+
+def _tag(element: ElementTree.Element) -> str:
+    """Name of an element without its namespace; empty for comments."""
+    return element.tag.rpartition("}")[2] if isinstance(element.tag, str) else ""
 
 
 def _positive(value: Any, path: Any, name: str) -> float:
@@ -121,11 +176,17 @@ def _unit(document: Any, path: Any) -> float:
     return float(units.conversion_factor(document.units, units.M))
 
 
-def _sampled(segment: Any, allowed: float) -> np.ndarray:
+def _transform(path: Any) -> Callable[[np.ndarray], np.ndarray]:
+    """The transformation of a path, for points (k, 2): that of svgelements is not right for arcs that are sheared."""
+    m = path.transform
+    return lambda points: points @ np.array([[m.a, m.b], [m.c, m.d]]) + [m.e, m.f]
+
+
+def _sampled(segment: Any, move: Callable[[np.ndarray], np.ndarray], allowed: float) -> np.ndarray:
     """Points on a segment of a path, closer where it bends (k, 2)."""
-    if type(segment).__name__ in ("Line", "Close", "Move"):
-        return np.array([[p.x, p.y] for p in (segment.start, segment.end)])
-    return _refined(lambda parameters: np.asarray(segment.npoint(parameters), float), allowed)
+    if type(segment).__name__ in ("Line", "Close"):
+        return move(np.array([[p.x, p.y] for p in (segment.start, segment.end)]))
+    return _refined(lambda parameters: move(np.asarray(segment.npoint(parameters), float)), allowed)
 
 
 def _refined(at: Callable[[np.ndarray], np.ndarray], allowed: float) -> np.ndarray:
@@ -150,32 +211,16 @@ def _joined(parts: Iterable[np.ndarray]) -> np.ndarray:
     return found
 
 
-def _chained(pieces: Sequence[np.ndarray], joined: float) -> list[Loop]:
-    """Loops from pieces that meet at their ends; open ones are left out."""
-    loops, left = [], list(pieces)
-    while left:
-        chain = left.pop(0)
-        while np.linalg.norm(chain[0] - chain[-1]) > joined:
-            for k, piece in enumerate(left):
-                if np.linalg.norm(piece[0] - chain[-1]) <= joined:
-                    break
-                if np.linalg.norm(piece[-1] - chain[-1]) <= joined:
-                    left[k] = piece = piece[::-1]
-                    break
-            else:
-                break
-            chain = np.vstack([chain, left.pop(k)[1:]])
-        if len(chain) > 3 and np.linalg.norm(chain[0] - chain[-1]) <= joined:
-            loops.append(chain[:-1])
-    return loops
-
-
 def _by_depth(loops: Sequence[Loop], path: Any) -> list[tuple[Loop, int]]:
     """Outlines with the number of others that they are inside of, in ascending order; at least one."""
     loops = sorted([loop for loop in loops if len(loop) > 2 and _area(loop) > 0], key=_area, reverse=True)
     if not loops:
         raise FileError(f"{path}: the drawing holds no closed outline")
-    depths = [sum(_inside(loop[0], other) for other in loops[:k]) for k, loop in enumerate(loops)]
+    touching = JOINED * float(np.max(np.ptp(np.vstack(loops), axis=0)))
+    crossing = crossing_of(loops, touching)
+    if crossing is not None:
+        raise _overlap(path, "outlines cross at", crossing)
+    depths = [sum(_lies_inside(loop, other, touching, path) for other in loops[:k]) for k, loop in enumerate(loops)]
     return sorted(zip(loops, depths, strict=True), key=lambda item: item[1])
 
 
@@ -184,11 +229,14 @@ def _area(loop: Loop) -> float:
     return abs(float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))) / 2
 
 
-def _inside(point: np.ndarray, loop: Loop) -> bool:
-    """True if a point lies inside a loop, by the edges that a ray crosses."""
-    x, y = point
-    (xa, ya), (xb, yb) = loop.T, np.roll(loop, -1, axis=0).T
-    crosses = (ya > y) != (yb > y)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        at = xa + (y - ya) / (yb - ya) * (xb - xa)
-    return bool(np.sum(crosses & (at > x)) % 2)
+def _lies_inside(loop: Loop, larger: Loop, touching: float, path: Any) -> bool:
+    """True for an outline inside a larger one, False beside it."""
+    inside, outside = sides_of(loop, larger, touching)
+    if inside == outside:
+        raise _overlap(path, "another outline overlaps that which begins at", loop[0])
+    return inside
+
+
+def _overlap(path: Any, words: str, place: np.ndarray) -> FileError:
+    x, y = place
+    return FileError(f"{path}: {words} ({x:.6g}, {y:.6g}) m; join them in the drawing, or remove one")

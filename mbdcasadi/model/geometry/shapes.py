@@ -281,8 +281,8 @@ class Polygon(Shape):
     def from_svg(cls, path: str | Path, *, scale: float | None = None, tolerance: float | None = None) -> Shape:
         """Return the shape of the closed outlines of an SVG drawing, by svgelements.
 
-        Outlines inside others are holes, and outlines inside holes are parts again; open lines do not
-        count. The y axis points up, as it is seen.
+        Outlines inside others are holes, and outlines inside holes are parts again; open lines and
+        what is not drawn where it stands (``defs``, masks) do not count. The y axis points up, as it is seen.
 
         Parameters
         ----------
@@ -301,7 +301,8 @@ class Polygon(Shape):
         Raises
         ------
         FileError
-            For a file that cannot be read or holds no closed outline, and without svgelements.
+            For a file that cannot be read or holds no closed outline, outlines that cross or overlap in part,
+            a drawing or symbol inside the drawing, and without svgelements.
         """
         return _shape_of(loops_of_svg(path, scale, tolerance))
 
@@ -316,7 +317,8 @@ class Polygon(Shape):
     ) -> Shape:
         """Return the shape of the closed outlines of a DXF drawing, by ezdxf.
 
-        Lines and arcs that meet at their ends are one outline; see :meth:`from_svg`.
+        Lines and arcs that meet at their ends are one outline; see :meth:`from_svg`. Layers that are
+        off or frozen, ``Defpoints`` and invisible lines do not count, if no layer is given.
 
         Parameters
         ----------
@@ -332,7 +334,8 @@ class Polygon(Shape):
         Raises
         ------
         FileError
-            For a file that cannot be read, names no unit or holds no closed outline, and without ezdxf.
+            For a file that cannot be read, names no unit or holds no closed outline, lines of which more than
+            two meet, outlines that cross or overlap in part, and without ezdxf.
         """
         return _shape_of(loops_of_dxf(path, scale, tolerance, layer))
 

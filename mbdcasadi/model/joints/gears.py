@@ -85,7 +85,9 @@ class Gear(Joint):
         self.internal = yes_or_no(internal, what, "internal")
         self.carrier = as_carrier(carrier, a, b, what)
         sign = -1 if self.internal else 1
-        distance = _pitch_distance(what, ca.SX(self.radius_a) + sign * self.radius_b)
+        distance = ca.fabs(ca.SX(self.radius_a) + sign * self.radius_b)
+        if known_value(distance) == 0:
+            raise ModelError(f"{what}: an internal pair needs two different radii, a gear and a larger ring")
         bodies = [a.body, b.body, carrier]
         along = _line_of_centres(what, a, b, carrier, bodies)
         beyond = ca.atan2(along[1], along[0])
@@ -131,13 +133,6 @@ def _rolled(a: Marker, b: Marker, radius: Any) -> ca.SX:
     """Return the row of a wheel b that rolls along the x axis of a."""
     rolled = ca.dot(a.x_axis, b.position - a.position) + radius * (b.angle - a.angle)
     return from_estimate(rolled, a.body, b.body)
-
-
-def _pitch_distance(what: str, total: ca.SX) -> ca.SX:
-    """Return the distance of the centres."""
-    if known_value(total) == 0:
-        raise ModelError(f"{what}: an internal pair needs two different radii, a gear and a larger ring")
-    return ca.fabs(total)
 
 
 def _line_of_centres(what: str, a: Marker, b: Marker, carrier: Body, bodies: list[Body]) -> ca.SX:

@@ -43,23 +43,14 @@ def warn_of_closings(solution: Solution) -> None:
 
 
 # --- what passes ------------------------------------------------------------------------------
-def _guard_values(change: Change, before: PhaseSolution, p: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Position rows that close at the end of a phase, over times (n_t, k)."""
-    eom = change.setup.after.numeric.eom
-    rows = ca.vertcat(eom.Phi, change.law.momentary)[list(change.setup.guards)]
-    values = before.trajectory.at(times)[ca.substitute(rows, eom.p, ca.SX(ca.DM(p)))]
-    return values.reshape(times.size, -1)
-
-
 def _guards_of(solution: Solution, change: Change) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Names of the rows that close at a change, times of the phase before, and the values over them."""
+    """Names of the rows that close at a change, times of the phase before, and values over them (n_t, k)."""
     before = solution.phases[change.before.number]
     times = np.linspace(before.mesh_times[0], before.mesh_times[-1], POINTS)
-    p = solution.phases[change.after.number].numeric.p
-    eom = change.setup.after.numeric.eom
-    all_names = [*(eom.row_names[k] for k in eom.position_rows), *change.law.row_names[eom.lam.numel() :]]
-    names = [all_names[k] for k in change.setup.guards]
-    return names, times, _guard_values(change, before, p, times)
+    eom, p = change.setup.after.numeric.eom, solution.phases[change.after.number].numeric.p
+    rows = ca.vertcat(eom.Phi, change.law.momentary)[list(change.setup.guards)]
+    values = before.trajectory.at(times)[ca.substitute(rows, eom.p, ca.SX(ca.DM(p)))]
+    return change.guard_names, times, values.reshape(times.size, -1)
 
 
 def _warn_of_passing(solution: Solution, change: Change, before: PhaseSolution) -> None:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
+from ...equations.switching.continuity import continuous_switches
+from ...equations.switching.switches import hold
 from ...printing import to_text
 from ..phase import Phase
 from ..placeholders import placeholders_in
@@ -22,12 +24,21 @@ _KINKS = (ca.OP_FABS, ca.OP_FMAX, ca.OP_FMIN, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEI
 _LONGEST = 60
 
 
-def kinks_in(expression: ca.SX) -> list[ca.SX]:
-    """Return the operations in an expression whose slope jumps, such as ``fabs``."""
+def kinks_in(expression: ca.SX) -> list[str]:
+    """Return in words where the slope of an expression jumps: at operations such as ``fabs``, and at comparisons."""
     whole = ca.vertcat(expression, *[p.expression for p in placeholders_in(expression)])
-    function = ca.Function("f", [ca.vertcat(ca.SX(0, 1), *ca.symvar(whole))], [whole])
+    symbols = ca.vertcat(ca.SX(0, 1), *ca.symvar(whole))
+    function = ca.Function("f", [symbols], [whole])
     nodes = function.instructions_sx()
-    return [nodes[k] for k in range(function.n_instructions()) if function.instruction_id(k) in _KINKS]
+    bends = [nodes[k] for k in range(function.n_instructions()) if function.instruction_id(k) in _KINKS]
+    if bends:
+        return [f"{_text(node)} bends" for node in bends]
+    (held,), switches = hold([whole])
+    count = symbols.numel()
+    smooth = continuous_switches(
+        [held, ca.jacobian(held, symbols)], switches, symbols, np.zeros(count), np.ones(count), ca.SX(0, 1), np.zeros(0)
+    )
+    return [f"{_text(switch.natural)} passes zero" for switch in switches if switch.node not in smooth]
 
 
 def kinks_of(solution: Solution) -> str:
@@ -35,7 +46,7 @@ def kinks_of(solution: Solution) -> str:
     problem = solution.problem
     found = [(name, kinks_in(expression)) for name, expression in _expressions(problem.phases)]
     found.append(("terminal_cost", kinks_in(problem.terminal_cost)))
-    named = [f"{name} has a kink where {_text(nodes[0])} bends" for name, nodes in found if nodes]
+    named = [f"{name} has a kink where {places[0]}" for name, places in found if places]
     if not named:
         return ""
     return (
@@ -69,16 +80,14 @@ def _expressions(phases: tuple[Phase, ...] | list[Phase]) -> Iterator[tuple[str,
 def _first(part: PhaseSolution, expression: ca.SX) -> tuple[str, float] | None:
     """The first time at which an expression, or one of its slopes, is not finite at the stages."""
     program, stages, count = part.program, part.program.scheme.stages, part.mesh.count
-    arguments = ca.vertcat(*program.arguments)
-    values = [ca.densify(expression), ca.densify(ca.sum2(ca.jacobian(expression, arguments)))]
-    function = ca.Function("f", program.arguments, values)
-    points = part.polynomials.at(np.repeat(np.arange(count), stages.size), np.tile(stages, count))
-    t, q, v, a, z, lam, u, rates = (x.T for x in points)
-    found = function(t, q, v, a, z, lam, u, rates, part.numeric.p, part.extra)
+    intervals, taus = np.repeat(np.arange(count), stages.size), np.tile(stages, count)
+    slopes = ca.sum2(ca.jacobian(expression, ca.vertcat(*program.arguments)))
+    found = part.by_polynomials([expression, slopes], intervals, taus)
     for value, what in zip(found, (_text(expression), f"the slope of {_text(expression)}"), strict=True):
-        wrong = np.flatnonzero(~np.isfinite(value.full().ravel()) & np.ones(t.size, bool))
+        wrong = np.flatnonzero(~np.isfinite(np.broadcast_to(value, (1, taus.size))))
         if wrong.size:
-            return what, float(t.ravel()[wrong[0]])
+            i = intervals[wrong[0]]
+            return what, float(part.mesh_times[i] + taus[wrong[0]] * (part.mesh_times[i + 1] - part.mesh_times[i]))
     return None
 
 

@@ -17,6 +17,7 @@ from ..checks.failure import OptimizationError, infeasible, not_found
 from ..nlp.solver import Solver, together
 from ..nlp.statistics import SolveStatistics, Stage
 from ..refinement.mesh import Mesh
+from ..refinement.refine import FRESH_PASSES, is_lost
 from ..solution import Solution
 from .guess import Guess
 
@@ -65,6 +66,8 @@ class LimitSearch:
         Another one, from which violations are minimised besides.
     detour : callable
         Makes guesses with random detours.
+    refined : bool
+        True if the meshes may become finer: limits close in from a motion, and not from errors of the mesh.
     """
 
     def __init__(
@@ -74,8 +77,11 @@ class LimitSearch:
         guess: Guess,
         second: Guess,
         detour: Callable[[], Guess],
+        *,
+        refined: bool,
     ):
         self._solver, self._meshes, self._guess, self._second, self._detour = solver, meshes, guess, second, detour
+        self._refined = refined
         self._stages: list[Stage] = []
 
     def run(self, failure: OptimizationError) -> Solution:
@@ -112,8 +118,7 @@ class LimitSearch:
     def _close_in(self) -> tuple[Solution | None, Guess]:
         """Solution with all limits, from one without; else the last motion on the way."""
         solver = self._solver
-        free, excess, succeeded = solver.solve_loosened(self._meshes, self._guess, None, FREE_ITERATIONS)
-        self._note(free, free.statistics.status, "no limits")
+        free, excess, succeeded = self._without_limits()
         if not succeeded:
             return None, self._guess
 
@@ -129,6 +134,17 @@ class LimitSearch:
 
         end = follow(free, closer, smallest=SMALLEST_STEP)
         return end.point if end.complete else None, _without_multipliers(end.point.as_guess(solver.problem))
+
+    def _without_limits(self) -> tuple[Solution, dict[str, float], bool]:
+        """Solution without limits, as :meth:`Solver.solve_loosened`; on a mesh so fine that it is a motion."""
+        for _ in range(FRESH_PASSES + 1):
+            found = self._solver.solve_loosened(self._meshes, self._guess, None, FREE_ITERATIONS)
+            free, _, succeeded = found
+            self._note(free, free.statistics.status, "no limits")
+            if not (self._refined and succeeded and is_lost(free)):
+                break
+            self._meshes = [mesh.split(2) for mesh in self._meshes]
+        return found
 
     def _by_detours(self, _nearest: Guess, _failure: OptimizationError) -> Solution | None:
         """The first solution from a random detour; None if there is none."""

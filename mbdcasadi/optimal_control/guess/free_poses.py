@@ -63,19 +63,9 @@ def free_poses(
 ) -> FreePoses | None:
     """Return poses that meet the conditions of all places; None if no free parameter helps, or none are found.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        Problem to which the phase belongs; its free parameters are unknowns.
-    phase : Phase
-        Phase whose places are meant.
-    numeric : NumericEquations
-        Equations at the parameters that are given.
-    places : sequence of PosedPlace
-        In the order of time. Path conditions on positions hold at all of them, and boundary conditions if the first
-        and the last one are start and end of the phase.
-    near : numpy.ndarray, optional
-        Estimates of the poses (k, n), in place of that of the bodies.
+    The places are in the order of time. Path conditions on positions hold at all of them, and boundary conditions if
+    the first and the last one are start and end of the phase. Estimates `near` (k, n) may take the place of that of the
+    bodies.
     """
     eom = phase.equations
     if not problem.free_parameters or eom.q.numel() * eom.lam.numel() > LARGE:

@@ -43,17 +43,11 @@ class Iterate:
 
 @dataclass(frozen=True)
 class PhaseGuess:
-    """A motion to start from, of one phase.
+    """A motion to start from, of one phase."""
 
-    Attributes
-    ----------
-    sample : callable
-        Times (k,) to values by name.
-    segment_times : numpy.ndarray
-        Times of start, waypoints and end, s.
-    """
-
+    #: times (k,) to values by name
     sample: Sampler
+    #: of start, waypoints and end, s
     segment_times: np.ndarray
 
     def fill(self, x: np.ndarray, program: PhaseProgram, mesh: Mesh) -> None:
@@ -92,23 +86,13 @@ class PhaseGuess:
 
 @dataclass(frozen=True)
 class Guess:
-    """A motion to start from.
-
-    Attributes
-    ----------
-    phases : tuple of PhaseGuess
-        By phase.
-    parameters : numpy.ndarray
-        Values of the free parameters.
-    description : str
-        Origin, in words.
-    iterate : Iterate, optional
-        Variables and multipliers of a solution of the same program.
-    """
+    """A motion to start from."""
 
     phases: tuple[PhaseGuess, ...]
     parameters: np.ndarray
+    #: origin, in words
     description: str
+    #: variables and multipliers of a solution of the same program
     iterate: Iterate | None = None
 
     @property
@@ -183,13 +167,8 @@ def guess_from_other(
 ) -> PhaseGuess:
     """A motion of the same bodies in another mechanism, such as one with drivers in place of inputs.
 
-    Multipliers and inputs are those that come nearest to the equations of
-    motion: for an inverse dynamics the effort of the driver.
-
-    Raises
-    ------
-    ModelError
-        If the other mechanism lacks a coordinate.
+    Multipliers and inputs are those that come nearest to the equations of motion: for an inverse dynamics the effort of
+    the driver. A mechanism that lacks a coordinate is refused.
     """
     eom, other = phase.equations, motion.equations
     place = {s.element_hash(): k for k, s in enumerate(ca.vertsplit(other.q))}

@@ -29,21 +29,13 @@ ITERATIONS = 40
 
 @dataclass(frozen=True)
 class KeyPoses:
-    """Poses at the start and at the end of each phase.
-
-    Attributes
-    ----------
-    starts, ends : list of numpy.ndarray
-        By phase, in the coordinates of its mechanism.
-    parameters : numpy.ndarray
-        Values of the free parameters.
-    found : bool
-        True if all conditions on positions are met.
-    """
+    """Poses at the start and at the end of each phase, in the coordinates of its mechanism."""
 
     starts: list[np.ndarray]
     ends: list[np.ndarray]
+    #: values of the free parameters
     parameters: np.ndarray
+    #: whether all conditions on positions are met
     found: bool
 
 
@@ -180,16 +172,7 @@ def key_poses(
 ) -> KeyPoses:
     """Return poses at the ends of all phases that meet all conditions on positions, by continuation.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        Problem with several phases.
-    numerics : sequence of NumericEquations
-        Equations at given parameters, by phase.
-    start : numpy.ndarray
-        Estimate of the first pose; the others begin there, too.
-    times : sequence of (float, float)
-        Start and end of each phase, s.
+    All begin at an estimate of the first pose; `times` are start and end of each phase, s.
     """
     search = _Search(problem, numerics, start, times)
     low = np.array([p.lower for p in search._free])

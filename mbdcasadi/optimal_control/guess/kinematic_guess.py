@@ -36,23 +36,15 @@ STEPS, SUBSTEPS = 40, 20
 
 @dataclass(frozen=True)
 class KinematicPath:
-    """Poses of a phase from its start through the waypoints to its end.
+    """Poses of a phase from its start through the waypoints to its end."""
 
-    Attributes
-    ----------
-    segment_times : numpy.ndarray
-        Times of start, waypoints and end, s.
-    times : numpy.ndarray
-        Times of the poses (k,), s.
-    poses : numpy.ndarray
-        (k, n).
-    complete : bool
-        True if the linkage was seen to reach all places.
-    """
-
+    #: of start, waypoints and end, s
     segment_times: np.ndarray
+    #: of the poses (k,), s
     times: np.ndarray
+    #: (k, n)
     poses: np.ndarray
+    #: whether the linkage was seen to reach all places
     complete: bool = True
 
     def pose_at(self, time: float) -> np.ndarray:
@@ -75,26 +67,9 @@ def kinematic_path(
 ) -> KinematicPath:
     """Return poses that meet the conditions of the places on the way, as far as they are equalities in positions.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        Problem to which the phase belongs.
-    phase : Phase
-        Phase whose conditions are met.
-    numeric : NumericEquations
-        Equations at given parameters.
-    start : State
-        First state.
-    segment_times : numpy.ndarray
-        Times of start, waypoints and end, s.
-    target : numpy.ndarray, optional
-        Pose at the end, in place of the conditions there.
-    values : mapping of Parameter to float, optional
-        Values of the free parameters, in place of their own.
-    through : bool
-        True to meet the conditions of the waypoints.
-    poses_at : numpy.ndarray, optional
-        Poses at start, waypoints and end (k, n), in place of the conditions there.
+    `segment_times` are those of start, waypoints and end, s. A pose `target` may take the place of the conditions at
+    the end, poses `poses_at` (k, n) of those at start, waypoints and end, and `values` that of the free parameters'
+    own. Conditions of waypoints are met unless `through` is False.
     """
     own = {p: p.value for p in problem.extra_parameters(phase)}
     extra = own if values is None else {p: values[p] for p in own}

@@ -15,17 +15,9 @@ from ..nlp.scaling import Scales
 class LeastSquaresLoads:
     """Completion of a guess: states on the constraints, accelerations, multipliers and inputs to match.
 
-    Drivers and inputs are duals: for a motion that a driver enforced elsewhere,
-    the input that works along the same displacement comes out as the driver's effort.
-
-    Parameters
-    ----------
-    numeric : NumericEquations
-        Equations at given parameters.
-    eom : ReducedEquations
-        The same in the independent coordinates; dependent ones are ignored if no rows are left.
-    scales : Scales
-        Typical sizes, by which least squares weigh.
+    Drivers and inputs are duals: for a motion that a driver enforced elsewhere, the input that works along the same
+    displacement comes out as the driver's effort. Dependent coordinates are ignored if no rows are left; least squares
+    weigh by the typical sizes.
     """
 
     def __init__(self, numeric: NumericEquations, eom: ReducedEquations, scales: Scales):

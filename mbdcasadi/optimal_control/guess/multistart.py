@@ -217,29 +217,10 @@ def best_of(
 ) -> Solution:
     """Solve from every guess and return the best solution; all are reported in its statistics.
 
-    A guess that is another solution is tried with the settings of a warm start
-    first, and if these fail at once without them.
-
-    Parameters
-    ----------
-    solver : Solver
-        Problem to be solved.
-    meshes : list of Mesh
-        Meshes by phase.
-    candidates : list of Guess
-        Guesses.
-    warm : bool
-        True if the guesses are solutions of nearly the same problem.
-    executor : concurrent.futures.Executor, optional
-        Threads or processes that solve from several guesses at a time.
-    settle : callable, optional
-        Returns a solution from a solution and its guess on a finer mesh, and whether this holds. The cost on a coarse
-        mesh may be false: the best is chosen by what it is on a mesh that holds.
-
-    Raises
-    ------
-    OptimizationError
-        If none succeeds: that of the last.
+    A guess that is another solution is tried with the settings of a warm start first, and if these fail at once without
+    them. `warm` if the guesses are solutions of nearly the same problem. `settle` returns a solution from a solution
+    and its guess on a finer mesh, and whether this holds: the cost on a coarse mesh may be false, and the best is
+    chosen by what it is on a mesh that holds. If none succeeds, the error of the last is raised.
     """
     solver.best.new_stage()
     tries = partial(_tried, meshes=meshes, warm=warm)

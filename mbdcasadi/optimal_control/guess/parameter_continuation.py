@@ -24,11 +24,7 @@ INSERTED = 8
 def read_continuation(problem: OptimalControlProblem, continuation: Any, parameters: Any) -> list[dict[Any, float]]:
     """Return the parameter values of each step.
 
-    Raises
-    ------
-    ModelError
-        For what is not a parameter of the mechanism, values that do not go together, and a parameter that is also
-        given or free.
+    What is not a parameter of the mechanism, or is also given or free, and values that do not go together are refused.
     """
     what = "optimize: continuation="
     known = [p for phase in problem.phases for p in phase.mechanism.parameters]
@@ -56,21 +52,10 @@ def read_continuation(problem: OptimalControlProblem, continuation: Any, paramet
 
 
 def by_continuation(steps: list[dict[Any, float]], solve: Callable[..., Solution], guess: Any) -> Solution:
-    """Solve step after step, with values in between if one is too long.
+    """Solve step after step by ``solve(values, guess, first=…, last=…)``, with values in between if one is too long.
 
-    Parameters
-    ----------
-    steps : list of dict
-        Parameter to value.
-    solve : callable
-        ``solve(values, guess, first=..., last=...)`` returns a solution.
-    guess : Solution, Trajectory or None
-        Guess of the first step.
-
-    Raises
-    ------
-    OptimizationError
-        Naming the values that could not be reached; ``.reached`` is the last solution, if there is one.
+    The :class:`OptimizationError` of a failure names the values that could not be reached, and has the last solution,
+    if there is one, in ``.reached``.
     """
     remaining, done, inserted = list(steps), [], 0
     solution: Solution | None = None

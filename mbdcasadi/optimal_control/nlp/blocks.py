@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from ..transcription.points import CollocationPoint, Interval
-from .rows import Rows
+from .rows import Rows, stack
 from .sparse_program import MappedBlock
 
 
@@ -53,3 +54,20 @@ class Edge:
     index: np.ndarray
     #: phase and interval
     interval: tuple[int, int]
+
+
+def block_of_edges(
+    edges: Sequence[Edge],
+    groups: list[Rows],
+    p: ca.SX,
+    free_index: np.ndarray,
+    cost: ca.SX | None = None,
+    others: tuple[ca.SX, np.ndarray] | None = None,
+) -> Block:
+    """Return the block of rows that see ends of phases, and perhaps other variables; they stand at the last end."""
+    symbols, places = (ca.SX(0, 1), np.zeros(0, int)) if others is None else others
+    variables = ca.vertcat(*[edge.unknowns.variables for edge in edges], symbols, edges[0].unknowns.free)
+    index = np.concatenate([*[edge.index.ravel() for edge in edges], places, free_index])[:, None]
+    data = ca.vertcat(*[edge.unknowns.data for edge in edges])
+    piece = MappedBlock(variables, data, p, stack(groups), ca.SX(0) if cost is None else cost, index)
+    return Block(piece, [g for g in groups if g.labels], (tuple(edge.interval for edge in edges),))

@@ -11,16 +11,15 @@ import numpy as np
 
 from ...equations.numeric import NumericEquations
 from ...model.conditions import Condition, stacked
-from ...model.symbols import Parameter
+from ...model.symbols import Parameter, StateVariable, place_of
 from ...numerics.lazy import cached_property
 from ...numerics.rank import dependent_rows, unit_rows
 from ...results.phases import places_in
 from ..transcription.points import CollocationPoint
-from .blocks import Block, Edge
+from .blocks import Block, Edge, block_of_edges
 from .phase_program import PhaseProgram
-from .rows import Rows, condition_rows, stack
+from .rows import Rows, condition_rows
 from .setup import PhaseSetup
-from .sparse_program import MappedBlock
 
 
 @dataclass(frozen=True)
@@ -127,11 +126,7 @@ class Change:
         if self.setup.kept:
             full[list(self.setup.kept)] = ca.DM(self.scale) * impulses
         groups = self._rows(begin, end, full)
-        variables = ca.vertcat(begin.unknowns.variables, end.unknowns.variables, impulses, begin.unknowns.free)
-        data = ca.vertcat(begin.unknowns.data, end.unknowns.data)
-        index = np.r_[begin.index.ravel(), end.index.ravel(), self.index, free_index][:, None]
-        piece = MappedBlock(variables, data, p, stack(groups), ca.SX(0), index)
-        return [Block(piece, [g for g in groups if g.labels], ((begin.interval, end.interval),))]
+        return [block_of_edges([begin, end], groups, p, free_index, others=(impulses, self.index))]
 
     def _rows(self, begin: Edge, end: Edge, impulses: ca.SX) -> list[Rows]:
         eom, scheme, scales = self.after.phase.equations, self.after.scheme, self.after.scales
@@ -172,38 +167,32 @@ class Change:
             *self._initial_rows(new, end, impulses),
         ]
 
-    def _guard_rows(self, values: ca.SX, name: str) -> Rows:
-        eom, chosen = self.after.phase.equations, list(self.setup.guards)
-        names = [*(eom.row_names[k] for k in eom.position_rows), *self.law.row_names[eom.lam.numel() :]]
-        sizes = np.r_[self.after.scales.rows[eom.position_rows], np.full(self.law.momentary.numel(), self._length)]
-        angular = np.r_[eom.angular_rows[eom.position_rows], np.zeros(self.law.momentary.numel(), bool)]
-        return Rows(
-            values[chosen] if chosen else ca.SX(0, 1),
-            tuple(f"{name}: {names[k]} closes" for k in chosen),
-            0.0,
-            sizes[chosen],
-            tuple("rad" if angular[k] else "m" for k in chosen),
-        )
-
     @property
-    def _length(self) -> float:
-        scales = self.after.scales
-        return float(np.max(np.where(scales.angles, 0.0, scales.q))) or 1.0
+    def guard_names(self) -> list[str]:
+        """Names of the position rows that are new."""
+        eom = self.after.phase.equations
+        names = [*(eom.row_names[k] for k in eom.position_rows), *self.law.row_names[eom.lam.numel() :]]
+        return [names[k] for k in self.setup.guards]
+
+    def _guard_rows(self, values: ca.SX, name: str) -> Rows:
+        labels = tuple(f"{name}: {row} closes" for row in self.guard_names)
+        return self._chosen(values, list(self.setup.guards), labels, list(self.after.phase.equations.position_rows))
 
     def _velocity_rows(self, values: ca.SX, name: str) -> Rows:
         """``J v⁺ = b``; rows by which the coordinates are chosen hold identically."""
         solved = set(self.after.scheme.eom.explicit)
         chosen = [k for k in self.setup.kept if k not in solved]
-        eom, time = self.after.phase.equations, self.after.scales.time
-        sizes = np.r_[self.after.scales.rows, np.full(self.law.momentary.numel(), self._length)] / time
-        angular = np.r_[eom.angular_rows, np.zeros(self.law.momentary.numel(), bool)]
-        return Rows(
-            values[chosen] if chosen else ca.SX(0, 1),
-            tuple(f"{name}: velocity equation of {self.law.row_names[k]}" for k in chosen),
-            0.0,
-            sizes[chosen],
-            tuple("rad/s" if angular[k] else "m/s" for k in chosen),
-        )
+        labels = tuple(f"{name}: velocity equation of {self.law.row_names[k]}" for k in chosen)
+        return self._chosen(values, chosen, labels, list(range(self.after.phase.equations.lam.numel())), "/s")
+
+    def _chosen(self, values: ca.SX, chosen: list[int], labels: tuple[str, ...], own: list[int], per: str = "") -> Rows:
+        """Some of the rows `own` of the mechanism afterwards and of joints of the instant alone."""
+        eom, scales, momentary = self.after.phase.equations, self.after.scales, self.law.momentary.numel()
+        length = float(np.max(np.where(scales.angles, 0.0, scales.q))) or 1.0
+        sizes = np.r_[scales.rows[own], np.full(momentary, length)] / (scales.time if per else 1.0)
+        angular = np.r_[eom.angular_rows[own], np.zeros(momentary, bool)]
+        units = tuple(("rad" if angular[k] else "m") + per for k in chosen)
+        return Rows(values[chosen] if chosen else ca.SX(0, 1), labels, 0.0, sizes[chosen], units)
 
     def _prescribed_rows(self, end: Edge, p: ca.SX) -> list[Rows]:
         """Path conditions of the new phase that prescribe its motion hold from its start on."""
@@ -219,11 +208,8 @@ class Change:
 
     def _state_rows(self, old: ca.SX, new: ca.SX, name: str) -> Rows:
         """First-order states go on; new ones begin at their own values."""
-        theirs = self.before.phase.mechanism.states
-        rows, states = [], self.after.phase.mechanism.states
-        for k, symbol in enumerate(states):
-            place = next((i for i, other in enumerate(theirs) if other is symbol), None)
-            rows.append(new[k] - (symbol.value if place is None else old[place]))
+        states = self.after.phase.mechanism.states
+        rows = [new[k] - (s.value if i is None else old[i]) for k, (s, i) in enumerate(self._state_places)]
         labels = tuple(f"{name}: continuity of {symbol.label}" for symbol in states)
         sizes = self.after.scales.z
         return Rows(ca.vertcat(ca.SX(0, 1), *rows), labels, 0.0, sizes, ("in the state's unit",) * len(states))
@@ -242,8 +228,7 @@ class Change:
         unknowns = end.unknowns
         values = ca.vertsplit(function(*new.values, unknowns.interval.p, unknowns.extra, impulses))
         typical = float(np.max(self.scale, initial=0.0)) or 1.0
-        plain = [c for c in conditions if not c.depends_on("impulse")]
-        sizes = dict.fromkeys(conditions, typical) | program.sizes_of(plain)
+        sizes = {c: typical if c.depends_on("impulse") else program.condition_sizes[c] for c in conditions}
         rows = dict(zip(conditions, values, strict=True))
         return condition_rows(rows, sizes, 0.0, f"initial of phase '{program.phase.name}': ")
 
@@ -269,15 +254,16 @@ class Change:
         x[self.index] = found.impulses[list(self.setup.kept)]
         if after.phase.is_instant:
             chosen = after.scheme.eom.independent
-            state = np.r_[q[0][self.here][chosen], found.v[chosen], self._states(parts["z"])]
+            z = [s.value if i is None else float(parts["z"][i]) for s, i in self._state_places]
+            state = np.r_[q[0][self.here][chosen], found.v[chosen], z]
             x[after.point_index(0)[: state.size]] = state
             x[after.time_index] = time
 
-    def _states(self, values: np.ndarray) -> list[float]:
-        theirs = self.before.phase.mechanism.states
-        places = [next((i for i, y in enumerate(theirs) if y is s), None) for s in self.after.phase.mechanism.states]
-        states = self.after.phase.mechanism.states
-        return [s.value if i is None else float(values[i]) for s, i in zip(states, places, strict=True)]
+    @property
+    def _state_places(self) -> list[tuple[StateVariable, int | None]]:
+        """First-order states, and their places among those of the phase before; None for new ones."""
+        states, theirs = (part.phase.mechanism.states for part in (self.after, self.before))
+        return [(symbol, place_of(symbol, theirs)) for symbol in states]
 
 
 def numeric_at(numeric: NumericEquations, values: dict[Parameter, float]) -> NumericEquations:

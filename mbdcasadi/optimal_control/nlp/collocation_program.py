@@ -9,21 +9,21 @@ import numpy as np
 
 from ...model.cache import Cache
 from ...model.conditions import Condition
-from ...model.symbols import symbols_of
+from ...model.symbols import place_of, symbols_of
 from ...numerics.lazy import cached_property
 from ...results.state import State
 from ..phase import Phase
-from ..placeholders import Placeholder, placeholders_in, with_values
+from ..placeholders import Placeholder, placeholders_in, with_symbols, with_values
 from ..problem import OptimalControlProblem
 from ..refinement.mesh import Mesh
-from .blocks import Block, Edge
+from .blocks import Block, Edge, block_of_edges
 from .change import Change, ChangeSetup
 from .compiled import OPTION_SETS, SolverPool
 from .instant_program import InstantProgram
 from .phase_program import PhaseProgram
-from .rows import Row, condition_rows, stack, violations
+from .rows import Row, condition_rows, violations
 from .setup import PhaseSetup
-from .sparse_program import MappedBlock, SparseProgram
+from .sparse_program import SparseProgram
 from .staged_program import StagedProgram
 
 #: Points at which path limits are held besides stages and mesh points: phase, label, point of the interval.
@@ -50,18 +50,8 @@ class CollocationProgram:
         nodes = {p.node.element_hash(): p for e in expressions for p in placeholders_in(e)}
         placeholders = list(nodes.values())
         integrals = [p for p in placeholders if p.kind == "integral"]
-        self.phases: list[PhaseProgram] = []
-        timed = problem.has_free_times or any(mesh.moving for mesh in meshes)
-        first, begins = 0, (0.0, 0.0)
-        for number, (setup, mesh) in enumerate(zip(setups, meshes, strict=True)):
-            kind = InstantProgram if setup.phase.is_instant else PhaseProgram
-            here = [x for x in integrals if _accumulates(x, setup.phase, alone=len(setups) == 1)]
-            points = [(label, tau) for of, label, tau in held if of == number]
-            phase = kind(problem, setup, mesh, here, number, first, begins, points, timed=timed)
-            self.phases.append(phase)
-            first += phase.size
-            low, high = setup.phase.span
-            begins = begins[0] + low, begins[1] + high
+        self.phases = self._phases(problem, setups, meshes, integrals)
+        first = sum(phase.size for phase in self.phases)
         self.changes: list[Change] = []
         for change, before, after in zip(changes, self.phases, self.phases[1:], strict=False):
             self.changes.append(Change(change, before, after, first))
@@ -83,6 +73,27 @@ class CollocationProgram:
         self.solvers = SolverPool()
         #: the same functions as they travel to workers
         self.packed = Cache(OPTION_SETS)
+
+    def _phases(
+        self,
+        problem: OptimalControlProblem,
+        setups: Sequence[PhaseSetup],
+        meshes: Sequence[Mesh],
+        integrals: Sequence[Placeholder],
+    ) -> list[PhaseProgram]:
+        """Variables and rows of the phases, one after the other."""
+        phases: list[PhaseProgram] = []
+        timed = problem.has_free_times or any(mesh.moving for mesh in meshes)
+        first, begins = 0, (0.0, 0.0)
+        for number, (setup, mesh) in enumerate(zip(setups, meshes, strict=True)):
+            kind = InstantProgram if setup.phase.is_instant else PhaseProgram
+            here = [x for x in integrals if _accumulates(x, setup.phase, alone=len(setups) == 1)]
+            points = [(label, tau) for of, label, tau in self.held if of == number]
+            phases.append(kind(problem, setup, mesh, here, number, first, begins, points, timed=timed))
+            first += phases[-1].size
+            low, high = setup.phase.span
+            begins = begins[0] + low, begins[1] + high
+        return phases
 
     def _size_of_cost(self, terminal: ca.SX) -> float:
         size, last = 0.0, self.phases[-1]
@@ -113,67 +124,49 @@ class CollocationProgram:
         """Boundary conditions and the terminal cost, which see the start and the end."""
         if problem.terminal_cost.is_zero() and not problem.boundary:
             return []
-        first, last = self.phases[0], self.phases[-1]
-        begin = first.edge(False)
-        free = begin.unknowns.free
-        edges: dict[tuple[int, bool], Edge] = {(0, False): begin}
-
-        def edge(phase: PhaseProgram, at_end: bool) -> Edge:
-            key = phase.number, at_end
-            if key not in edges:
-                edges[key] = phase.edge(at_end, free)
-            return edges[key]
-
-        symbols = ca.vertcat(ca.SX(0, 1), *[ca.SX.sym("x") for _ in placeholders])
-        known = {x.node.element_hash(): symbols[k] for k, x in enumerate(placeholders)}
-        values = []
-        for x in placeholders:
-            if x.kind == "integral":
-                gained = ca.SX(0)
-                for phase in self.phases:
-                    place = next((k for k, other in enumerate(phase.integrals) if other is x), None)
-                    if place is not None:
-                        gained += edge(phase, True).unknowns.next_integrals[place]
-                        gained -= begin.unknowns.integrals[place] if phase is first else 0
-                values.append(gained)
-            else:
-                phase = self._phase_of(x)
-                at = edge(phase, x.kind == "at_end")
-                values.append(phase.value(x.expression, at.at, at.unknowns))
-        end = edge(last, True)
+        edges, last = _Edges(self.phases), self.phases[-1]
+        symbols, put_in = with_symbols(placeholders)
+        values = ca.vertcat(ca.SX(0, 1), *[self._value(x, edges) for x in placeholders])
+        end = edges[last.number, True]
         whole = last.scheme.expanded(end.at, end.unknowns.interval.p)
 
         def value(expression: ca.SX) -> ca.SX:
             """An expression with values for its placeholders; other symbols are taken at the end."""
-            named = with_values(expression, lambda x: known[x.node.element_hash()])
-            function = ca.Function("boundary", [*last.arguments, symbols], [named])
-            stacked = ca.vertcat(ca.SX(0, 1), *values)
-            return function(*whole.values, end.unknowns.interval.p, end.unknowns.extra, stacked)
+            function = ca.Function("boundary", [*last.arguments, symbols], [put_in(expression)])
+            return function(*whole.values, end.unknowns.interval.p, end.unknowns.extra, values)
 
         rows = {c: value(c.expression) for c in problem.boundary}
         sizes = dict(zip(rows, self._boundary_sizes(list(rows), placeholders), strict=True))
         groups = condition_rows(rows, sizes, 1.0, "boundary: ")
         cost = value(problem.terminal_cost) / self.cost_scale
         # the rows stand at the end
-        parts = [*(x for x in edges.values() if x is not end), end]
-        index = np.r_[np.concatenate([x.index.ravel() for x in parts]), self.parameter_index][:, None]
-        variables = ca.vertcat(*[x.unknowns.variables for x in parts], free)
-        data = ca.vertcat(*[x.unknowns.data for x in parts])
-        piece = MappedBlock(variables, data, p, stack(groups), cost, index)
-        return [Block(piece, groups, (tuple(x.interval for x in parts),))]
+        ordered = [*(x for x in edges.values() if x is not end), end]
+        return [block_of_edges(ordered, groups, p, self.parameter_index, cost)]
+
+    def _value(self, placeholder: Placeholder, edges: _Edges) -> ca.SX:
+        """A placeholder by the variables at ends of phases."""
+        if placeholder.kind != "integral":
+            phase = self._phase_of(placeholder)
+            at = edges[phase.number, placeholder.kind == "at_end"]
+            return phase.value(placeholder.expression, at.at, at.unknowns)
+        gained = ca.SX(0)
+        for phase in self.phases:
+            place = place_of(placeholder, phase.integrals)
+            if place is not None:
+                gained += edges[phase.number, True].unknowns.next_integrals[place]
+                gained -= 0 if phase.follows else edges[0, False].unknowns.integrals[place]
+        return gained
 
     def _boundary_sizes(self, conditions: Sequence[Condition], placeholders: Sequence[Placeholder]) -> np.ndarray:
         """Changes of boundary conditions over the typical sizes of what they contain."""
         last = self.phases[-1]
         if len(self.phases) == 1:
             return last.sizes.of_changes([with_values(c.expression, lambda x: x.expression) for c in conditions])
-        symbols = ca.vertcat(ca.SX(0, 1), *[ca.SX.sym("x") for _ in placeholders])
-        known = {x.node.element_hash(): symbols[k] for k, x in enumerate(placeholders)}
+        symbols, put_in = with_symbols(placeholders)
         changes = np.array([self._phase_of(x).sizes.of_changes([x.expression])[0] for x in placeholders])
         found = []
         for condition in conditions:
-            named = with_values(condition.expression, lambda x: known[x.node.element_hash()])
-            slopes = ca.jacobian(named, symbols)
+            slopes = ca.jacobian(put_in(condition.expression), symbols)
             rest = [s for s in symbols_of(slopes) if not ca.depends_on(symbols, s)]
             varying = ca.vertcat(ca.SX(0, 1), *rest)
             function = ca.Function("slopes", [symbols, varying], [ca.densify(slopes)])
@@ -266,6 +259,19 @@ class CollocationProgram:
     def violation(self, rows: np.ndarray) -> float:
         """Largest violation of scaled rows."""
         return float(np.max(violations(rows, self.lower), initial=0.0))
+
+
+class _Edges(dict[tuple[int, bool], Edge]):
+    """Ends of phases by number, True for the end, which share the free parameters; each is made when it is needed."""
+
+    def __init__(self, phases: Sequence[PhaseProgram]):
+        self._phases = phases
+        self[0, False] = phases[0].edge(False)
+
+    def __missing__(self, key: tuple[int, bool]) -> Edge:
+        number, at_end = key
+        edge = self[key] = self._phases[number].edge(at_end, self[0, False].unknowns.free)
+        return edge
 
 
 def _accumulates(placeholder: Placeholder, phase: Phase, *, alone: bool) -> bool:

@@ -87,7 +87,7 @@ def _excess_of_motion(part: PhaseSolution) -> Iterator[tuple[Condition, np.ndarr
     if not part.mesh.count:  # a phase of no duration
         return
     limits, excess = part.program.limits_at_points, _excess_of_polynomials(part)
-    sizes = np.array([part.program.size_of(c) for c in limits])
+    sizes = np.array([part.program.condition_sizes[c] for c in limits])
     near = np.flatnonzero(np.any(~(excess < -NEAR * sizes), axis=(1, 2)))
     if not near.size:
         return
@@ -132,9 +132,7 @@ def _excess_of_polynomials(part: PhaseSolution) -> np.ndarray:
     if not limits:
         return np.zeros((count, POINTS, 0))
     k, tau = np.repeat(np.arange(count), POINTS), np.tile(np.linspace(0, 1, POINTS), count)
-    t, q, v, a, z, lam, u, rates = (x.T for x in part.polynomials.at(k, tau))
-    function = ca.Function("limits", program.arguments, [ca.densify(stacked(limits))])
-    values: np.ndarray = function(t, q, v, a, z, lam, u, rates, part.numeric.p, part.extra).full()
+    (values,) = part.by_polynomials([stacked(limits)], k, tau)
     return values.T.reshape(count, POINTS, len(limits))
 
 
@@ -156,7 +154,7 @@ def _places(part: PhaseSolution, limit: Condition, values: np.ndarray) -> set[fl
 
 def _size(part: PhaseSolution, limit: Condition, time: float) -> float:
     """Size of a limit at a time: the larger of its two sides, or its typical size if one of them is zero by itself."""
-    expression, typical = limit.expression, part.program.size_of(limit)
+    expression, typical = limit.expression, part.program.condition_sizes[limit]
     if expression.n_dep() != 2 or expression.op() not in (ca.OP_SUB, ca.OP_ADD):
         return typical
     sides = [expression.dep(0), expression.dep(1)]

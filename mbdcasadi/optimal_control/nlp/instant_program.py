@@ -7,10 +7,8 @@ import numpy as np
 
 from ...results.state import State
 from ..transcription.points import CollocationPoint, Interval
-from .blocks import Block, Edge, Unknowns
+from .blocks import Block, Edge, Unknowns, block_of_edges
 from .phase_program import PhaseProgram
-from .rows import stack
-from .sparse_program import MappedBlock
 
 
 class InstantProgram(PhaseProgram):
@@ -43,10 +41,7 @@ class InstantProgram(PhaseProgram):
             return []
         edge = self.edge(True)
         groups = self._conditions(self.final, edge.at, edge.unknowns, 0.0, "final: ")
-        variables = ca.vertcat(edge.unknowns.variables, edge.unknowns.free)
-        index = np.vstack([edge.index, free_index[:, None]])
-        piece = MappedBlock(variables, edge.unknowns.data, p, stack(groups), ca.SX(0), index)
-        return [Block(piece, [g for g in groups if g.labels], ((edge.interval,),))]
+        return [block_of_edges([edge], groups, p, free_index)]
 
     def time_blocks(self, p: ca.SX) -> list[Block]:
         """Nothing: the time is that of the end of the phase before."""

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ...model.conditions import stacked
+from ...model.symbols import place_of
 from ...results.state import State
 from ..phase import BEYOND_STATES, with_rates
 from .held_limits import POINTS
@@ -134,7 +135,7 @@ def variable_bounds(program: PhaseProgram) -> Iterator[_Bound]:
     n, inputs = scheme.eom.q.numel(), len(mechanism.inputs)
     for condition, (symbol, sign) in program.limit_owners.items():
         limit = condition.label, sign, symbol.upper if sign > 0 else symbol.lower
-        input_place = next((k for k, u in enumerate(mechanism.inputs) if u is symbol), None)
+        input_place = place_of(symbol, mechanism.inputs)
         if input_place is None:
             at_point = 2 * n + next(k for k, z in enumerate(mechanism.states) if z is symbol)
         else:

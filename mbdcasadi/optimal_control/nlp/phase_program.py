@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from ...model.conditions import Condition, stacked
-from ...model.symbols import Symbol
+from ...model.symbols import Symbol, place_of
 from ...numerics.lazy import cached_property
 from ...results.state import State
 from ..checks.consistency import own_limits
@@ -163,7 +163,7 @@ class PhaseProgram:
         """Parameters of the mechanism with the free ones substituted, and free parameters that it does not have."""
         p, extra = ca.SX(self.p), []
         for k, symbol in enumerate(self._free):
-            place = next((i for i, x in enumerate(self.phase.mechanism.parameters) if x is symbol), None)
+            place = place_of(symbol, self.phase.mechanism.parameters)
             if place is None:
                 extra.append(free[k])
             else:
@@ -201,14 +201,11 @@ class PhaseProgram:
         if key not in self._functions:
             self._functions[key] = ca.Function("c", self.arguments, [stacked(conditions)])
         values = ca.vertsplit(self._applied(self._functions[key], at, unknowns))
-        return condition_rows(dict(zip(conditions, values, strict=True)), self._condition_sizes, tau, prefix)
-
-    def sizes_of(self, conditions: Sequence[Condition]) -> dict[Condition, float]:
-        """Sizes of conditions of the phase."""
-        return {c: self._condition_sizes[c] for c in conditions}
+        return condition_rows(dict(zip(conditions, values, strict=True)), self.condition_sizes, tau, prefix)
 
     @cached_property
-    def _condition_sizes(self) -> dict[Condition, float]:
+    def condition_sizes(self) -> dict[Condition, float]:
+        """Typical sizes of the conditions of the phase."""
         waypoints = [c for w in self.phase.waypoints for c in w.conditions]
         start = [c for c in self.initial or () if not c.depends_on("impulse")]
         conditions = [*start, *self.final, *self.phase.path, *waypoints, *self.limit_owners]
@@ -309,10 +306,6 @@ class PhaseProgram:
     def held_at(self, condition: Condition) -> list[float]:
         """Points of an interval at which a limit is held besides stages and mesh points."""
         return [tau for label, tau in self._held if label == condition.label]
-
-    def size_of(self, condition: Condition) -> float:
-        """Typical size of a condition."""
-        return float(self._condition_sizes[condition])
 
     @cached_property
     def _limits_of_states(self) -> list[Condition]:

@@ -19,6 +19,8 @@ from ...model.bodies import ground
 SMALLEST_SHARE = 1e-3
 #: Number of states at which the size of an expression is sampled.
 SAMPLES = 7
+#: Ratio of mean and median of the samples from which an expression is mostly small: a cost in a window of time.
+MOSTLY_SMALL = 30.0
 
 
 @dataclass(frozen=True)
@@ -157,8 +159,11 @@ class Sizes:
         return function.map(SAMPLES)(*self._values).full().reshape(expression.size1(), SAMPLES, expression.size2())
 
     def of_values(self, expression: ca.SX) -> float:
-        """Return the typical absolute value of a scalar; 1 if it has none."""
-        return _median(np.abs(self._sampled(expression).ravel()))
+        """Return the typical absolute value of a scalar, the mean of one that is mostly small; 1 if it has none."""
+        values = np.abs(self._sampled(expression).ravel())
+        values = values[np.isfinite(values)]
+        typical, mean = _median(values), float(np.mean(values)) if values.size else 0.0
+        return mean if mean > MOSTLY_SMALL * typical else typical
 
     def of_changes(self, expressions: Sequence[ca.SX]) -> np.ndarray:
         """Return the changes of scalars over the typical sizes of what they depend on; 1 for those without (k,)."""

@@ -271,12 +271,15 @@ class Solver:
     ) -> tuple[Solution, dict[str, float], bool]:
         """Solve with limits that may be passed: no solution of the problem, but perhaps a guess for one.
 
-        They may be passed by scaled amounts by label, by any if `amounts` is left out. Returned are the last iterate,
-        scaled amounts by which it passes limits, and whether the solver succeeded.
+        They may be passed by scaled amounts by label. If `amounts` is left out, by any, and the motion is no faster
+        than the guess: a least time without limits has forces without end. Returned are the last iterate, scaled
+        amounts by which it passes limits, and whether the solver succeeded.
         """
         begin = self._beginning(meshes, guess)
         sides = LimitSides(begin.program)
-        loose = sides.without(begin.bounds) if amounts is None else sides.loosened(begin.bounds, amounts)
+        loose = (
+            _unhurried(begin, sides.without(begin.bounds)) if amounts is None else sides.loosened(begin.bounds, amounts)
+        )
         warmth = "cold" if begin.iterate is None else "warm"
         result = self._nlp_solver.run(begin, loose, warmth, limit=limit)
         solution = self._kept(begin, result)
@@ -357,6 +360,14 @@ def together(first: SolveStatistics, second: SolveStatistics) -> SolveStatistics
         seconds=first.seconds + second.seconds,
         build_seconds=first.build_seconds + second.build_seconds,
     )
+
+
+def _unhurried(begin: Beginning, bounds: Bounds) -> Bounds:
+    """Bounds in which phases of free duration end no earlier than in the guess."""
+    ends = [phase.stated_time_index[-1] for phase in begin.program.phases if phase.time_count]
+    lower = bounds.lower.copy()
+    lower[ends] = np.clip(begin.x[ends], bounds.lower[ends], bounds.upper[ends])
+    return replace(bounds, lower=lower)
 
 
 def _at_rest(phase: Phase, q: np.ndarray, t: float, p: np.ndarray) -> State:

@@ -54,6 +54,22 @@ def coarseness(part: PhaseSolution) -> np.ndarray:
     return errors
 
 
+def state_coarseness(part: PhaseSolution) -> np.ndarray:
+    """Errors of the intervals in first-order states, relative to :data:`COARSE_ERROR` as those of :func:`coarseness`.
+
+    An even share of the sum that is allowed counts as much as that error; zero if no sum is above it.
+    """
+    if not part.mesh.count or not part.phase.mechanism.states:
+        return np.zeros(part.mesh.count)
+    try:
+        errors = state_errors(part)
+    except RuntimeError:  # the integrator did not get to the end of an interval
+        return np.full(part.mesh.count, np.inf)
+    coarse = errors[:, ~(np.sum(errors, axis=0) <= COARSE_STATE_ERROR)]
+    share = np.max(coarse, axis=1, initial=0.0) * part.mesh.count / COARSE_STATE_ERROR
+    return COARSE_ERROR * share
+
+
 def _warn_of_coarse_phase(part: PhaseSolution) -> None:
     errors = coarseness(part)
     if part.phase.mechanism.states and np.all(np.isfinite(errors)):

@@ -12,17 +12,11 @@ from ...numerics.lazy import cached_property
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Mesh points as fractions of the segments between start, waypoints and end.
+    """Mesh points as fractions of the segments between start, waypoints and end."""
 
-    Attributes
-    ----------
-    segments : tuple of numpy.ndarray
-        Mesh fractions of each segment, from 0 to 1.
-    moving : tuple of int
-        Mesh points whose times the solver finds, in order; their fractions are those to begin with.
-    """
-
+    #: mesh fractions of each segment, from 0 to 1
     segments: tuple[np.ndarray, ...]
+    #: mesh points whose times the solver finds, in order; their fractions are those to begin with
     moving: tuple[int, ...] = ()
 
     @classmethod
@@ -127,15 +121,7 @@ class Mesh:
         return Mesh.through(positions, positions[list(self.moving)])
 
     def refined(self, pieces: np.ndarray, merge: np.ndarray) -> Mesh:
-        """Mesh with intervals split into pieces, or merged with the next one of their piece.
-
-        Parameters
-        ----------
-        pieces : numpy.ndarray of int
-            Number of pieces into which each interval is split (N,).
-        merge : numpy.ndarray of bool
-            True if an interval is joined with the next one (N,).
-        """
+        """Mesh with intervals split into so many pieces (N,), or merged with the next one of their piece (N,)."""
         if not self.count:
             return self
         points, begin = [self.positions[:1]], 0.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,16 +18,20 @@ from ..nlp.solver import Solver, together
 from ..nlp.statistics import Pass
 from ..solution import Solution
 from .input_error import input_order, stretches, unresolved_inputs
-from .local_error import COARSE_ERROR, coarseness, scaled_errors
+from .local_error import COARSE_ERROR, coarseness, scaled_errors, state_coarseness
 from .mesh import Mesh
 from .switches import unresolved_switches
+
+if TYPE_CHECKING:
+    from ..phase_solution import PhaseSolution
 
 #: Largest number of passes, of pieces into which an interval is split, and of intervals of a mesh.
 PASSES, PIECES, INTERVALS = 12, 6, 2000
 #: Passes in which mesh points around switches move; after these their intervals are split.
 MOVES = 3
-#: Largest number of passes for a mesh that is too coarse, if no tolerance is asked for.
-COARSE_PASSES = 3
+#: Largest number of passes for a mesh that is too coarse, if no tolerance is asked for, and of intervals of a mesh that
+#: is halved for it.
+COARSE_PASSES, HALVED_INTERVALS = 4, 200
 #: Local error, in rad or sizes of the mechanism, velocities times the duration, from which a solution is no motion, and
 #: largest number of meshes, each twice as fine, on which it is then solved again from its guess.
 LOST_ERROR, FRESH_PASSES = 3.0, 2
@@ -226,7 +231,7 @@ def refine_or_repeat(solver: Solver, solution: Solution, guess: Guess) -> tuple[
         The last solution, and whether its mesh is fine enough.
     """
     for _ in range(FRESH_PASSES):
-        if max(np.max(coarseness(part), initial=0.0) for part in solution.phases) <= LOST_ERROR:
+        if not is_lost(solution):
             break
         solver.best.new_stage()
         try:
@@ -238,31 +243,28 @@ def refine_or_repeat(solver: Solver, solution: Solution, guess: Guess) -> tuple[
     return refine_if_coarse(solver, solution)
 
 
+def is_lost(solution: Solution) -> bool:
+    """Return True if the mesh is so coarse that a solution is no motion at all."""
+    return max(float(np.max(coarseness(part), initial=0.0)) for part in solution.phases) > LOST_ERROR
+
+
 def refine_if_coarse(solver: Solver, solution: Solution) -> tuple[Solution, bool]:
     """Solve again with intervals split that are too coarse for the motion, or in which it passes a limit.
 
-    A few times at most.
+    A few times at most. If the largest error does not fall, since a fast motion moved on to the next coarse interval,
+    all intervals are halved.
 
     Returns
     -------
     Solution, bool
         The last solution, and whether its mesh is fine enough.
     """
+    error, stalled = _largest_coarseness(solution), False
     for _ in range(COARSE_PASSES):
-        order = solution.phases[0].program.scheme.order
-        meshes = []
-        for part in solution.phases:
-            if not part.mesh.count:
-                meshes.append(part.mesh)
-                continue
-            # foreseen to be well below, and one power less than the order: the steps of projection are no smooth error
-            pieces = np.ceil((4 * coarseness(part) / COARSE_ERROR) ** (1 / order))
-            pieces[coarseness(part) <= COARSE_ERROR] = 1
-            passed = [limit.time for limit in passed_limits(solution) if limit.phase == part.program.number]
-            places = np.clip(np.searchsorted(part.mesh_times, passed) - 1, 0, part.mesh.count - 1)
-            pieces[places] = np.maximum(pieces[places], 2)
-            pieces = np.clip(np.nan_to_num(pieces, nan=PIECES), 1, PIECES).astype(int)
-            meshes.append(part.mesh.refined(pieces, np.zeros(part.mesh.count, bool)))
+        if stalled and _count(solution.meshes) <= HALVED_INTERVALS:
+            meshes = [mesh.split(2) for mesh in solution.meshes]
+        else:
+            meshes = [_split_where_coarse(solution, part) for part in solution.phases]
         if _count(meshes) == _count(solution.meshes):
             break
         solver.best.new_stage()
@@ -271,8 +273,30 @@ def refine_if_coarse(solver: Solver, solution: Solution) -> tuple[Solution, bool
         except OptimizationError:
             break
         finer.statistics = together(solution.statistics, finer.statistics)
-        solution = finer
-    return solution, all(np.max(coarseness(part), initial=0.0) <= COARSE_ERROR for part in solution.phases)
+        solution, before, error = finer, error, _largest_coarseness(finer)
+        stalled = not error < max(COARSE_ERROR, before / 2)  # infinite if an interval cannot be integrated
+    return solution, error <= COARSE_ERROR
+
+
+def _split_where_coarse(solution: Solution, part: PhaseSolution) -> Mesh:
+    """Mesh of a phase with intervals split that are too coarse, or in which a limit is passed."""
+    if not part.mesh.count:
+        return part.mesh
+    # foreseen to be well below, and one power less than the order: the steps of projection are no smooth error
+    errors = np.maximum(coarseness(part), state_coarseness(part))
+    pieces = np.ceil((4 * errors / COARSE_ERROR) ** (1 / part.program.scheme.order))
+    pieces[errors <= COARSE_ERROR] = 1
+    passed = [limit.time for limit in passed_limits(solution) if limit.phase == part.program.number]
+    places = np.clip(np.searchsorted(part.mesh_times, passed) - 1, 0, part.mesh.count - 1)
+    pieces[places] = np.maximum(pieces[places], 2)
+    pieces = np.clip(np.nan_to_num(pieces, nan=PIECES), 1, PIECES).astype(int)
+    return part.mesh.refined(pieces, np.zeros(part.mesh.count, bool))
+
+
+def _largest_coarseness(solution: Solution) -> float:
+    """Largest error of an interval of all phases, in rad or sizes of the mechanism, velocities times the duration."""
+    errors = [np.r_[coarseness(part), state_coarseness(part)] for part in solution.phases]
+    return float(np.max(np.concatenate(errors), initial=0.0))
 
 
 def _pieces(errors: np.ndarray, tolerance: float, order: int) -> np.ndarray:

@@ -31,19 +31,8 @@ ITERATIONS = 300
 def as_motion(solver: Solver, solution: Solution, guesses: Iterable[Callable[[], Guess]]) -> Solution:
     """Return a solution that is a motion: the same one, or one of another mesh or from another guess.
 
-    Parameters
-    ----------
-    solver : Solver
-        Problem that was solved.
-    solution : Solution
-        Solution that may jump to another branch within an interval, or be moved far onto the constraints.
-    guesses : iterable of callable
-        Make guesses, which are tried in turn on a finer mesh if the solution jumps.
-
-    Raises
-    ------
-    OptimizationError
-        If all solutions jump to another branch.
+    A solution may jump to another branch within an interval, or be moved far onto the constraints; guesses are then
+    tried in turn on a finer mesh. An :class:`OptimizationError` is raised if all solutions jump.
     """
     jump, s = branch_jump(solution), solution.statistics
     if jump is None and _largest_projection(solution) <= LARGEST_PROJECTION:

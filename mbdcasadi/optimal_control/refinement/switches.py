@@ -26,20 +26,12 @@ SLACK = 3e-4
 
 
 class Switch(NamedTuple):
-    """A stretch of a mesh in which limits begin or cease to be active.
+    """A stretch of a mesh in which limits begin or cease to be active."""
 
-    Attributes
-    ----------
-    points : tuple of int
-        Mesh points that enclose it.
-    intervals : tuple of int
-        Intervals in which it lies.
-    time : float
-        Time at which it begins, s.
-    """
-
+    #: mesh points that enclose it
     points: tuple[int, ...]
     intervals: tuple[int, ...]
+    #: time at which it begins, s
     time: float
 
 

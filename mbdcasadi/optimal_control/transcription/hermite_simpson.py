@@ -95,20 +95,17 @@ class HermiteSimpson(Transcription):
         slope = _cubic_slope(first["q"], last["q"], h * first["v"], h * last["v"], 0.5)
         f = self._rates(interval)
         slope_z = _cubic_slope(first["z"], last["z"], h * f[0], h * f[1], 0.5)
+        motion, acceleration = self.motion_rows(begin, p, 0.0, scales)
         return [
-            *self._joints_only(self.motion_rows(begin, p, 0.0, scales)),
+            motion,
+            # the interval before has the accelerations of path conditions at the same point
+            acceleration.first(len(self.rows)),
             self.motion_rows(middle, p, 0.5, scales)[0],
             *self.motion_rows(end, p, 1.0, scales),
             self.continuity_rows(slope - h * (middle.v + correction), scales),
             self.state_continuity_rows(slope_z - h * self.state_rates(middle, p), 0.5, scales),
             *self.constraint_rows(last["q"], last["v"], end.t, p, 1.0, scales),
         ]
-
-    def _joints_only(self, rows: list[Rows]) -> list[Rows]:
-        """Rows without the accelerations of path conditions: the interval before has them at the same point."""
-        motion, acceleration = rows
-        count = len(self.rows)
-        return [motion, acceleration.first(count)]
 
     def start_rows(self, interval: Interval, scales: Scales) -> list[Rows]:
         """Accelerations of path conditions at the start of the motion."""

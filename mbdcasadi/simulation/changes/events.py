@@ -91,7 +91,7 @@ class EventWatch:
     """
 
     def __init__(
-        self, eom: Equations, events: Sequence[Event], instant: float = 1e-12, resting: dict[Event, float] | None = None
+        self, eom: Equations, events: Sequence[Event], instant: float, resting: dict[Event, float] | None = None
     ):
         self.events, self.instant = tuple(events), instant
         self.resting = {} if resting is None else resting
@@ -123,7 +123,7 @@ class EventWatch:
             The present state.
         """
         offset, band, side = (np.zeros(len(self.events)) for _ in range(3))
-        away = AWAY * (1 + largest(x))
+        away = AWAY * (1 + largest(x)) if self.resting else 0.0
         for k, event in enumerate(self.events):
             if event in self.resting:
                 offset[k], band[k], side[k] = self.resting[event], away, -event.direction or 1

@@ -139,12 +139,16 @@ class Impacts:
     # --- at the start of a run ---------------------------------------------------------------
     def passed_by_rounding(self, state: State) -> list[Event]:
         """Events with a reset whose expressions are just beyond zero at a start and move on, as if there."""
+        if not self.watch.events:
+            return []
         limit = BEYOND_BY_ROUNDING * (1 + largest(state.q))
         through = self.watch.moves_through(state)
         return [e for k, e in enumerate(self.watch.events) if through[k] and 0 < self._beyond(e, state) <= limit]
 
     def remarks_on_start(self, state: State) -> list[str]:
         """Sentences on events with a reset that are violated at a start, or of which it is not known."""
+        if not self.watch.events:
+            return []
         limit = BEYOND_BY_ROUNDING * (1 + largest(state.q))
         rests, at_zero, found = self.watch.rests(state), self.watch.at_zero(state), []
         for k, event in enumerate(self.watch.events):

@@ -34,8 +34,9 @@ def ranges(q: np.ndarray, share: float = RANGE_TOLERANCE) -> np.ndarray:
     """
     if not len(q):
         return np.zeros(q.shape[1])
-    all_ranges = np.ptp(q, axis=0)
-    return np.where(all_ranges > share * (1 + np.max(np.abs(q), axis=0)), all_ranges, 0.0)
+    most, least = q.max(axis=0), q.min(axis=0)
+    all_ranges = most - least
+    return np.where(all_ranges > share * (1 + np.maximum(most, -least)), all_ranges, 0.0)
 
 
 def tolerance_for(q: np.ndarray, abstol: float) -> float | None:
@@ -66,9 +67,20 @@ def range_near_rounding(q: np.ndarray) -> list[str]:
     ]
 
 
-def small_motions(motion: Trajectory, abstol: float) -> list[str]:
-    """Sentences on coordinates that move so little, beside others, that the tolerance does not resolve them."""
+def notes_on_range(motion: Trajectory, abstol: float) -> list[str]:
+    """Sentences on a motion, or on coordinates in it, that the tolerance or rounding does not resolve."""
     moved = ranges(motion.q)
+    return small_motions(motion, moved, abstol) if largest(moved) else range_near_rounding(motion.q)
+
+
+def small_motions(motion: Trajectory, moved: np.ndarray, abstol: float) -> list[str]:
+    """Sentences on coordinates that move so little, beside others, that the tolerance does not resolve them.
+
+    Parameters
+    ----------
+    moved : numpy.ndarray
+        Their :func:`ranges` (n,).
+    """
     if largest(moved) < RESOLVED * abstol:
         return []
     few = (moved > 10 * abstol) & (moved < 1e-2 * RESOLVED * abstol)

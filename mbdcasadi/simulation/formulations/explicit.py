@@ -7,7 +7,7 @@ from typing import ClassVar
 import casadi as ca
 
 from ...equations.numeric import NumericEquations
-from ...equations.saddle import SaddlePoint
+from ...equations.saddle import saddle_point_solution
 from ...integrators import Integrator
 from .base import Arguments, Formulation
 
@@ -34,6 +34,4 @@ class Explicit(Formulation):
         return a, lam, ca.SX(0, 1)
 
     def under_forces(self, numeric: NumericEquations, force: ca.SX, rate: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        eom = numeric.eom
-        system = SaddlePoint(eom.mass_diagonal, eom.Phi_q, force, eom.gamma, eom.angular_rows)
-        return *system.solution(augmentation=numeric.augmentation), ca.SX(0, 1)
+        return *saddle_point_solution(numeric.eom, force, augmentation=numeric.augmentation), ca.SX(0, 1)

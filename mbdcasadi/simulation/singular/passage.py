@@ -24,6 +24,8 @@ from .regularity import ENTRY, Regularity, finer_times
 
 #: States of a regular path at which its pivot is looked at.
 SOME = 16
+#: Paths of which such poses are kept before their pivots are found.
+MOST_REGULAR = 32
 #: Poses about the lowest pivot at which it is looked at again.
 CLOSE = 64
 #: Distances from the pose, relative to that of the entry, between which the polynomial is tried: far away it errs by
@@ -75,6 +77,21 @@ class Passage:
     states: Callable[[np.ndarray], np.ndarray]
     error: float
 
+    def approach(self, path: Path, times: np.ndarray) -> Path:
+        """Return the path to its start: of the integrator as far as it is sure, beyond that of the polynomial.
+
+        Parameters
+        ----------
+        times : numpy.ndarray
+            After the first one of the path (k,), s.
+        """
+        known = np.isin(times, path.times) & (times <= path.times[-1])
+        states, integrals = np.empty((times.size, path.x.shape[1])), np.zeros((times.size, path.integrals.shape[1]))
+        places = np.searchsorted(path.times, times[known])
+        states[known], integrals[known] = path.x[places], path.integrals[places - 1]
+        states[~known] = self.states(times[~known])
+        return Path(np.r_[path.times[0], times], np.vstack([path.x[:1], states]), integrals)
+
 
 class SingularPassage:
     """Watches the poses of a run, and continues it across singular ones."""
@@ -84,6 +101,8 @@ class SingularPassage:
         self._numeric = regularity.numeric
         # largest pivots of the run, and since the last passage
         self._largest = self._recent = 0.0
+        # times and poses far from singular ones, whose pivots count from when a path is looked at
+        self._regular: list[tuple[np.ndarray, np.ndarray]] = []
 
     # --- noticing ------------------------------------------------------------------------------
     def entry(self, path: Path) -> float | None:
@@ -101,11 +120,20 @@ class SingularPassage:
         return float(closer[near[0]] if near.size else times[k])
 
     def note_regular(self, path: Path) -> None:
-        """Take note of the pivots of a path on which no pose is near to a singular one, at some of its states."""
+        """Take note of some poses of a path on which none is near to a singular one."""
         if self._regularity.is_needed:
             rows = np.unique(np.linspace(0, path.times.size - 1, SOME).astype(int))
-            pivots = self._regularity.at(path.times[rows], path.x[rows, : self._numeric.eom.q.numel()])
-            self._largest, self._recent = max(self._largest, pivots.max()), max(self._recent, pivots.max())
+            self._regular.append((path.times[rows], path.x[rows, : self._numeric.eom.sizes[0]]))
+            if len(self._regular) == MOST_REGULAR:
+                self._take_regular()
+
+    def _take_regular(self) -> None:
+        """Find the pivots of the poses that were noted."""
+        if self._regular:
+            times, q = (np.concatenate(parts) for parts in zip(*self._regular, strict=True))
+            most = float(self._regularity.at(times, q).max())
+            self._largest, self._recent = max(self._largest, most), max(self._recent, most)
+            self._regular.clear()
 
     def comes_near(self, path: Path) -> bool:
         """True if a path that is not followed any further comes near to a singular pose, or back to one."""
@@ -113,6 +141,7 @@ class SingularPassage:
 
     def _entries(self, path: Path) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Times of a path, places at which it is near to a singular pose, and the largest pivots at its end."""
+        self._take_regular()
         times, values = self._regularity.along(path)
         running = np.maximum.accumulate(np.r_[self._largest, values])[1:]
         recent = np.maximum.accumulate(np.r_[self._recent, values])[1:]
@@ -122,10 +151,12 @@ class SingularPassage:
 
     def left_behind(self) -> None:
         """Note that a pose was passed: what counts from here on is whether the motion turns back to it."""
+        self._take_regular()
         self._recent = 0.0
 
     def smallest(self, path: Path) -> float:
         """Smallest pivot along a path, relative to the one of the entry."""
+        self._take_regular()
         n, times, values = self._numeric.eom.q.numel(), finer_times(path, self._numeric.eom), np.zeros(0)
         for _ in range(2):  # first everywhere, then about the lowest
             values = self._regularity.at(times, hermite_states(path, times, n)[:, :n])

@@ -29,7 +29,7 @@ from ..formulations import Formulation, Regularised, choose_formulation
 from ..path import Path, Way, way_by
 from ..schedule import PIECES, Piece
 from .explicit_system import explicit_system
-from .stepper import PRECISE, SteppedSystem, Stepper
+from .stepper import PRECISE, Counts, SteppedSystem, Stepper
 
 #: Decay of drift in the regularised form: so many times in a piece, and for each radian that a body turns.
 DECAY, DECAY_PER_RADIAN = 20.0, 5.0
@@ -63,7 +63,8 @@ class CompiledStepper(Stepper):
         self._borrowed: list[tuple[Any, tuple[CompiledIntegrator, Any]]] = []
         #: largest angular velocity that was seen, rad/s
         self._fastest = 0.0
-        self._counts = 0, 0
+        #: starts and steps before the integrators were given back
+        self._before = 0, 0
         self._precise: tuple[Formulation, CompiledIntegrator] | None = None
 
     @property
@@ -73,16 +74,11 @@ class CompiledStepper(Stepper):
         return [*said, *([remark] if remark else [])]
 
     @property
-    def starts(self) -> int:
-        return self._counts[0] + sum(compiled.starts for compiled in self._compiled.values())
-
-    @property
-    def steps(self) -> int:
-        return self._of(self.formulation).steps
-
-    @property
-    def all_steps(self) -> int:
-        return self._counts[1] + sum(compiled.all_steps for compiled in self._compiled.values())
+    def counts(self) -> Counts:
+        starts = sum(compiled.starts for compiled in self._compiled.values())
+        all_steps = sum(compiled.all_steps for compiled in self._compiled.values())
+        own = self._compiled.get(self.formulation)
+        return Counts(self._before[0] + starts, own.steps if own else 0, self._before[1] + all_steps)
 
     # --- integrating -------------------------------------------------------------------------
     def _of(self, form: Formulation) -> CompiledIntegrator:
@@ -127,8 +123,7 @@ class CompiledStepper(Stepper):
         return form.dae(self.numeric, self.signals, quadratures=terms.rates)
 
     def release(self) -> None:
-        # the counts stay
-        self._counts = self.starts, self.all_steps
+        self._before = self.counts.starts, self.counts.all_steps
         self._compiled, self._precise = {}, None
         while self._borrowed:
             lending_of(self.numeric).give_back(*self._borrowed.pop())
@@ -210,8 +205,16 @@ class CompiledStepper(Stepper):
             rate = max(DECAY / min(self._usual_length, piece.length), DECAY_PER_RADIAN * self._fastest)
         return np.r_[self.numeric.p, self.levels, rate]
 
-    def way_from(self, start: float, x: np.ndarray) -> Way:
-        return self._way(self.formulation, self._of(self.formulation), start, x)
+    def way_from(self, start: float, x: np.ndarray, *, precise: bool = False) -> Way:
+        if not precise:
+            return self._way(self.formulation, self._of(self.formulation), start, x)
+        if self._precise is None:
+            explicit = not self.numeric.eom.Q_depends_on_lam
+            method: Integrator = RungeKutta(*PRECISE) if explicit else IDAS(*PRECISE)
+            form = choose_formulation(self.numeric, method, redundant=self.formulation.tolerates_redundancy)
+            self._precise = form, self._integrator(form, method)
+        # before a lock-up no number of steps is enough
+        return self._way(*self._precise, start, x, steps=FEW_STEPS)
 
     def unprojected(self, start: float, x: np.ndarray, times: np.ndarray) -> np.ndarray:
         return self._way(self.formulation, self._of(self.formulation), start, x, project=False)(times)
@@ -243,20 +246,10 @@ class CompiledStepper(Stepper):
 
         return way_by(start, x, integrated)
 
-    # --- singular poses on the way ---------------------------------------------------------------
     def note_turning(self, x: np.ndarray) -> None:
         n = self.numeric.eom.q.numel()
         turning = x[:, n + 2 : n + 3 * len(self.numeric.eom.mechanism.bodies) : 3]
         self._fastest = max(self._fastest, largest(turning))
-
-    def precise_way_from(self, start: float, x: np.ndarray) -> Way:
-        if self._precise is None:
-            explicit = not self.numeric.eom.Q_depends_on_lam
-            method: Integrator = RungeKutta(*PRECISE) if explicit else IDAS(*PRECISE)
-            form = choose_formulation(self.numeric, method, redundant=self.formulation.tolerates_redundancy)
-            self._precise = form, self._integrator(form, method)
-        # before a lock-up no number of steps is enough
-        return self._way(*self._precise, start, x, steps=FEW_STEPS)
 
 
 def lending_of(numeric: NumericEquations) -> Lending:

@@ -9,7 +9,7 @@ from ...arguments.inputs import Signals
 from ...equations.batches import Values
 from ...equations.derivation import Equations
 from ...equations.numeric import NumericEquations
-from ...equations.saddle import SaddlePoint, shifted
+from ...equations.saddle import saddle_point_solution, shifted
 from ...integrators.native.code import Written
 from ...integrators.native.stretch import ExplicitSystem
 from ...numerics.c_code import SIGNATURE, simplified, tape_of
@@ -41,9 +41,14 @@ def dynamics_of(numeric: NumericEquations, *, redundant: bool = False) -> ca.Fun
 def _dynamics(numeric: NumericEquations, redundant: bool) -> ca.Function:
     eom = numeric.eom
     known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
-    a, lam = numeric.forward_dynamics(redundant=redundant)(*known)
+    return _function_of("dynamics", numeric, known, *numeric.forward_dynamics(redundant=redundant)(*known))
+
+
+def _function_of(name: str, numeric: NumericEquations, known: list[ca.SX], a: ca.SX, lam: ca.SX) -> ca.Function:
+    """``known -> (a, rate of z, lam, regularity)``."""
+    eom = numeric.eom
     rates = ca.substitute(eom.z_rate, ca.vertcat(eom.a, eom.lam), ca.vertcat(a, lam)) if eom.z.numel() else eom.z_rate
-    return ca.Function("dynamics", known, [a, ca.densify(rates), lam, _regularity(numeric)])
+    return ca.Function(name, known, [a, ca.densify(rates), lam, _regularity(numeric)])
 
 
 def _regularity(numeric: NumericEquations) -> ca.SX:
@@ -125,25 +130,46 @@ def explicit_system(
     if repeated is not None:
         key = ("explicit code with loops", numeric.light_key, slopes)
         written = cache.get_or_create(key, lambda: _with_loops(numeric, repeated, slopes))
-    switching = cache.get_or_create(
-        ("what switches", signals.structure, repeated is None), lambda: _switching(eom, signals, repeated), bounded=True
-    )[0]
     return ExplicitSystem(
-        signals.function(eom), dynamics_of(numeric), integrals, projection_of(eom), switching, slopes, written
+        signals.function(eom),
+        dynamics_of(numeric),
+        integrals,
+        projection_of(eom),
+        switching_of(eom, signals, with_gaps=repeated is None),
+        slopes,
+        written,
     )
 
 
-def _switching(eom: Equations, signals: Signals, repeated: RepeatedElements | None) -> tuple[ca.Function, ca.SX]:
-    """``(t, q, v, z, p) ->`` quantities at whose zeros forces or their derivatives jump; and what they are kept by."""
-    unknown = ca.vertcat(eom.a, eom.lam, eom.u)
-    # gaps of elements that are many of a kind are left to the error test: steps would end at each of them
-    gaps = [ca.vec(ca.SX(getattr(e, "gaps", e.gap))) for e in eom.mechanism.elements if repeated is None and has_gap(e)]
+def compared_quantities(eom: Equations, signals: Signals) -> list[ca.SX]:
+    """Return the quantities of the state at whose zeros loads switch; none if they are as many as those of tables."""
     compared = state_quantities(eom, signals)[0]
-    compared = compared if len(compared) <= MOST_COMPARED else []
-    content = ca.vertcat(ca.SX(0, 1), *[g for g in gaps if not ca.depends_on(g, unknown)], *compared)
-    known = [eom.t, eom.q, eom.v, eom.z, eom.p]
-    # a hash in the structure is unique only while the node lives
-    return ca.Function("switching", known, [ca.densify(content)]), signals.parametrised
+    return compared if len(compared) <= MOST_COMPARED else []
+
+
+def switching_of(eom: Equations, signals: Signals, *, with_gaps: bool) -> ca.Function:
+    """``(t, q, v, z, p) ->`` quantities at whose zeros forces, or their derivatives, jump; kept for a mechanism.
+
+    Parameters
+    ----------
+    signals : Signals
+        Inputs.
+    with_gaps : bool
+        False to leave gaps to the error test, as of elements that are many of a kind: steps would end at each of them.
+    """
+
+    def make() -> tuple[ca.Function, ca.SX]:
+        unknown = ca.vertcat(eom.a, eom.lam, eom.u)
+        gaps = [ca.vec(ca.SX(getattr(e, "gaps", e.gap))) for e in eom.mechanism.elements if with_gaps and has_gap(e)]
+        known_gaps = [gap for gap in gaps if not ca.depends_on(gap, unknown)]
+        content = ca.vertcat(ca.SX(0, 1), *known_gaps, *compared_quantities(eom, signals))
+        known = [eom.t, eom.q, eom.v, eom.z, eom.p]
+        # a hash in the structure is unique only while the node lives
+        return ca.Function("switching", known, [ca.densify(content)]), signals.parametrised
+
+    key = ("what switches", signals.structure, with_gaps)
+    function: ca.Function = eom.mechanism.cache.get_or_create(key, make, bounded=True)[0]
+    return function
 
 
 def _slopes_of(numeric: NumericEquations, signals: Signals, repeated: RepeatedElements | None) -> ca.Function:
@@ -178,12 +204,8 @@ def _solution(numeric: NumericEquations) -> ca.Function:
     """``(t, q, v, z, u, p, Q) -> (a, rate of z, lam, regularity)`` under generalised forces Q."""
     eom = numeric.eom
     force = ca.SX.sym("Q", eom.q.numel())
-    system = SaddlePoint(eom.mass_diagonal, eom.Phi_q, force, eom.gamma, eom.angular_rows)
-    a, lam = system.solution(augmentation=numeric.augmentation)
-    unknown = ca.vertcat(eom.a, eom.lam)
-    rates = ca.substitute(eom.z_rate, unknown, ca.vertcat(a, lam)) if eom.z.numel() else eom.z_rate
-    known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
-    return ca.Function("solve", [*known, force], [a, ca.densify(rates), lam, _regularity(numeric)])
+    solution = saddle_point_solution(eom, force, augmentation=numeric.augmentation)
+    return _function_of("solve", numeric, [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p, force], *solution)
 
 
 def _with_loops(numeric: NumericEquations, repeated: RepeatedElements, slopes: ca.Function | None) -> Written:

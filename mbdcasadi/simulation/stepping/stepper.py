@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -56,6 +57,14 @@ class SteppedSystem:
     max_step: float | None = None
 
 
+class Counts(NamedTuple):
+    """Starts of a method, its steps in the last piece, and in all pieces."""
+
+    starts: int
+    steps: int
+    all_steps: int
+
+
 class Stepper(ABC):
     """Advances the state of one set of equations.
 
@@ -86,18 +95,8 @@ class Stepper(ABC):
 
     @property
     @abstractmethod
-    def starts(self) -> int:
-        """Number of starts of the method."""
-
-    @property
-    @abstractmethod
-    def steps(self) -> int:
-        """Steps of the last piece."""
-
-    @property
-    @abstractmethod
-    def all_steps(self) -> int:
-        """Steps of all pieces."""
+    def counts(self) -> Counts:
+        """How often it started, and its steps."""
 
     @abstractmethod
     def release(self) -> None:
@@ -128,12 +127,14 @@ class Stepper(ABC):
         """
 
     @abstractmethod
-    def way_from(self, start: float, x: np.ndarray) -> Way:
-        """Return the function from later times (k,) to projected states (k, n_x), by short integrations."""
+    def way_from(self, start: float, x: np.ndarray, *, precise: bool = False) -> Way:
+        """Return the function from later times (k,) to projected states (k, n_x), by short integrations.
 
-    @abstractmethod
-    def precise_way_from(self, start: float, x: np.ndarray) -> Way:
-        """Return the same function, integrated to rounding."""
+        Parameters
+        ----------
+        precise : bool
+            True to integrate to rounding.
+        """
 
     @abstractmethod
     def unprojected(self, start: float, x: np.ndarray, times: np.ndarray) -> np.ndarray:

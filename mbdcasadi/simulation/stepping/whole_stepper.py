@@ -23,7 +23,7 @@ from ..outputs import Outputs
 from ..path import Path, Way, way_by
 from ..schedule import WATCH_POINTS, Piece
 from .explicit_system import explicit_system
-from .stepper import PRECISE, SteppedSystem, Stepper
+from .stepper import PRECISE, Counts, SteppedSystem, Stepper
 
 #: Fall of the regularity, relative to the largest one seen, from which the poses are looked at closely.
 FALL = 0.1
@@ -95,16 +95,8 @@ class WholeStepper(Stepper):
         self._is_stiff = False
 
     @property
-    def starts(self) -> int:
-        return self._starts
-
-    @property
-    def steps(self) -> int:
-        return self._steps
-
-    @property
-    def all_steps(self) -> int:
-        return self._all_steps
+    def counts(self) -> Counts:
+        return Counts(self._starts, self._steps, self._all_steps)
 
     @property
     def notes(self) -> list[str]:
@@ -189,16 +181,11 @@ class WholeStepper(Stepper):
             )
         self._is_stiff = True
 
-    def way_from(self, start: float, x: np.ndarray) -> Way:
-        return self._way(start, x, self.integrator.reltol, self.integrator.abstol)
-
-    def precise_way_from(self, start: float, x: np.ndarray) -> Way:
-        return self._way(start, x, *PRECISE)
-
     def unprojected(self, start: float, x: np.ndarray, times: np.ndarray) -> np.ndarray:
         return self.way_from(start, x)(times)  # every step ends on the constraints
 
-    def _way(self, start: float, x: np.ndarray, reltol: float, abstol: float) -> Way:
+    def way_from(self, start: float, x: np.ndarray, *, precise: bool = False) -> Way:
+        reltol, abstol = PRECISE if precise else (self.integrator.reltol, self.integrator.abstol)
         column = self.signals.columns_from(np.array([start]))
         offset, band, side = self._watch.levels(x)
 

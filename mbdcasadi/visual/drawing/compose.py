@@ -181,13 +181,13 @@ def _names(pen: Pen) -> None:
         points = points_on(body, mechanism.joints, pen)
         middle = points.mean(axis=0) if len(points) > 1 and body.shape is None else np.zeros(2)
         middle = on_material(pen.loops.get(body, ()), middle)
-        pen.scene.labels.append(Label(pen.of_body(body).number, tuple(middle), body.name))
+        pen.scene.labels.append(Label(pen.of_body(body).number, tuple(middle), wrapped([body.name])))
     named: dict[tuple, tuple[Marker, list[str]]] = {}
     for joint in mechanism.joints:
         markers = getattr(joint, "markers", ())
         if isinstance(joint, Gear):
             frame = pen.at(_mesh_point(joint, pen))
-            pen.scene.labels.append(Label(frame.number, (0.0, 0.0), joint.name, False))
+            pen.scene.labels.append(Label(frame.number, (0.0, 0.0), wrapped([joint.name]), False))
         elif markers:
             # a slider is named at its block, not at the start of its guide
             marker = next((m for m in reversed(markers) if not m.body.is_ground), markers[0])

@@ -19,7 +19,7 @@ from ...results.trajectory import Trajectory
 from ..axes import two_spines
 from .canvas import LOWEST, STEP, Canvas
 from .compose import Options, compose
-from .labels import with_placed_names
+from .labels import LINE, with_placed_names
 from .sample import Sample
 from .scene import TRACE, Scene, box_of
 from .style import LIGHT
@@ -33,6 +33,11 @@ WIDTH, FLAT, TALL = 7.2, 0.34, 1.1
 NARROW = 0.4
 #: Times at which traces are taken, or a few more.
 TIMES = 300
+#: Height of a line of the scale of forces, in parts of the picture's diagonal.
+ROW = 0.045
+#: Room of a number beside the axes, points, across and upwards.
+TICKS = (42.0, 22.0)
+_AXES: tuple[Literal["x", "y"], ...] = ("x", "y")
 #: Opacity of poses behind the first: of those between, and of the last.
 BETWEEN, LAST = 0.2, 0.55
 
@@ -56,7 +61,7 @@ def draw(
         Subject of the drawing. A mechanism is assembled first; of a motion the first pose is
         drawn, and others behind it if `poses` are asked for.
     axes : matplotlib.axes.Axes, optional
-        Axes to draw into; by default those of a new figure.
+        Axes to draw into, which the drawing fills; by default those of a new figure.
     forces : bool, default False
         True if reactions (green), all applied forces (red) and weights (grey) are
         drawn, to scale; forces of :class:`Force` elements always are.
@@ -125,22 +130,29 @@ def _draw(sample: Sample, options: Options, axes: Axes, shown: np.ndarray, fresh
         Canvas(axes, ghost, strength=LAST if k == shown[-1] else BETWEEN, still=False).show(poses[k], sample.t[k])
     paths = draw_traces(axes, sample, options)
     box = room(scene, poses[shown], paths)
-    if scale:
-        box = draw_scale(axes, scale, box, scene.unit)
-    frame_axes(axes, box, fresh)
-    Canvas(axes, _named(scene, poses[:1], axes)).show(poses[0], sample.t[0])
+    frame_axes(axes, with_scale_room(box, scale), fresh)
+    points, seen = (np.inf, corners(axes)) if fresh and not scene.labels else _settle(axes, fresh)
+    if scale:  # names stay below it
+        seen[1, 1] = draw_scale(axes, scale, box, seen[1] - [scene.unit, 0], LINE / points) - 0.8 * LINE / points
+    Canvas(axes, with_placed_names(scene, poses[:1], seen, points)).show(poses[0], sample.t[0])
 
 
-def _named(scene: Scene, poses: np.ndarray, axes: Axes) -> Scene:
-    """The scene with its names placed in the axes."""
+def _settle(axes: Axes, fresh: bool) -> tuple[float, np.ndarray]:
+    """Fill the place that axes of the caller have; return the points of the paper to a metre, and the corners shown."""
     figure = axes.figure.canvas.figure
     layout = figure.get_layout_engine()
-    if scene.labels and layout is not None:
-        layout.execute(figure)  # it sets the place of the axes
-    box = np.array([axes.get_xlim(), axes.get_ylim()]).T
-    place = axes.get_position().transformed(axes.figure.transSubfigure)
-    size = 72 / figure.dpi * np.array([place.width, place.height])
-    return with_placed_names(scene, poses, box, float(np.min(size / (box[1] - box[0]))))
+    first = box = corners(axes)
+    for _ in range(1 if fresh else 2):  # a wider drawing leaves another room beside it
+        if layout is not None:
+            layout.execute(figure)
+        place = axes.get_position(original=True).transformed(axes.figure.transSubfigure)
+        size = 72 / figure.dpi * np.array([place.width, place.height])
+        points = float(np.min(size / (first[1] - first[0])))
+        if not fresh:
+            box = first + (size / points - (first[1] - first[0])) / 2 * np.array([[-1], [1]])
+            _show_box(axes, box)
+    _set_ticks(axes, box, points)
+    return points, box
 
 
 # --- what is drawn -------------------------------------------------------------------------
@@ -213,33 +225,74 @@ def frame_axes(axes: Axes, box: np.ndarray, fresh: bool) -> None:
     if fresh:
         ratio = min(max(height / width, FLAT), TALL)
         axes.figure.set_size_inches(WIDTH if ratio < 0.8 else WIDTH * 0.8 / ratio + 0.6, min(WIDTH * ratio, 6.4) + 0.6)  # type: ignore[union-attr]
-    axes.set_xlim(box[0, 0], box[1, 0])
-    axes.set_ylim(box[0, 1], box[1, 1])
+    _show_box(axes, box)
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlabel("x, m")
     axes.set_ylabel("y, m")
     two_spines(axes)
-    sides: tuple[tuple[Literal["x", "y"], float], ...] = (("x", width), ("y", height))
-    for axis, length in sides:
-        axes.locator_params(axis=axis, nbins=max(2, round(7 * length / max(width, height))))
+    _set_ticks(axes, box)
 
 
-def draw_scale(axes: Axes, scale: dict[str, float], box: np.ndarray, unit: float) -> np.ndarray:
-    """Draw an arrow of a round force, and the radius of a round couple, above the drawing; return the larger box."""
-    (low, bottom), (high, top) = box
-    diagonal, place = float(np.hypot(high - low, top - bottom)), top
+def _set_ticks(axes: Axes, box: np.ndarray, points: float = np.inf) -> None:
+    """Number the axes: the longer one up to seven times, and no more often than there is room for at a scale."""
+    lengths = box[1] - box[0]
+    for axis, length, tick in zip(_AXES, lengths, TICKS, strict=True):
+        usual = max(2, round(7 * length / lengths.max()))
+        axes.locator_params(axis=axis, nbins=int(np.clip(points * length / tick, 1, usual)))
+
+
+def corners(axes: Axes) -> np.ndarray:
+    """Return the corners ``[[x, y], [x, y]]`` of what axes show."""
+    return np.array([axes.get_xlim(), axes.get_ylim()]).T
+
+
+def _show_box(axes: Axes, box: np.ndarray) -> None:
+    axes.set_xlim(box[0, 0], box[1, 0])
+    axes.set_ylim(box[0, 1], box[1, 1])
+
+
+def with_scale_room(box: np.ndarray, scale: dict[str, float]) -> np.ndarray:
+    """Return the corners with room for the scale of forces above them."""
+    return np.array([box[0], box[1] + [0, len(scale) * ROW * np.hypot(*(box[1] - box[0]))]])
+
+
+def draw_scale(axes: Axes, scale: dict[str, float], box: np.ndarray, corner: np.ndarray, least: float = 0.0) -> float:
+    """Draw an arrow of a round force, and the radius of a round couple.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Axes to draw into.
+    scale : dict of str to float
+        Newtons of an arrow, and newton metres of a curved one, of the size 1 m.
+    box : numpy.ndarray
+        Corners of the drawing without the scale, m.
+    corner : numpy.ndarray
+        Upper right end (2,) of the room that is left for it, m.
+    least : float, default 0
+        Least height of a line, m.
+
+    Returns
+    -------
+    float
+        Height of the lowest line, m.
+    """
+    diagonal = float(np.hypot(*(box[1] - box[0])))
+    row = max(ROW * diagonal, least)
+    right, lowest = float(corner[0]), float(corner[1]) - len(scale) * row
+    place = lowest
     for kind, share in (("N", 0.13), ("N m", 0.05)):
         if kind in scale:
             value = nice(share * diagonal * scale[kind])
-            length, right = value / scale[kind], high - unit
+            length = value / scale[kind]
             ends = dict(arrowstyle="-|>" if kind == "N" else "|-|, widthA=0.25, widthB=0.25", color=LIGHT["ink"],
                         shrinkA=0, shrinkB=0, linewidth=1.2, mutation_scale=10)  # fmt: skip
             axes.annotate("", (right, place), (right - length, place), arrowprops=ends)
             text = f"{value:g} {kind}" + (" (radius)" if kind == "N m" else "")
             axes.annotate(text, (right - length, place), (-5, 0), textcoords="offset points", ha="right", va="center",
                           fontsize="small", color=LIGHT["ink"])  # fmt: skip
-            place += 0.045 * diagonal
-    return np.array([[low, bottom], [high, place]])
+            place += row
+    return lowest
 
 
 def nice(value: float) -> float:

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from textwrap import wrap
 
 import numpy as np
 
-from .scene import Label, Mark, Scene, placed
+from .scene import BODY, Label, Mark, Scene, placed
 
 #: Height of a line of text and mean width of a letter, points; side of a cell in which lines are looked for.
 LINE, LETTER, CELL = 13.0, 5.6, 1.5
@@ -22,9 +23,9 @@ WAYS = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1], [1, 0], [-1, 0], [0, 1], [0
 DISTANCES = (6.0, 9.0, 13.0, 18.0, 25.0, 34.0, 46.0, 60.0, 78.0, 100.0, 125.0)
 #: Distance of a name from its point, points, from which on a line leads from one to the other.
 LED = 17.0
-#: Penalties: a line across a name, the share of it that lies on other names, that is cut off, a point of distance,
-#: a leader that runs through a name.
-ON_LINES, ON_NAMES, CUT_OFF, FAR, LED_ACROSS = 1.0, 6.0, 30.0, 0.022, 2.0
+#: Penalties: a line across a name, the share of it that lies on other names, that it touches one, the share that is cut
+#: off, a point of distance, a leader that runs through a name, and the name of a body on another one.
+ON_LINES, ON_NAMES, TOUCHES, CUT_OFF, FAR, LED_ACROSS, ON_OTHER = 1.0, 20.0, 3.0, 30.0, 0.022, 2.0, 1.5
 #: Places whose leaders are looked at, and where along a leader.
 SHORTLIST, ALONG = 40, np.linspace(0.0, 1.0, 24)[1:, None]
 #: Poses of a motion that are looked at, or two for so many names; letters to a line of several names.
@@ -49,7 +50,7 @@ def with_placed_names(scene: Scene, poses: np.ndarray, box: np.ndarray, scale: f
         return scene
     count = POSES if len(scene.labels) < MANY else 2
     some = poses[np.unique(np.linspace(0, len(poses) - 1, count).round().astype(int))]
-    marks = [mark for mark in scene.marks if not mark.group]
+    marks = [mark for mark in scene.marks if mark.group != "velocities"]
     tables = [_ink(marks, pose, box, scale) for pose in some]
     taken = _Taken(len(some))
     placed_labels: dict[int, Label] = {}
@@ -62,9 +63,11 @@ def with_placed_names(scene: Scene, poses: np.ndarray, box: np.ndarray, scale: f
         shifts, far = _candidates(size, label.body)
         # the name of a body would be taken for that of its neighbour
         cost = (2 if label.body else 1) * FAR * far + sum(
-            _price(point + shifts, size, table) + ON_NAMES * taken.shares(j, point + shifts, size)
+            _price(point + shifts, size, table) + taken.price(j, point + shifts, size)
             for j, (point, table) in enumerate(zip(points, tables, strict=True))
         ) / len(some)
+        if label.body:
+            cost = cost + ON_OTHER * _on_others(points[0] + shifts, label, marks, some[0], box, scale)
         cheap = np.argsort(cost, kind="stable")[:SHORTLIST]
         crossed = np.array([taken.crossings(points[0], shifts[i], size) for i in cheap])
         best = shifts[cheap[np.argmin(cost[cheap] + LED_ACROSS * crossed)]]
@@ -92,10 +95,11 @@ class _Taken:
         if leader is not None:
             self._tracks = np.concatenate([self._tracks, (points[0] + ALONG * leader)[None]])
 
-    def shares(self, pose: int, middles: np.ndarray, size: np.ndarray) -> np.ndarray:
-        """Parts (k,) of a name with its middle at places (k, 2) that lie on other names."""
+    def price(self, pose: int, middles: np.ndarray, size: np.ndarray) -> np.ndarray:
+        """Cost of places (k, 2) of the middle of a name by the part of it that lies on other names."""
         common = (size + self._sizes) / 2 - np.abs(middles[:, None] - self._middles[pose])
-        return np.prod(np.clip(common, 0, np.minimum(size, self._sizes)), axis=2).sum(axis=1) / float(np.prod(size))
+        share = np.prod(np.clip(common, 0, np.minimum(size, self._sizes)), axis=2).sum(axis=1) / float(np.prod(size))
+        return ON_NAMES * share + TOUCHES * (share > 0)
 
     def crossings(self, point: np.ndarray, shift: np.ndarray, size: np.ndarray) -> int:
         """Number of names that the leader of a place runs through, and of leaders that run through the place."""
@@ -116,14 +120,15 @@ def _leader(shift: np.ndarray, size: np.ndarray) -> np.ndarray | None:
 
 
 def wrapped(names: Sequence[str]) -> str:
-    """Names after each other, on several lines if they are long."""
-    lines = [names[0]]
-    for name in names[1:]:
-        if len(lines[-1]) + len(name) + 2 > LETTERS:
-            lines[-1] += ","
-            lines.append(name)
-        else:
+    """Names after each other, on several lines if they, or one of them, are long."""
+    lines: list[str] = []
+    for name in names:
+        if lines and len(lines[-1]) + len(name) + 2 <= LETTERS:
             lines[-1] += f", {name}"
+            continue
+        if lines:
+            lines[-1] += ","
+        lines += wrap(name, LETTERS, break_long_words=False) if len(name) > LETTERS else [name]
     return "\n".join(lines)
 
 
@@ -150,6 +155,20 @@ def _ink(marks: Sequence[Mark], pose: np.ndarray, box: np.ndarray, scale: float)
     return np.pad(inked.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
 
 
+def _on_others(
+    places: np.ndarray, label: Label, marks: Sequence[Mark], pose: np.ndarray, box: np.ndarray, scale: float
+) -> np.ndarray:
+    """Places (k, 2) of the middle of a body's name that lie on another body."""
+    from matplotlib.path import Path
+
+    inside = np.zeros(len(places), bool)
+    for mark in marks:
+        if mark.layer == BODY and mark.closed and mark.frame not in (0, label.frame):
+            outline = (placed(mark.loops[0], pose[mark.frame]) - box[0]) * scale
+            inside |= Path(outline).contains_points(places)
+    return inside
+
+
 def _dense(points: np.ndarray) -> np.ndarray:
     """Cells (k, 2) along a line through points."""
     lengths = np.hypot(*np.diff(points, axis=0).T)
@@ -161,9 +180,10 @@ def _dense(points: np.ndarray) -> np.ndarray:
 def _price(middles: np.ndarray, size: np.ndarray, table: np.ndarray) -> np.ndarray:
     """Cost of places (k, 2) of a name by the lines that it covers, and what of it is cut off."""
     most = np.array(table.shape) - 1
-    low, high = (np.clip(np.round((middles + s * size / 2) / CELL), 0, most).astype(int) for s in (-1, 1))
+    ends = [np.clip(middles + side * size / 2, 0, most * CELL) for side in (-1, 1)]
+    low, high = (np.round(end / CELL).astype(int) for end in ends)
     lines = table[high[:, 0], high[:, 1]] - table[low[:, 0], high[:, 1]]
     lines = lines - table[high[:, 0], low[:, 1]] + table[low[:, 0], low[:, 1]]
     # a row of teeth is no worse than some lines
     cost = ON_LINES * np.minimum(lines * CELL / LINE, 5.0)
-    return cost + CUT_OFF * (1 - np.prod(np.clip((high - low) * CELL / size, 0, 1), axis=1)).round(1)
+    return cost + CUT_OFF * (1 - np.prod((ends[1] - ends[0]) / size, axis=1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -16,6 +16,8 @@ from .pen import Pen
 #: The longest usual arrow and the radius of the largest usual couple, in parts of the picture's diagonal; the latter in
 #: units at most, so that the couples of a chain of many links do not cover it.
 ARROW, COUPLE, COUPLE_UNITS = 0.16, 0.07, 2.0
+#: Arrows of a kind at one point that are drawn each for itself.
+APART = 3
 #: Loads below this part of the largest are rounding errors.
 NOISE = 1e-9
 
@@ -59,6 +61,7 @@ def draw_loads(pen: Pen, loads: Sequence[tuple[Any, Load]]) -> dict[str, float]:
     """
     if not loads:
         return {}
+    loads = _gathered(pen, loads)
     box = pen.box()
     diagonal = float(np.hypot(*(box[1] - box[0])))
     values = pen.sample.sizes(ca.vertcat(*[ca.norm_2(load.value) for _, load in loads]))
@@ -100,6 +103,22 @@ def draw_velocities(pen: Pen) -> dict[str, float]:
         pen.item = pen.item_of(body)
         _arrow(pen, Load(body.at(0, 0), body.velocity, "velocity"), 1 / scale, "velocities")
     return {"m/s": scale}
+
+
+def _gathered(pen: Pen, loads: Sequence[tuple[Any, Load]]) -> list[tuple[Any, Load]]:
+    """Loads, of which more than :data:`APART` of a kind at one point of a body become their sum."""
+    points: dict[tuple, list[tuple[Any, Load]]] = {}
+    for element, load in loads:
+        place, kind = load.place, (load.style, load.always, load.value.numel())
+        moving = isinstance(place, Marker) and pen.number_of(place.body) is not None
+        points.setdefault((*kind, place.body, str(place.local)) if moving else (id(load),), []).append((element, load))
+    gathered: list[tuple[Any, Load]] = []
+    for group in points.values():
+        first = group[0][1]
+        if len(group) > APART:
+            group = [(first.place.body, replace(first, value=ca.sum2(ca.horzcat(*[load.value for _, load in group]))))]
+        gathered += group
+    return gathered
 
 
 def _usual_largest(sizes: np.ndarray) -> float:

@@ -14,14 +14,15 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..drawing.draw import nice
 from ..drawing.scene import SLOT, Mark
 from ..drawing.style import BODIES_DARK, BODIES_LIGHT, DARK, LIGHT, SERIES_DARK, SERIES_LIGHT, STYLES
 from ..film import Film
 from .columns import Column, Columns
 
-#: Points of marks, each kept once, with their numbers.
-Shapes = dict[str, tuple[int, list[list[float]]]]
+#: Points of marks, each kept once, with their numbers: a size, and loops as multiples of it.
+Shapes = dict[str, tuple[int, list[Any]]]
+#: Size of the multiples, in parts of a shape.
+FINE = 1e-5
 #: Pixels of the page to a point.
 PIXELS = 4 / 3
 #: A comment at the end of a line of a script, two spaces after it.
@@ -119,7 +120,7 @@ def page_data(film: Film, store: Columns, forces: bool) -> dict[str, Any]:
     return {
         "t0": float(t[0]), "title": film.title, "speed": film.speed, "forces": forces, "names": film.names,
         "digits": film.digits,
-        "box": [_short(x) for x in film.box.ravel()], "scale": _scale(film), "traceLayer": SLOT,
+        "box": [_short(x) for x in film.box.ravel()], "scale": film.scale, "traceLayer": SLOT,
         "frames": [frame | {"c": [column.index for column in frame["c"]]} for frame in frames],
         "marks": [_mark(mark, shapes) for mark in scene.marks],
         "shapes": [points for _, points in shapes.values()],
@@ -179,20 +180,15 @@ def _short(value: float) -> float:
 
 def _mark(mark: Mark, shapes: Shapes) -> dict[str, Any]:
     """A mark, and its points among the shapes: links of a chain and their pins are all alike."""
-    points = [[float(f"{x:.5g}") for x in loop.ravel()] for loop in mark.loops]
+    points: list[Any]
+    if mark.loops[0].shape[1] == 2:
+        size = _short(FINE * max(float(np.abs(loop).max()) for loop in mark.loops)) or 1.0
+        points = [size, *(np.round(loop.ravel() / size).astype(int).tolist() for loop in mark.loops)]
+    else:  # lengths beside parts of a length
+        points = [1, *([float(f"{x:.5g}") for x in loop.ravel()] for loop in mark.loops)]
     number, _ = shapes.setdefault(repr(points), (len(shapes), points))
     described = {
         "f": mark.frame, "s": mark.style, "b": mark.body, "i": mark.item, "l": mark.layer, "c": int(mark.closed),
         "g": mark.group, "k": mark.loops[0].shape[1], "p": number,
     }  # fmt: skip
     return {key: value for key, value in described.items() if value or key not in ("c", "g")}
-
-
-def _scale(film: Film) -> str:
-    """Legend of the size of arrows."""
-    diagonal, parts = float(np.hypot(*(film.box[1] - film.box[0]))), []
-    for unit, share, what in (("N", 0.15, "arrow"), ("N m", 0.06, "radius"), ("m/s", 0.15, "arrow")):
-        if unit in film.scale:
-            value = nice(share * diagonal * film.scale[unit])
-            parts.append(f"{value:g} {unit}: {what} of {value / film.scale[unit]:.3g} m")
-    return "; ".join(parts)

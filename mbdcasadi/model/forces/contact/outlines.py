@@ -160,7 +160,7 @@ class PolygonEdges(Outline):
     def __init__(self, marker: Any, points: Any):
         super().__init__(marker)
         what = repr(self)
-        self.points = number_pairs(points, what, "points")
+        self.points = number_pairs(points, what)
         if len(self.points) < 3:
             raise ModelError(f"{what}: a polygon has at least three corners, got {len(self.points)}")
         sides = np.roll(self.points, -1, axis=0) - self.points

@@ -24,18 +24,9 @@ MODES = ("sticks", "forth", "back", "free")
 class FrictionInJoint(Element):
     """Base class of friction in a revolute or translational joint; a subclass defines the load.
 
-    Parameters
-    ----------
-    name : str
-        Its name.
-    joint : Revolute or Translational
-        The joint; the friction acts on its second body, and its opposite on the first.
-    law : FrictionLaw
-        Law, as a function of the sliding speed of the surfaces, m/s, and their load, N.
-    radius : float or expression, optional
-        Radius of the pin, m; for a revolute joint.
-    length : float or expression, optional
-        Length of the guide, m; for a translational joint.
+    The friction acts on the second body of the joint, and its opposite on the first. The law is a function of the
+    sliding speed of the surfaces, m/s, and their load, N; `radius`, m, is that of the pin of a revolute joint,
+    `length`, m, that of the guide of a translational one.
     """
 
     kind = "friction"

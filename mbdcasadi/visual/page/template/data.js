@@ -7,7 +7,7 @@ async function inflated(text) {
   if (typeof DecompressionStream === "undefined") {
     document.getElementById("scene").textContent = "This page needs a browser of 2023 or later.";
   }
-  const packed = Uint8Array.from(atob(text), function (letter) { return letter.charCodeAt(0); });
+  const packed = Uint8Array.from(atob(text), letter => letter.charCodeAt(0));
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
@@ -26,7 +26,7 @@ async function unpackedGroups() {
   const clock = new Float64Array((await inflated(DATA.clock)).buffer), masks = await inflated(DATA.masks);
   const bytes = await inflated(DATA.words), total = bytes.length / 4, across = Math.ceil(DATA.times / 8);
   let next = 0;
-  return DATA.groups.map(function (shape, number) {
+  return DATA.groups.map((shape, number) => {
     const t = new Float64Array(shape.n), first = new Int32Array(shape.n), last = new Int32Array(shape.n);
     let knots = 0;
     for (let k = 0; k < DATA.times; k++) if (masks[number * across + (k >> 3)] >> (k & 7) & 1) t[knots++] = clock[k];
@@ -63,9 +63,9 @@ async function unpackedGroups() {
   });
 }
 const GROUPS = await unpackedGroups();
-const COLUMNS = (function () {
-  const counts = GROUPS.map(function () { return 0; });
-  return DATA.columns.map(function (column) {
+const COLUMNS = (() => {
+  const counts = GROUPS.map(() => 0);
+  return DATA.columns.map(column => {
     if (column.c !== undefined) return { constant: column.c };
     return { group: GROUPS[column.g], values: GROUPS[column.g].columns[counts[column.g]++], size: column.q };
   });
@@ -109,13 +109,13 @@ function timesOf(indices) {
   for (const index of indices) {
     const group = COLUMNS[index].group;
     if (group === undefined) continue;
-    group.t.forEach(function (time, k) {
+    group.t.forEach((time, k) => {
       times.add(time);
       const next = group.t[k + 1];
       if (next - time > DATA.resolution) for (let k = 1; k < SMOOTH; k++) times.add(time + k / SMOOTH * (next - time));
     });
   }
-  return Array.from(times).sort(function (a, b) { return a - b; });
+  return Array.from(times).sort((a, b) => a - b);
 }
 
 // Columns that a frame depends on.
@@ -133,21 +133,22 @@ function timeSpan() { return [DATA.t0, DATA.t1]; }
 function revision() { return 0; }                            // the motion does not change
 const drawnPoints = new Map();
 function pointsOf(index) {
-  if (!drawnPoints.has(index)) drawnPoints.set(index, timesOf([index]).map(function (time) { return [time, valueAt(index, time)]; }));
+  if (!drawnPoints.has(index)) drawnPoints.set(index, timesOf([index]).map(time => [time, valueAt(index, time)]));
   return drawnPoints.get(index);
 }
-const drawnPaths = DATA.traces.map(function (frame) {
+function watch() { }                                          // every column is known at all times
+const drawnPaths = DATA.traces.map(frame => {
   const times = timesOf(columnsOf(frame));
-  return { frame: frame, times: times, points: times.map(function (time) { return poseOf(frame, time); }) };
+  return { frame: frame, times: times, points: times.map(time => poseOf(frame, time)) };
 });
 function paths() { return drawnPaths; }
 // Everything that is read or plotted, as a table over the times of the frames.
 function table() {
-  const columns = DATA.plots.flatMap(function (plot) { return plot.lines.map(function (line) { return [line.name ? plot.label + ", " + line.name : plot.label, line.column]; }); });
+  const columns = DATA.plots.flatMap(plot => { return plot.lines.map(line => [line.name ? plot.label + ", " + line.name : plot.label, line.column]); });
   for (const item of DATA.items) for (const reading of item.readings) columns.push([item.name + ": " + reading.label, reading.column]);
-  const rows = Array.from({ length: DATA.count }, function (_, k) {
+  const rows = Array.from({ length: DATA.count }, (_, k) => {
     const time = timeOf(k);
-    return [time, ...columns.map(function (column) { return valueAt(column[1], time); })];
+    return [time, ...columns.map(column => valueAt(column[1], time))];
   });
-  return { names: columns.map(function (column) { return column[0]; }), rows: rows };
+  return { names: columns.map(column => column[0]), rows: rows };
 }

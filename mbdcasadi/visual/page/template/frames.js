@@ -1,7 +1,7 @@
 // --- poses of frames and how numbers are written; valueAt(column, time) is what the page knows ------------
 // Pose of a frame: its place, cosine and sine of its angle, and its length.
 function poseOf(number, time) {
-  const frame = DATA.frames[number], values = frame.c.map(function (index) { return valueAt(index, time); });
+  const frame = DATA.frames[number], values = frame.c.map(index => valueAt(index, time));
   let x, y;
   if (frame.a) {
     const base = poseOf(frame.a[0], time);

@@ -1,14 +1,16 @@
 // --- what a motion and a live mechanism have in common: switches, keys, readings, and the pointer ---------------------
-const element = function (id) { return document.getElementById(id); };
+const element = id => document.getElementById(id);
 const ICONS = { play: '<svg width="16" height="16" viewBox="0 0 16 16"><path d="M3 1l11 7-11 7z"/></svg>',
                 pause: '<svg width="16" height="16" viewBox="0 0 16 16"><path d="M2 1h4v14H2zM10 1h4v14h-4z"/></svg>' };
 const SPEEDS = [0.05, 0.1, 0.25, 0.5, 1, 2, 4];
 const state = { time: DATA.t0, playing: false, factor: 1, loop: true, forces: DATA.forces, loads: DATA.forces, velocities: false, names: DATA.names,
                 dark: window.matchMedia && window.matchMedia("(prefers-color-scheme: dark)").matches, item: null, kept: false };
-let shownAt = null;
+let shownAt = null, frames = 0;
 
 function show() {
   drawStage(state.time, state);
+  // numbers and plots of a mechanism that runs follow at every third frame: they take as long as the drawing
+  if (DATA.live && state.playing && ++frames % 3) return;
   drawPlots(state.time, state.dark);
   element("clock").textContent = "t = " + state.time.toFixed(DATA.digits).replace("-", "\u2212") + " s";
   showControls();
@@ -51,7 +53,6 @@ function setSwitch(id, on) {
   element(id).setAttribute("aria-pressed", String(on));
   if (id === "theme") document.documentElement.dataset.theme = on ? "dark" : "light";
   if (id === "forces") state.loads = on;
-  element("scale").hidden = !(state.forces || state.velocities) || !DATA.scale;
   show();
 }
 
@@ -64,11 +65,11 @@ function download(name, text, type) {
   URL.revokeObjectURL(link.href);
 }
 function commaSeparated() {
-  const data = table(), quoted = function (name) { return '"' + name.replaceAll('"', '""') + '"'; };
-  return [["t, s", ...data.names].map(quoted).join(","), ...data.rows.map(function (row) { return row.join(","); })].join("\r\n") + "\r\n";
+  const data = table(), quoted = name => '"' + name.replaceAll('"', '""') + '"';
+  return [["t, s", ...data.names].map(quoted).join(","), ...data.rows.map(row => row.join(","))].join("\r\n") + "\r\n";
 }
-element("svg").addEventListener("click", function () { download(".svg", drawnAsSvg(), "image/svg+xml"); });
-element("csv").addEventListener("click", function () { download(".csv", commaSeparated(), "text/csv"); });
+element("svg").addEventListener("click", () => { download(".svg", drawnAsSvg(), "image/svg+xml"); });
+element("csv").addEventListener("click", () => { download(".csv", commaSeparated(), "text/csv"); });
 
 for (const factor of SPEEDS) {
   const option = document.createElement("option"), times = factor * DATA.speed;
@@ -76,25 +77,32 @@ for (const factor of SPEEDS) {
   option.textContent = written(times) + " ×";
   element("speed").appendChild(option);
 }
-element("scale").textContent = DATA.scale;
-element("play").addEventListener("click", function () { setPlaying(!state.playing); });
-element("speed").addEventListener("change", function () { setSpeed(Number(element("speed").value)); });
+// A number that is kept is plotted, or no longer. The table is written anew while it is pointed at.
+element("reading").addEventListener("pointerdown", event => {
+  const row = event.target.closest("tr"), item = DATA.items[state.item];
+  if (!row) return;
+  const reading = item.readings[row.rowIndex], label = item.name + ": " + reading.label;
+  if (!dropPlot(label)) { watch(reading.column); addPlot({ label: label, lines: [{ name: "", column: reading.column, d: reading.d }] }); }
+  resize();
+});
+element("play").addEventListener("click", () => { setPlaying(!state.playing); });
+element("speed").addEventListener("change", () => { setSpeed(Number(element("speed").value)); });
 const SWITCHES = ["loop", "forces", "velocities", "names", "theme"].filter(element);
 for (const id of SWITCHES) {
-  element(id).addEventListener("click", function () { setSwitch(id, element(id).getAttribute("aria-pressed") !== "true"); });
+  element(id).addEventListener("click", () => { setSwitch(id, element(id).getAttribute("aria-pressed") !== "true"); });
 }
 
 const KEYS = {
-  " ": function () { setPlaying(!state.playing); },
-  ArrowUp: function () { setSpeed(SPEEDS[Math.min(SPEEDS.indexOf(state.factor) + 1, SPEEDS.length - 1)]); },
-  ArrowDown: function () { setSpeed(SPEEDS[Math.max(SPEEDS.indexOf(state.factor) - 1, 0)]); },
-  f: function () { element("forces").click(); },
-  v: function () { element("velocities").click(); },
-  n: function () { element("names").click(); },
-  d: function () { element("theme").click(); },
-  "0": function () { view.x = view.y = 0; view.zoom = 1; letScroll(); show(); },
+  " ": () => { setPlaying(!state.playing); },
+  ArrowUp: () => { setSpeed(SPEEDS[Math.min(SPEEDS.indexOf(state.factor) + 1, SPEEDS.length - 1)]); },
+  ArrowDown: () => { setSpeed(SPEEDS[Math.max(SPEEDS.indexOf(state.factor) - 1, 0)]); },
+  f: () => { element("forces").click(); },
+  v: () => { element("velocities").click(); },
+  n: () => { element("names").click(); },
+  d: () => { element("theme").click(); },
+  "0": () => { view.x = view.y = 0; view.zoom = 1; letScroll(); show(); },
 };
-document.addEventListener("keydown", function (event) {
+document.addEventListener("keydown", event => {
   const own = event.target.tagName;                  // a select, a slider and a focused button keep their own keys
   const action = KEYS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
   if (!action || event.ctrlKey || event.metaKey || event.altKey) return;
@@ -121,7 +129,7 @@ function zoomAbout(at, factor) {
   letScroll();
   show();
 }
-stage.addEventListener("pointerdown", function (event) {
+stage.addEventListener("pointerdown", event => {
   const at = place(event);
   touching.set(event.pointerId, at);
   moved = 0;
@@ -129,11 +137,11 @@ stage.addEventListener("pointerdown", function (event) {
   if (touching.size > 1 && pulling) { release(); pulling = false; }
   else if (touching.size === 1) pulling = grab(at, itemAt(at[0], at[1], state.time, state.forces));
 });
-stage.addEventListener("pointermove", function (event) {
+stage.addEventListener("pointermove", event => {
   const at = place(event), before = touching.get(event.pointerId);
   if (before && touching.size === 2) {
-    const other = Array.from(touching.entries()).find(function (entry) { return entry[0] !== event.pointerId; })[1];
-    const apart = function (p) { return Math.hypot(p[0] - other[0], p[1] - other[1]); };
+    const other = Array.from(touching.entries()).find(entry => entry[0] !== event.pointerId)[1];
+    const apart = p => Math.hypot(p[0] - other[0], p[1] - other[1]);
     moved += 10;
     zoomAbout(other, apart(at) / Math.max(apart(before), 1));
   } else if (before) {
@@ -151,7 +159,7 @@ stage.addEventListener("pointermove", function (event) {
   }
   if (before) touching.set(event.pointerId, at);
 });
-stage.addEventListener("pointerup", function (event) {
+stage.addEventListener("pointerup", event => {
   touching.delete(event.pointerId);
   if (pulling) { release(); pulling = false; }
   if (moved > 6) return;
@@ -160,16 +168,16 @@ stage.addEventListener("pointerup", function (event) {
   state.item = item;
   show();
 });
-stage.addEventListener("pointercancel", function (event) {
+stage.addEventListener("pointercancel", event => {
   touching.delete(event.pointerId);
   if (pulling) { release(); pulling = false; }
 });
-stage.addEventListener("pointerleave", function () {
+stage.addEventListener("pointerleave", () => {
   if (!state.kept && !pulling && state.item !== null) { state.item = null; show(); }
 });
 // within a page of another (a notebook) the wheel moves that page on, unless the drawing was clicked
 const framed = window.self !== window.top;
-stage.addEventListener("wheel", function (event) {
+stage.addEventListener("wheel", event => {
   if (framed && !event.ctrlKey && document.activeElement !== stage) return;
   event.preventDefault();
   zoomAbout(place(event), Math.exp(-0.0015 * event.deltaY));
@@ -181,7 +189,7 @@ function followTheme() {
   try { outer = framed ? window.parent.document.body : null; } catch (error) { return; }  // a frame that is shut off
   if (!outer || outer.dataset.theme === undefined) return;
   const system = window.matchMedia("(prefers-color-scheme: dark)");
-  const take = function () { setSwitch("theme", outer.dataset.theme === "dark" || (outer.dataset.theme === "auto" && system.matches)); };
+  const take = () => { setSwitch("theme", outer.dataset.theme === "dark" || (outer.dataset.theme === "auto" && system.matches)); };
   new MutationObserver(take).observe(outer, { attributes: true, attributeFilter: ["data-theme"] });
   take();
 }
@@ -195,47 +203,47 @@ function begin() {
   letScroll();
   fit(); fitPlots();
   for (const id of SWITCHES) setSwitch(id, state[id === "theme" ? "dark" : id]);
-  element("forces").hidden = !DATA.scale;
+  element("forces").hidden = !DATA.scale.N && !DATA.scale["N m"];
   followTheme();
 }
 
 // What tests, and pages around this one, may use.
-const itemOf = function (name) { return DATA.items.find(function (one) { return one.name === name; }); };
+const itemOf = name => { return DATA.items.find(one => one.name === name); };
 const controls = {
   svg: drawnAsSvg, csv: commaSeparated,
-  play: function () { setPlaying(true); }, pause: function () { setPlaying(false); },
+  play: () => { setPlaying(true); }, pause: () => { setPlaying(false); },
   get time() { return state.time; }, get playing() { return state.playing; },
-  names: DATA.items.map(function (item) { return item.name; }),
-  reading: function (name) {
+  names: DATA.items.map(item => item.name),
+  reading: name => {
     const values = {};
     for (const reading of itemOf(name).readings) values[reading.label] = valueAt(reading.column, state.time);
     return values;
   },
   // the same as it is shown
-  shown: function (name) {
+  shown: name => {
     const texts = {};
     for (const reading of itemOf(name).readings) texts[reading.label] = written(valueAt(reading.column, state.time), reading.d);
     return texts;
   },
   // lines of a plot by name: the value at the time, and the points [t, value] that are drawn
-  plot: function (label) {
-    const plot = plots.find(function (one) { return one.label === label; }), lines = {};
+  plot: label => {
+    const plot = plots.find(one => one.label === label), lines = {};
     for (const line of plot.lines) lines[line.name] = { value: valueAt(line.column, state.time), points: pointsOf(line.column) };
     return lines;
   },
   // the arrow of a body's velocity as it is drawn, m
-  arrow: function (name) {
-    const number = DATA.items.findIndex(function (one) { return one.name === name; });
-    const pose = poseOf(DATA.marks.find(function (one) { return one.i === number && one.g === "velocities"; }).f, state.time);
+  arrow: name => {
+    const number = DATA.items.findIndex(one => one.name === name);
+    const pose = poseOf(DATA.marks.find(one => one.i === number && one.g === "velocities").f, state.time);
     return [pose[2] * pose[4], pose[3] * pose[4]];
   },
   // where a mark of an item is drawn, in pixels of the drawing; null if it has none
-  place: function (name) {
-    const number = DATA.items.findIndex(function (one) { return one.name === name; });
-    const marks = DATA.marks.filter(function (one) { return one.i === number && one.c && !one.g; });
-    const mark = marks.filter(function (one) { return one.k === 2; }).pop() || marks.pop();
+  place: name => {
+    const number = DATA.items.findIndex(one => one.name === name);
+    const marks = DATA.marks.filter(one => one.i === number && one.c && !one.g);
+    const mark = marks.filter(one => one.k === 2).pop() || marks.pop();
     if (!mark) return null;
-    const pose = poseOf(mark.f, state.time), loop = DATA.shapes[mark.p][0], c = pose[2], s = pose[3], count = loop.length / mark.k;
+    const pose = poseOf(mark.f, state.time), loop = SHAPES[mark.p][0], c = pose[2], s = pose[3], count = loop.length / mark.k;
     let x = 0, y = 0;
     for (let i = 0; i < loop.length; i += mark.k) {
       x += mark.k === 4 ? loop[i] + loop[i + 1] * pose[4] : loop[i];

@@ -36,24 +36,23 @@ function release() { }
 
 element("precision").textContent = "Numbers, curves and poses are those of the motion at any time; numbers to " + DATA.precision +
   " digits of the largest value of each.";
-element("slider").addEventListener("input", function () { seek(DATA.t0 + Number(element("slider").value) * (DATA.t1 - DATA.t0)); });
+element("slider").addEventListener("input", () => { seek(DATA.t0 + Number(element("slider").value) * (DATA.t1 - DATA.t0)); });
 
 Object.assign(KEYS, {
-  ArrowLeft: function (event) { setPlaying(false); seek(timeOf(Math.ceil(frameOf(state.time) - 1e-6) - (event.shiftKey ? 10 : 1))); },
-  ArrowRight: function (event) { setPlaying(false); seek(timeOf(Math.floor(frameOf(state.time) + 1e-6) + (event.shiftKey ? 10 : 1))); },
-  Home: function () { seek(DATA.t0); },
-  End: function () { seek(DATA.t1); },
-  l: function () { element("loop").click(); },
+  ArrowLeft: event => { setPlaying(false); seek(timeOf(Math.ceil(frameOf(state.time) - 1e-6) - (event.shiftKey ? 10 : 1))); },
+  ArrowRight: event => { setPlaying(false); seek(timeOf(Math.floor(frameOf(state.time) + 1e-6) + (event.shiftKey ? 10 : 1))); },
+  Home: () => { seek(DATA.t0); },
+  End: () => { seek(DATA.t1); },
+  l: () => { element("loop").click(); },
 });
 
-for (const plot of plots) {
-  const go = function (event) {
-    const left = plot.canvas.getBoundingClientRect().left;
-    const share = (event.clientX - left - MARGIN.left) / (plot.width - MARGIN.left - MARGIN.right);
-    seek(DATA.t0 + share * (DATA.t1 - DATA.t0));
-  };
-  plot.canvas.addEventListener("pointerdown", function (event) { setPlaying(false); go(event); });
-  plot.canvas.addEventListener("pointermove", function (event) { if (event.buttons) go(event); });
+// A plot is pointed at: the motion goes to that time.
+function scrub(plot, event) {
+  if (!event.buttons) return;
+  setPlaying(false);
+  const left = plot.canvas.getBoundingClientRect().left;
+  const share = (event.clientX - left - MARGIN.left) / (plot.width - MARGIN.left - MARGIN.right);
+  seek(DATA.t0 + share * (DATA.t1 - DATA.t0));
 }
 
 begin();

@@ -1,15 +1,25 @@
 // --- plots that move along -----------------------------------------------------------------
 const MARGIN = { left: 56, right: 10, top: 24, bottom: 22 };
-const plots = DATA.plots.map(function (plot) {
+const plots = [];
+function addPlot(plot) {
   const canvas = document.createElement("canvas");
   canvas.setAttribute("role", "img");
   canvas.setAttribute("aria-label", "plot of " + plot.label + " over time");
   canvas.title = plot.label;
   document.getElementById("plots").appendChild(canvas);
-  const lines = plot.lines.map(function (line) { return { name: line.name, column: line.column, d: line.d }; });
-  return { canvas: canvas, still: document.createElement("canvas"), stillFor: null, label: plot.label, lines: lines,
-           low: 0, high: 1, span: timeSpan(), measured: null, width: 0, height: 0 };
-});
+  const lines = plot.lines.map(line => { return { name: line.name, column: line.column, d: line.d }; });
+  const added = { canvas: canvas, still: document.createElement("canvas"), stillFor: null, label: plot.label, lines: lines,
+                  low: 0, high: 1, span: timeSpan(), measured: null, width: 0, height: 0 };
+  for (const kind of ["pointerdown", "pointermove"]) canvas.addEventListener(kind, event => { scrub(added, event); });
+  plots.push(added);
+}
+DATA.plots.forEach(addPlot);
+function dropPlot(label) {
+  const number = plots.findIndex(one => one.label === label);
+  if (number < 0) return false;
+  plots.splice(number, 1)[0].canvas.remove();
+  return true;
+}
 
 // The time that a plot spans, and the values of its lines over it.
 function measure(plot) {
@@ -53,19 +63,15 @@ function heightOf(plot, value) {
 }
 
 // Axes and lines, which stay while the time goes on: drawn once, with every knot, so that no peak is missing.
-function drawStill(plot, theme, series) {
-  const draw = plot.still.getContext("2d"), ratio = window.devicePixelRatio || 1;
-  plot.still.width = plot.canvas.width;
-  plot.still.height = plot.canvas.height;
-  draw.setTransform(ratio, 0, 0, ratio, 0, 0);
+function drawStill(draw, plot, theme, series) {
   drawAxes(draw, plot, theme);
-  plot.lines.forEach(function (line, number) {
+  plot.lines.forEach((line, number) => {
     draw.strokeStyle = series[number % series.length];
     draw.lineWidth = 1.7;
     draw.lineJoin = "round";
     draw.beginPath();
     let begun = false;
-    pointsOf(line.column).forEach(function (point) {
+    pointsOf(line.column).forEach(point => {
       if (point[0] < plot.span[0] || !isFinite(point[1])) { begun = false; return; }
       const x = across(plot, point[0]), y = heightOf(plot, point[1]);
       if (begun) draw.lineTo(x, y); else draw.moveTo(x, y);
@@ -81,14 +87,22 @@ function drawPlots(time, dark) {
     const draw = plot.canvas.getContext("2d"), ratio = window.devicePixelRatio || 1;
     measure(plot);
     const wanted = [plot.measured, dark, ratio, plot.canvas.width, plot.canvas.height].join();
-    if (plot.stillFor !== wanted) { drawStill(plot, theme, series); plot.stillFor = wanted; }
+    if (!DATA.live && plot.stillFor !== wanted) {
+      const still = plot.still.getContext("2d");
+      plot.still.width = plot.canvas.width;
+      plot.still.height = plot.canvas.height;
+      still.setTransform(ratio, 0, 0, ratio, 0, 0);
+      drawStill(still, plot, theme, series);
+      plot.stillFor = wanted;
+    }
     draw.setTransform(1, 0, 0, 1, 0, 0);
     draw.clearRect(0, 0, plot.canvas.width, plot.canvas.height);
-    if (plot.still.width && plot.still.height) draw.drawImage(plot.still, 0, 0);
+    if (!DATA.live && plot.still.width && plot.still.height) draw.drawImage(plot.still, 0, 0);
     draw.setTransform(ratio, 0, 0, ratio, 0, 0);
+    if (DATA.live) drawStill(draw, plot, theme, series);      // the lines of a mechanism that runs change every time
     draw.font = "12px system-ui, sans-serif";
     let left = MARGIN.left + plot.wide + 12;
-    plot.lines.forEach(function (line, number) {
+    plot.lines.forEach((line, number) => {
       const value = valueAt(line.column, time), text = (line.name ? line.name + " " : "") + written(value, line.d);
       draw.fillStyle = series[number % series.length];
       draw.fillText(text, left, 14);
@@ -106,7 +120,7 @@ function drawPlots(time, dark) {
 
 // Label of a plot, shortened where the values after it would not have room.
 function fitted(draw, plot) {
-  const values = plot.lines.reduce(function (sum, line) { return sum + 12 + draw.measureText(line.name + " \u22120.00000").width; }, 0);
+  const values = plot.lines.reduce((sum, line) => sum + 12 + draw.measureText(line.name + " \u22120.00000").width, 0);
   const room = Math.max(plot.width - MARGIN.left - values, 90);
   let text = plot.label;
   while (text && draw.measureText(text + "\u2026").width > room) text = text.slice(0, -1);

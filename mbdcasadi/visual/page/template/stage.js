@@ -24,11 +24,12 @@ function toScreen(x, y) {
   return [view.x + view.zoom * u, view.y + view.zoom * w];
 }
 
+const SHAPES = DATA.shapes.map(([size, ...loops]) => loops.map(loop => loop.map(x => size * x)));
 // Path of a mark in pixels, for the pose of its frame.
 function trace(mark, pose) {
   const c = pose[2], s = pose[3], length = pose[4], k = mark.k;
   pen.beginPath();
-  for (const loop of DATA.shapes[mark.p]) {
+  for (const loop of SHAPES[mark.p]) {
     for (let i = 0; i < loop.length; i += k) {
       const u = k === 4 ? loop[i] + loop[i + 1] * length : loop[i];
       const w = k === 4 ? loop[i + 2] + loop[i + 3] * Math.abs(length) : loop[i + 1];
@@ -52,7 +53,7 @@ function drawStage(time, options) {
   pen.fillRect(0, 0, pixels.width, pixels.height);
   drawGrid(theme);
   pen.lineCap = pen.lineJoin = "round";
-  const poses = DATA.frames.map(function (_, k) { return poseOf(k, time); });
+  const poses = DATA.frames.map((_, k) => poseOf(k, time));
   let traced = false;
   for (const mark of DATA.marks) {
     if (mark.g && !options[mark.g]) continue;
@@ -70,6 +71,7 @@ function drawStage(time, options) {
     }
   }
   pen.globalAlpha = 1;
+  drawScale(options, theme);
   if (options.names) for (const label of DATA.labels) drawLabel(label, poses[label.f], theme);
   if (DATA.live) drawPull();
 }
@@ -88,16 +90,42 @@ function drawLabel(label, pose, theme) {
     pen.strokeStyle = theme.muted;
     drawLine(at[0], at[1], at[0] + label.e[0], at[1] - label.e[1]);
   }
-  pen.lineWidth = 3;
-  pen.strokeStyle = theme.paper;
-  pen.fillStyle = label.b ? theme.ink : theme.ground;
-  label.t.forEach(function (line, k) {
-    const x = at[0] + label.d[0], y = at[1] - label.d[1] + 14 * (k - (label.t.length - 1) / 2);
-    pen.strokeText(line, x, y);
-    pen.fillText(line, x, y);
+  // a name of a part in the picture stays in it
+  canvasPen.font = pen.font;
+  const half = 2 + Math.max(...label.t.map(line => canvasPen.measureText(line).width)) / 2, seen = at[0] > 0 && at[0] < pixels.width;
+  const middle = at[0] + label.d[0], x = seen ? Math.max(half, Math.min(middle, pixels.width - half)) : middle;
+  label.t.forEach((line, k) => {
+    drawText(line, x, at[1] - label.d[1] + 14 * (k - (label.t.length - 1) / 2), theme, label.b ? theme.ink : theme.ground);
   });
   pen.textAlign = "left";
   pen.textBaseline = "alphabetic";
+}
+
+function drawText(text, x, y, theme, colour) {
+  pen.lineWidth = 3;
+  pen.strokeStyle = theme.paper;
+  pen.fillStyle = colour;
+  pen.strokeText(text, x, y);
+  pen.fillText(text, x, y);
+}
+
+// Sizes of the arrows that are shown: round values, as long as they are drawn at this zoom.
+function drawScale(options, theme) {
+  pen.font = "12px system-ui, sans-serif";
+  pen.textAlign = "right";
+  let y = 14;
+  for (const unit of Object.keys(DATA.scale)) {
+    if (!options[unit === "m/s" ? "velocities" : "loads"]) continue;
+    const couple = unit === "N m", size = pixels.scale * view.zoom / DATA.scale[unit], value = roundStep((couple ? 18 : 40) / size);
+    const right = pixels.width - 12, left = right - value * size;
+    drawText(written(value) + " " + unit + (couple ? " (radius)" : ""), left - 6, y + 4, theme, theme.ink);
+    pen.strokeStyle = theme.ink;
+    pen.lineWidth = 1.3;
+    drawLine(left, y, right, y);
+    for (const end of couple ? [left, right] : [right]) for (const side of [-4, 4]) drawLine(end, y, couple ? end : end - 7, y + side);
+    y += 18;
+  }
+  pen.textAlign = "left";
 }
 
 function drawTraces(time, theme) {

@@ -16,7 +16,7 @@ class SvgPen {
   }
   fillRect(x, y, width, height) { this.parts.push(`<rect x="${x}" y="${y}" width="${width}" height="${height}" fill="${this.fillStyle}"/>`); }
   text(words, x, y, paint) {
-    const anchor = this.textAlign === "center" ? "middle" : "start", base = this.textBaseline === "middle" ? ' dominant-baseline="central"' : "";
+    const anchor = { center: "middle", right: "end" }[this.textAlign] || "start", base = this.textBaseline === "middle" ? ' dominant-baseline="central"' : "";
     const size = /([\d.]+)px/.exec(this.font)[1], slant = this.font.startsWith("italic") ? ' font-style="italic"' : "";
     const escaped = words.replaceAll("&", "&amp;").replaceAll("<", "&lt;");
     this.parts.push(`<text x="${x.toFixed(2)}" y="${y.toFixed(2)}" font-family="system-ui, sans-serif" font-size="${size}"${slant} text-anchor="${anchor}"${base} ${paint}>${escaped}</text>`);

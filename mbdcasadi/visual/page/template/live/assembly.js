@@ -1,7 +1,7 @@
 // --- poses and velocities on the constraints: Newton's method, always the nearest in a metric ---------------------
 
 const LARGEST_TURN = 0.3, SMALLEST_STEP = 1 / 2048;
-function inverseRoots(weights) { return Float64Array.from(weights, function (w) { return 1 / Math.sqrt(w); }); }
+function inverseRoots(weights) { return Float64Array.from(weights, w => 1 / Math.sqrt(w)); }
 const projectionRoots = inverseRoots(LIVE.projectionWeights);
 
 // Rows of positions: constraints, and with `conditions` those of the start as well.
@@ -96,7 +96,7 @@ function speeds(x, target, roots, start) {
   if (start && LIVE.speeds.count) {
     const more = evaluated("speeds", x);
     for (let k = 0; k < LIVE.speeds.count; k++) wanted[first + k] = -more[k];
-    LIVE.speeds.rows.forEach(function (row, k) { rows.A[(first + row) * N + LIVE.speeds.columns[k]] = more[LIVE.speeds.count + k]; });
+    LIVE.speeds.rows.forEach((row, k) => { rows.A[(first + row) * N + LIVE.speeds.columns[k]] = more[LIVE.speeds.count + k]; });
   }
   for (let j = 0; j < rows.k; j++) for (let i = 0; i < N; i++) rows.A[j * N + i] *= roots[i];
   rows.factor(start ? undefined : ranks.all);

@@ -15,7 +15,7 @@ function bring(x, roots) {
 function advance(end) {
   const y = course.y, rate = course.rate;
   let refused = 0;
-  const load = function () {
+  const load = () => {
     y.set(now.q); y.set(now.v, N); y.set(now.z, 2 * N);
     rateOf(now.t[0], y, rate);
   };
@@ -64,7 +64,7 @@ const start = { q: Float64Array.from(LIVE.q0), v: Float64Array.from(LIVE.v0), p:
 function assembleStart(values) {
   const x = Object.assign({}, now, { t: Float64Array.of(LIVE.t0), q: Float64Array.from(start.q), v: new Float64Array(N), z: Float64Array.from(LIVE.z0), p: Float64Array.from(start.p) });
   const estimate = Float64Array.from(LIVE.estimate.q);
-  const reached = follow(x, values, function (one) {
+  const reached = follow(x, values, one => {
     const roots = inverseRoots(evaluated("weights", one));
     return close(startRows, one, roots, start.rank) && slide(startRows, one, estimate, roots, start.rank);
   });
@@ -73,10 +73,10 @@ function assembleStart(values) {
   start.q.set(x.q); start.v.set(x.v); start.p.set(x.p);
   return reached;
 }
-function startValues(p) { return p.every(function (value, k) { return value === LIVE.p0[k]; }); }
+function startValues(p) { return p.every((value, k) => value === LIVE.p0[k]); }
 
 function restart() {
-  const reached = start.p.every(function (value, k) { return value === now.p[k]; }) ? 1 : assembleStart(Float64Array.from(now.p));
+  const reached = start.p.every((value, k) => value === now.p[k]) ? 1 : assembleStart(Float64Array.from(now.p));
   now.t[0] = LIVE.t0;
   now.q.set(start.q); now.v.set(start.v); now.z.set(LIVE.z0); now.p.set(start.p);
   now.a.fill(0); now.lam.fill(0); trial.lam.fill(0); trial.a.fill(0);
@@ -89,8 +89,8 @@ function restart() {
 
 // --- values of inputs and parameters -------------------------------------------------------------------------------
 function sliderOf(name) {
-  const found = LIVE.sliders.find(function (one) { return one.name === name; });
-  if (!found) throw new RangeError("there is no slider '" + name + "'; there are " + LIVE.sliders.map(function (one) { return "'" + one.name + "'"; }).join(", "));
+  const found = LIVE.sliders.find(one => one.name === name);
+  if (!found) throw new RangeError("there is no slider '" + name + "'; there are " + LIVE.sliders.map(one => "'" + one.name + "'").join(", "));
   return found;
 }
 function sliderValue(slider) { return slider.input ? now.u[slider.index] : now.p[slider.index]; }
@@ -105,7 +105,7 @@ function setValue(name, value) {
   const fresh = now.t[0] === LIVE.t0 && !course.touched;
   if (fresh) { now.p.set(values); restart(); }
   else {
-    const aim = function (x) { return close(closure, x, projectionRoots, ranks.position); };
+    const aim = x => close(closure, x, projectionRoots, ranks.position);
     follow(now, values, aim);
     bring(now, projectionRoots);
     accelerations(now);
@@ -130,8 +130,8 @@ function followPointer(body, place, target) {
     g[1][k + 1] = projectionRoots[k + 1]; g[1][k + 2] = point.by * projectionRoots[k + 2];
     const zero = new Float64Array(closure.count);
     let size = 0;
-    for (const part of g) { const free = part.reduce(function (s, x) { return s + x * x; }, 0); closure.factors.nearest(part, zero); size = Math.max(size, free); }
-    const dot = function (a, b) { let s = 0; for (let i = 0; i < N; i++) s += a[i] * b[i]; return s; };
+    for (const part of g) { const free = part.reduce((s, x) => s + x * x, 0); closure.factors.nearest(part, zero); size = Math.max(size, free); }
+    const dot = (a, b) => { let s = 0; for (let i = 0; i < N; i++) s += a[i] * b[i]; return s; };
     const a = dot(g[0], g[0]) + 1e-6 * size, b = dot(g[0], g[1]), d = dot(g[1], g[1]) + 1e-6 * size, det = a * d - b * b;
     const cx = (d * ex - b * ey) / det, cy = (a * ey - b * ex) / det;
     let turn = 0, shift = 0, share = 1, better = false;
@@ -174,14 +174,21 @@ function timeSpan() { const end = Math.max(now.t[0], LIVE.t0 + SHORTEST_WINDOW);
 function revision() { return revised; }
 // What is plotted, as a table: names of columns, and rows over time.
 function table() {
-  const lines = DATA.plots.flatMap(function (plot) { return plot.lines.map(function (line) { return [line.name ? plot.label + ", " + line.name : plot.label, line.column]; }); });
-  const times = lines.length ? pointsOf(lines[0][1]).map(function (point) { return point[0]; }) : [];
-  return { names: lines.map(function (line) { return line[0]; }), rows: times.map(function (time, k) { return [time, ...lines.map(function (line) { return pointsOf(line[1])[k][1]; })]; }) };
+  const lines = plots.flatMap(plot => { return plot.lines.map(line => [line.name ? plot.label + ", " + line.name : plot.label, line.column]); });
+  const times = lines.length ? pointsOf(lines[0][1]).map(point => point[0]) : [];
+  return { names: lines.map(line => line[0]), rows: times.map((time, k) => { return [time, ...lines.map(line => pointsOf(line[1])[k][1])]; }) };
 }
 
-const samples = { last: -Infinity, lines: new Map(), paths: DATA.traces.map(function (frame) { return { frame: frame, times: [], points: [] }; }) };
+const samples = { last: -Infinity, lines: new Map(), paths: DATA.traces.map(frame => { return { frame: frame, times: [], points: [] }; }) };
 for (const plot of DATA.plots) for (const line of plot.lines) samples.lines.set(line.column, []);
 function pointsOf(index) { return samples.lines.get(index); }
+// Keep a column from now on.
+function watch(index) {
+  if (samples.lines.has(index)) return;
+  const [others] = samples.lines.values(), points = others ? others.slice(0, -1).map(point => [point[0], NaN]) : [];
+  points.push([now.t[0], valueAt(index)]);
+  samples.lines.set(index, points);
+}
 function paths() { return samples.paths; }
 function remember(always) {
   if (!always && now.t[0] - samples.last < 0.008) return;
@@ -189,7 +196,7 @@ function remember(always) {
   samples.last = now.t[0];
   if (!always) { now.lam.set(trial.lam); now.a.set(trial.a); accelerations(now); }
   revised++;
-  samples.lines.forEach(function (points, index) {
+  samples.lines.forEach((points, index) => {
     points.push([now.t[0], valueAt(index)]);
     if (points.length > MOST_POINTS) points.splice(0, MOST_POINTS / 2);
   });
@@ -200,7 +207,7 @@ function remember(always) {
   }
 }
 function forget() {
-  samples.lines.forEach(function (points) { points.length = 0; });
+  samples.lines.forEach(points => { points.length = 0; });
   for (const path of samples.paths) path.times.length = path.points.length = 0;
   samples.last = -Infinity;
   revised++;
@@ -211,7 +218,7 @@ function forget() {
 function warnings() {
   if (!LIVE.validity.length) return [];
   const values = evaluated("validity", now);
-  return LIVE.validity.filter(function (_, k) { return values[k] < -1e-6 * (1 + Math.abs(values[k])); });
+  return LIVE.validity.filter((_, k) => values[k] < -1e-6 * (1 + Math.abs(values[k])));
 }
 
 startRows.evaluate(now);

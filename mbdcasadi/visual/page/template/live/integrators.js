@@ -15,7 +15,7 @@ function scaledNorm(error, y, z) {
 class Explicit {
   constructor(n) {
     this.n = n;
-    this.K = Array.from({ length: 13 }, function () { return new Float64Array(n); });
+    this.K = Array.from({ length: 13 }, () => new Float64Array(n));
     this.stage = new Float64Array(n); this.next = new Float64Array(n); this.stiff = 0;
   }
   // One step from y over h, into this.next; the norm of its error, in tolerances.
@@ -67,7 +67,7 @@ const RADAU = {
 class Implicit {
   constructor(n) {
     this.n = n;
-    const column = function () { return new Float64Array(n); };
+    const column = () => new Float64Array(n);
     this.J = new Float64Array(n * n); this.fresh = false; this.factored = 0;
     this.realLU = new LU(n); this.complexLU = new ComplexLU(n);
     this.Z = [column(), column(), column()]; this.W = [column(), column(), column()]; this.F = [column(), column(), column()];

@@ -102,7 +102,7 @@ class Factors {
       return x;
     }
     // B = [R1 R2] with columns scaled by their sizes; x = B'(B B')⁻¹ b
-    const column = function (j) { return order[j] * n; };
+    const column = j => order[j] * n;
     const weight = (j) => 1 / (this.scale[order[j]] * Math.sqrt(sizes[order[j]]));
     const G = new Float64Array(r * r), right = Float64Array.from(b.subarray(0, r));
     for (let j = 0; j < k; j++) {

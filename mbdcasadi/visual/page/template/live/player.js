@@ -18,7 +18,7 @@ function showControls() {
 
 function setPlaying(on) {
   showPlaying(on);
-  if (on) { tell(""); window.requestAnimationFrame(step); }
+  if (on) { tell(""); window.requestAnimationFrame(step); } else show();
 }
 
 // Integrate on; a linkage that stops is reported, and left in its pose.
@@ -55,6 +55,8 @@ function step(clock) {
   window.requestAnimationFrame(step);
 }
 
+function scrub() { }                                          // the past of a mechanism is not kept
+
 function change(slider, value) {
   const reached = setValue(slider.name, Math.min(Math.max(value, slider.low), slider.high));
   const missed = Math.abs(reached - value) > 1e-9 * (1 + Math.abs(value));
@@ -81,9 +83,9 @@ for (const slider of LIVE.sliders) {
   Object.assign(slider.field, { type: "number", min: slider.low, max: slider.high, step: "any" });
   slider.range.setAttribute("aria-label", slider.name);
   slider.field.setAttribute("aria-label", slider.name + ", as a number");
-  slider.range.addEventListener("input", function () { change(slider, Number(slider.range.value)); });
-  slider.range.addEventListener("dblclick", function () { change(slider, slider.value); });
-  slider.field.addEventListener("change", function () { if (slider.field.value !== "") change(slider, Number(slider.field.value)); });
+  slider.range.addEventListener("input", () => { change(slider, Number(slider.range.value)); });
+  slider.range.addEventListener("dblclick", () => { change(slider, slider.value); });
+  slider.field.addEventListener("change", () => { if (slider.field.value !== "") change(slider, Number(slider.field.value)); });
   row.append(name, slider.range, slider.field);
   element("values").appendChild(row);
 }
@@ -129,9 +131,9 @@ function single(seconds) {
   state.time = now.t[0];
   show();
 }
-element("step").addEventListener("click", function () { single(DATA.speed * state.factor / 30); });
+element("step").addEventListener("click", () => { single(DATA.speed * state.factor / 30); });
 element("reset").addEventListener("click", reset);
-Object.assign(KEYS, { r: reset, ArrowRight: function (event) { single(DATA.speed * state.factor / 30 * (event.shiftKey ? 10 : 1)); } });
+Object.assign(KEYS, { r: reset, ArrowRight: event => { single(DATA.speed * state.factor / 30 * (event.shiftKey ? 10 : 1)); } });
 element("precision").textContent = "The equations of motion are solved in this page, by an adaptive integrator that keeps to the constraints.";
 
 restart();
@@ -139,15 +141,15 @@ begin();
 window.mechanism = Object.defineProperties({
   live: true,
   // integrate on over some seconds, without drawing until the end
-  run: function (seconds) {
+  run: seconds => {
     try { advance(now.t[0] + seconds); } finally { state.time = now.t[0]; show(); }
     return now.t[0];
   },
   reset: reset,
-  set: function (name, value) { const reached = setValue(name, value); state.time = now.t[0]; show(); return reached; },
-  values: function () { return Object.fromEntries(LIVE.sliders.map(function (one) { return [one.name, sliderValue(one)]; })); },
-  violation: function () { return violationOf(now); },
+  set: (name, value) => { const reached = setValue(name, value); state.time = now.t[0]; show(); return reached; },
+  values: () => { return Object.fromEntries(LIVE.sliders.map(one => [one.name, sliderValue(one)])); },
+  violation: () => violationOf(now),
   // for comparisons: the whole state, and what its solution took
-  state: function () { return { t: now.t[0], q: Array.from(now.q), v: Array.from(now.v), z: Array.from(now.z), a: Array.from(now.a), lam: Array.from(now.lam) }; },
+  state: () => { return { t: now.t[0], q: Array.from(now.q), v: Array.from(now.v), z: Array.from(now.z), a: Array.from(now.a), lam: Array.from(now.lam) }; },
   get effort() { return { steps: course.steps, evaluations: evaluations, stiff: course.method === implicit }; },
 }, Object.getOwnPropertyDescriptors(controls));
