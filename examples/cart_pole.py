@@ -45,7 +45,7 @@ for start in best.statistics.starts:
 
 found = {}
 for name, coarse in {"usual start": usual, "best of eight starts": best}.items():
-    fine = mbd.optimize(swing_up, tolerance=1e-8, guess=coarse, intervals=20)
+    fine = mbd.optimize(swing_up, tolerance=1e-8, degree=5, guess=coarse, intervals=20)
     found[name] = fine
     print(f"\n{name}: {fine}\n{fine.verify()}\n  intervals  local error        cost  iterations")
     for k in fine.statistics.passes:
