@@ -6,6 +6,7 @@ The message names the element, the quantity, the value and the remedy.
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import warnings
 from pathlib import Path
@@ -87,12 +88,13 @@ class MechanismWarning(UserWarning):
     """A remark on a result that is valid."""
 
 
-_PACKAGE = str(Path(__file__).parent)
+#: How the names of files between a remark and the line that called begin: decorators may stand before an analysis.
+_OWN = (str(Path(__file__).parent), contextlib.__file__)
 
 
 def warn(message: str, category: type[Warning] = MechanismWarning) -> None:
     """Warn at the line that called this package, however deep inside it the remark is made."""
     level, frame = 1, sys._getframe()
-    while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(_OWN):
         level, frame = level + 1, frame.f_back
     warnings.warn(message, category, stacklevel=level)

@@ -15,9 +15,8 @@ WATCH_POINTS = 400
 #: Times nearer to each other than this fraction of a run are one.
 SAME_TIME = 1e-9
 #: A multistep method starts with some hundred small steps of low order: pieces that take fewer steps than this are
-#: joined (measured: twenty pieces of 140 steps take three times as long as one, and pieces of 1000 a sixth longer than
-#: of 3000).
-STEPS_PER_PIECE = 3000
+#: joined (measured: twenty pieces of 140 steps take three times as long as one).
+STEPS_PER_PIECE = 1000
 
 
 @dataclass(frozen=True)

@@ -29,9 +29,10 @@ def input_errors(part: PhaseSolution) -> np.ndarray:
     Zero for inputs whose course was chosen, constant or linear. Infinite on a mesh of one interval, which has no
     neighbours, if the inputs are no constants.
     """
-    basis, courses = part.program.scheme.inputs, part.polynomials.inputs
-    count, lengths = part.mesh.count, np.diff(part.mesh_times)
-    if basis.name != "polynomial" or not courses or not count:
+    basis, count = part.program.scheme.inputs, part.mesh.count
+    courses = part.polynomials.inputs if count else {}  # an instant has none
+    lengths = np.diff(part.mesh_times)
+    if basis.name != "polynomial" or not courses:
         return np.zeros((count, len(courses)))
     coefficients = np.stack([course.coefficients for course in courses.values()], axis=2)  # (N, d, n_u)
     taus = basis.taus
