@@ -1,5 +1,6 @@
 """Feasible problems with tight limits, which the solver gives up at first, and problems that are infeasible."""
 
+import casadi as ca
 import numpy as np
 import pytest
 from motions import crank_rocker, half_turn, rest_to_rest, swing_up
@@ -153,6 +154,16 @@ def test_what_was_not_proven_is_not_said(monkeypatch):
         mbd.optimize(problem.replace(waypoints=[mbd.Waypoint(0.25, [block.x == 3])]), intervals=8)
     assert "infeasible" not in str(caught.value) and "may still have" in str(caught.value)
     assert not caught.value.conflict
+
+
+@pytest.mark.slow
+def test_a_feasible_problem_with_a_kink_is_not_called_infeasible():
+    """The solver stops at the kink, at a motion that meets all demands, while the least violations end above zero."""
+    problem, _, tau = swing_up(8.0, 2.0)
+    assert mbd.optimize(problem, intervals=20).cost > 0
+    with pytest.raises(mbd.OptimizationError, match="kink") as caught:
+        mbd.optimize(problem.replace(running_cost=ca.fabs(tau)), intervals=20)
+    assert "infeasible" not in str(caught.value) and not caught.value.conflict
 
 
 @pytest.mark.slow

@@ -171,7 +171,7 @@ class LimitSearch:
         Raises
         ------
         OptimizationError
-            If the least violation is not zero.
+            If the least violation is not zero, unless the solve that failed had met all demands at its end.
         """
         conflicting: list[tuple[Solution, dict[str, float]]] = []
         for guess in (nearest, self._second):
@@ -183,7 +183,7 @@ class LimitSearch:
                 solved = self._solved(feasible, "all limits, from a motion that meets them")
                 if solved is not None:
                     return solved.point
-            elif succeeded:
+            elif succeeded and failure.largest_violations:
                 conflicting.append((solution, slacks))
                 if len(conflicting) == STARTS:
                     least = min(conflicting, key=lambda pair: sum(pair[1].values()))

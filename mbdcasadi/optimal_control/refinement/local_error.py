@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import casadi as ca
@@ -11,6 +12,7 @@ from ...equations.numeric import NumericEquations
 from ...equations.recovery import Recovery
 from ...errors import warn
 from ...numerics.collocation import gauss
+from ...numerics.console import call
 
 if TYPE_CHECKING:
     from ..phase_solution import PhaseSolution
@@ -154,7 +156,7 @@ def end_errors(part: PhaseSolution) -> np.ndarray:
     redundant = part.redundant
     key = ("interval", degree, redundant, numeric.light_key)
     integrator = eom.mechanism.cache.get_or_create(key, lambda: _integrator(numeric, degree, redundant=redundant))
-    reached = integrator.map(count)(x0=starts.T, p=parameters)["xf"].full().T
+    reached = call(partial(integrator.map(count), x0=starts.T, p=parameters))["xf"].full().T
     recovery = Recovery(numeric, redundant=redundant)
     times = part.mesh_times[1:]
     q = recovery.positions(times, reached[:, :n])
