@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments.inputs import Signals, read_signals
-from ..arguments.values import duration_grid, pairs_of, parameter_vector, time_grid
+from ..arguments.values import RunValues, duration_grid, pairs_of, parameter_vector, time_grid
 from ..equations import Equations, equations
 from ..equations.numeric import NumericEquations
 from ..errors import ModelError, SimulationError, warn
@@ -117,18 +117,12 @@ class Setup:
                 "simulate alone, whose motion gives samples of its answers"
             )
 
-    def at_values(self, grid: np.ndarray, p: np.ndarray, levels: np.ndarray, channel: np.ndarray) -> Setup:
-        """Return a setup for runs from states that are known, at other values.
-
-        Parameters
-        ----------
-        p, levels, channel : numpy.ndarray
-            Values of the parameters, of the inputs that are numbers, and of sampled inputs in the intervals of the
-            grid.
-        """
+    def at_values(self, grid: np.ndarray, values: RunValues) -> Setup:
+        """Return a setup for runs from states that are known, at other values and with samples over a grid."""
         other = Setup.__new__(Setup)
         other.mechanism, other.eom, other.initial = self.mechanism, self.eom, ()
-        other.grid, other.p, other.signals = grid, p, self.signals.at_values(grid, levels, channel)
+        other.grid, other.p = grid, values.p
+        other.signals = self.signals.at_values(grid, values.levels, values.channel)
         return other
 
     @property

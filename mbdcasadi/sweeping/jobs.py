@@ -8,10 +8,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ..arguments.values import RunValues
 from ..errors import MechanismError, ModelError, warn
 from ..sensitivity.compiled_run import MotionSetup
 from ..sensitivity.cuts import Cuts
-from ..sensitivity.differentiable_motion import channel_over
 from ..sensitivity.load_limit import LoadLimit
 from ..simulation.time_dependence import timed_equations
 from .cases import farthest
@@ -47,6 +47,7 @@ class Jobs:
 
     def __init__(self, setup: MotionSetup, plan: Plan, named: list[tuple[Any, ca.SX]]):
         self._plan, self.setup = plan, setup
+        self._channel = setup.signals.channel_over(setup.grid)
         self._path = StartPath(setup)
         self._prepare(named)
         #: numbers that are kept of a case
@@ -58,26 +59,23 @@ class Jobs:
         parameters = self.setup.mechanism.parameters
         varied = [k for k, own in enumerate(parameters) if np.ptp(plan.p[:, k]) > 0]
         self._motion = self.setup.motion(varied, in_state=False)
-        channel = self._motion.channel()
         spread = self._spread()
         poses = []
-        for x0, p, levels in spread[:RANGES]:
+        for x0, values in spread[:RANGES]:
             try:
-                poses.append(self._motion.poses_from(x0, p, levels, channel))
+                poses.append(self._motion.poses_from(x0, values))
             except MechanismError:  # the case itself says why
                 continue
         if self.setup.resolve_all(poses):
             self._motion = self.setup.motion(varied, in_state=False)
-        self._look_for_loads(self._motion.load_limit, spread, channel)
+        self._look_for_loads(self._motion.load_limit, spread)
         self._outputs = self._motion.outputs([e for _, e in named])
         self._parcels: dict[tuple[Any, ...], Parcel] = {}
 
-    def _look_for_loads(
-        self, limit: LoadLimit, spread: list[tuple[np.ndarray, np.ndarray, np.ndarray]], channel: np.ndarray
-    ) -> None:
+    def _look_for_loads(self, limit: LoadLimit, spread: list[tuple[np.ndarray, RunValues]]) -> None:
         """Limit the steps by loads on the motions of cases; report if these are not all."""
-        for x0, p, levels in spread:
-            limit.look(x0, p, levels, channel)
+        for x0, values in spread:
+            limit.look(x0, values, self.setup.grid)
         if limit.is_needed and self._plan.count > PROBED:
             warn(
                 f"sweep: contacts and loads that come and go were looked for in {PROBED} of {self._plan.count} cases, "
@@ -85,18 +83,21 @@ class Jobs:
                 f"{PROBED} cases at a time"
             )
 
-    def _spread(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Starts, parameters and numbers of the inputs of the cases whose values are farthest from each other."""
+    def _spread(self) -> list[tuple[np.ndarray, RunValues]]:
+        """Starts of the cases whose values are farthest from each other, and these values."""
         plan = self._plan
         chosen = farthest(np.hstack([plan.p, plan.levels]), PROBED)
         starts, reached = self._path.starts(plan.p[chosen])
         usable = reached & np.all(np.isfinite(starts), axis=1)
-        return [(x0, plan.p[k], plan.levels[k]) for x0, k in zip(starts[usable], chosen[usable], strict=True)]
+        return [(x0, self._values(k)) for x0, k in zip(starts[usable], chosen[usable], strict=True)]
+
+    def _values(self, k: int) -> RunValues:
+        """Values of parameters and inputs of a case."""
+        return RunValues(self._plan.p[k], self._plan.levels[k], self._channel)
 
     def courses(self, cases: np.ndarray) -> tuple[dict[int, Any], dict[int, str]]:
         """Cuts of the motions of cases, and the reasons why some have none."""
         courses, failures = {}, out_of_limits(self.setup, self._plan.p, cases)
-        channel = self._motion.channel()
         shared: Cuts | None = None
         for k in cases:
             if int(k) in failures:
@@ -105,7 +106,7 @@ class Jobs:
                 courses[int(k)] = shared
                 continue
             try:
-                courses[int(k)] = self._motion.course(None, self._plan.p[k], self._plan.levels[k], channel)
+                courses[int(k)] = self._motion.course(None, self._values(k))
             except MechanismError as error:
                 failures[int(k)] = str(error)
                 continue
@@ -117,13 +118,10 @@ class Jobs:
         """The compiled batch for a course and others of its pattern."""
         if course.pattern not in self._parcels:
             setup, motion = self.setup, self._motion
-            n_x, n_p = setup.differentiable_start.function.size1_out(0), setup.p.size
-            x0, p = ca.MX.sym("x0", n_x), ca.MX.sym("p", n_p)
-            levels, cuts = ca.MX.sym("levels", setup.signals.levels.numel()), course.symbols
-            channel = motion.channel()
-            states, _ = motion.motion(course)(x0, p, levels, channel, *cuts)
-            values = self._outputs(states, p, levels, channel)
-            run = ca.Function("run", [x0, p, levels, *cuts], [values, states[-1, -1]])
+            x0, cuts = ca.MX.sym("x0", setup.differentiable_start.function.size1_out(0)), course.symbols
+            values = motion.symbols(1)._replace(channel=self._channel)
+            states, _ = motion.motion(course)(x0, *values, *cuts)
+            run = ca.Function("run", [x0, *values[:2], *cuts], [self._outputs(states, *values), states[-1, -1]])
             self._parcels[course.pattern] = Parcel(run, self._path, float(setup.grid[-1] - setup.grid[0]))
         return self._parcels[course.pattern]
 
@@ -171,17 +169,16 @@ class WholeJobs(Jobs):
         spread, setup = self._spread(), self.setup
         parcel = WholeParcel(setup, self._path, [setup.eom.q], len(spread))
         poses = []
-        for x0, p, levels in spread[:RANGES]:
+        for x0, values in spread[:RANGES]:
             try:
-                course = [part[None, ...] for part in times_of(setup, p).arguments]
+                course = [part[None, ...] for part in times_of(setup, values.p).arguments]
             except MechanismError:  # the case itself says why
                 continue
-            values = parcel.results(x0[None, :], p[None, :], levels[None, :], tuple(course))[0][0]
-            poses.append(values.reshape(setup.grid.size, -1))
+            q = parcel.results(x0[None, :], values.p[None, :], values.levels[None, :], tuple(course))[0][0]
+            poses.append(q.reshape(setup.grid.size, -1))
         setup.resolve_all(poses)
         limit = LoadLimit(setup, setup.integrator)
-        channel = channel_over(setup.signals, setup.grid)
-        self._look_for_loads(limit, spread, channel)
+        self._look_for_loads(limit, spread)
         self._load_step = limit.max_step
 
     def courses(self, cases: np.ndarray) -> tuple[dict[int, Any], dict[int, str]]:
