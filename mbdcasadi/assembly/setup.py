@@ -94,22 +94,21 @@ class Setup:
         if t is not _UNSET:
             self.grid = np.array([number(t, analysis, "t")])
         elif (times is None) == (duration is None):
-            needed = "either times or duration=" if takes_duration else "the output times"
-            raise SimulationError(f"{analysis}: give {needed}")
+            raise SimulationError(
+                f"{analysis}: give {'either times or duration=' if takes_duration else 'the output times'}"
+            )
         else:
             self.grid = duration_grid(duration, analysis) if times is None else time_grid(times, least=fewest_times)
-        carried = carried_by(initial, mechanism)
-        fixed_values = dict(fixed or {})
-        pairs = pairs_of(parameters, "parameters=")
-        over = {key: value for key, value in fixed_values.items() if isinstance(key, Parameter)}
-        self.p = parameter_vector(self.eom, carried["parameters"] | dict(pairs) | over)
+        carried, fixed = carried_by(initial, mechanism), fixed or {}
+        over = {key: value for key, value in fixed.items() if isinstance(key, Parameter)}
+        self.p = parameter_vector(self.eom, carried["parameters"] | dict(pairs_of(parameters, "parameters=")) | over)
         _report_exceeded_limits(mechanism, self.p, analysis)
         self.signals: Signals = read_signals(
             self.eom,
             inputs,
             self.grid if t is _UNSET else None,
             carried=carried["inputs"],
-            fixed={key: value for key, value in fixed_values.items() if key not in over},
+            fixed={key: value for key, value in fixed.items() if key not in over},
         )
         if self.signals.controller is not None and not takes_controller:
             raise ModelError(

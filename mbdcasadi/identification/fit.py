@@ -17,10 +17,8 @@ from ..simulation.simulate import simulate
 from .data import Experiment
 from .gauss_newton import GaussNewtonOutcome
 from .loss import LINEAR, Loss
+from .shooting import UNSEEN
 
-#: Singular values of the Jacobian by relative changes, as a share of the largest one, below which a combination of
-#: unknowns leaves no trace.
-UNSEEN = 1e-6
 #: Correlation from which two unknowns can hardly be distinguished.
 HARDLY = 0.99
 #: Share of an unknown in a combination that is named.

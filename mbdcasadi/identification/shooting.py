@@ -33,8 +33,9 @@ from ..sensitivity.derivatives import Compiled, lengths_of
 from ..sensitivity.differentiable_start import found
 from .data import Experiment
 
-#: Singular values below this share of the largest one are directions that the data do not show.
-DISTINGUISHED = 1e-6
+#: Singular values below this share of the largest one belong to directions, or combinations of unknowns, that leave no
+#: trace in the data.
+UNSEEN = 1e-6
 
 
 @dataclass
@@ -239,7 +240,7 @@ def nodes_from_data(setup: MotionSetup, experiment: Experiment, index: int, gues
     free = analyse_rank(jacobian).null_columns
     v = project_velocity(jacobian, nu, v)
     missing = (rates - drift.full().ravel() - slope.full() @ v)[seen]
-    v = v + free @ least_norm(slope.full()[seen] @ free, missing, threshold=DISTINGUISHED)
+    v = v + free @ least_norm(slope.full()[seen] @ free, missing, threshold=UNSEEN)
     return np.concatenate([q, v, z])
 
 
