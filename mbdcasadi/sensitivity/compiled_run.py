@@ -41,12 +41,12 @@ class MotionSetup(Setup):
 
     Parameters
     ----------
-    initial, inputs, parameters
-        As for :func:`simulate`.
     method, reltol, abstol
         The integrator; ``"auto"`` takes Runge–Kutta if the motion at the start is not stiff.
     keeps_abstol : bool, optional
         True if the absolute tolerance is the user's; by default it is if it is given, or an integrator is.
+    **arguments
+        ``initial``, ``inputs`` and ``parameters``, as for :class:`Setup`.
 
     Attributes
     ----------
@@ -62,24 +62,14 @@ class MotionSetup(Setup):
         analysis: str,
         times: Any,
         *,
-        initial: Any = (),
-        inputs: Any = None,
-        parameters: Any = None,
         method: Any = "idas",
         reltol: float | None = None,
         abstol: float | None = None,
         keeps_abstol: bool | None = None,
+        **arguments: Any,
     ):
-        super().__init__(
-            mechanism,
-            analysis,
-            times=times,
-            initial=initial,
-            inputs=inputs,
-            parameters=parameters,
-            takes_duration=False,
-        )
-        self.differentiable_start = DifferentiableStart(self.numeric, initial, float(self.grid[0]), self.signals)
+        super().__init__(mechanism, analysis, times=times, takes_duration=False, **arguments)
+        self.differentiable_start = DifferentiableStart(self.numeric, self.initial, self.time, self.signals)
         _ = self.start[self.eom.a]  # raises where there are no accelerations
         integrator = chosen_integrator(method, SingleMode(self), reltol=reltol, abstol=abstol, analysis=analysis)
         self.integrator = suited_to_friction(integrator, self.numeric)

@@ -153,16 +153,7 @@ def cost_function(
     if running.numel() != 1 or terminal.numel() != 1:
         raise ModelError("cost_function: running_cost and terminal_cost must be scalars")
     with keyboard_interrupts("cost_function"):
-        setup = MotionSetup(
-            mechanism,
-            "cost_function",
-            times,
-            initial=initial,
-            inputs=inputs,
-            parameters=parameters,
-            method=method,
-            reltol=reltol,
-            abstol=abstol,
-        )
+        arguments = {"initial": initial, "inputs": inputs, "parameters": parameters, "method": method}
+        setup = MotionSetup(mechanism, "cost_function", times, reltol=reltol, abstol=abstol, **arguments)
         setup.eom.function(ca.vertcat(running, terminal))  # refuses foreign symbols
         return CostFunction(CompiledRun(setup, wrt, [terminal], running, reversible=True))

@@ -47,7 +47,7 @@ class Compiled:
 
     def adjoint(self, arguments: Sequence[Any], result: Any, weights: np.ndarray) -> np.ndarray:
         """Return the derivatives of a weighted sum of the first result by the first argument."""
-        gradients = call(self._derivative("reverse", 1), *arguments, result, weights)
+        gradients = call(self._derivative("reverse", 1).call, [ca.DM(x) for x in (*arguments, result, weights)])
         return np.asarray(gradients[0].full().ravel())
 
     def _derivative(self, kind: str, count: int) -> ca.Function:

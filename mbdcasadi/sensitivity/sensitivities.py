@@ -205,16 +205,15 @@ def sensitivities(
     >>> np.round(found[stone.y, g], 6)
     array([ 0. , -0.5, -2. ])
     """
-    chosen: dict[str, Any] = dict(method=method, reltol=reltol, abstol=abstol)
     with keyboard_interrupts("sensitivities"):
         if wrt is None:
             wrt, parameters = _listed(parameters), None
         named, read = named_outputs(outputs), read_events(events)
+        arguments: dict[str, Any] = {"initial": initial, "inputs": inputs, "parameters": parameters}
+        arguments |= {"method": method, "reltol": reltol, "abstol": abstol}
         if read:
-            return _through_changes(mechanism, times, named, wrt, read, initial, inputs, parameters, chosen)
-        setup = MotionSetup(
-            mechanism, "sensitivities", times, initial=initial, inputs=inputs, parameters=parameters, **chosen
-        )
+            return _through_changes(mechanism, times, named, wrt, read, arguments)
+        setup = MotionSetup(mechanism, "sensitivities", times, **arguments)
         run = CompiledRun(setup, wrt, [e for _, e in named])
         y, slope = run.forward(run.design.values)
         return Sensitivities(setup.grid, named, run.design, y, slope)
@@ -226,26 +225,20 @@ def _through_changes(
     named: list[tuple[Any, ca.SX]],
     wrt: Any,
     events: Sequence[Event],
-    initial: Any,
-    inputs: Any,
-    parameters: Any,
-    chosen: dict[str, Any],
+    arguments: dict[str, Any],
 ) -> Sensitivities:
     """Sensitivities through changes of the mechanism, along a motion that is simulated first."""
+    inputs = arguments["inputs"]
     controlled = isinstance(inputs, SampledController) or hasattr(inputs, "inputs")
     if controlled or any(np.ndim(x) and not isinstance(x, ca.SX) for _, x in pairs_of(inputs, "inputs=")):
         raise ModelError("sensitivities: through changes of the mechanism inputs= takes numbers and expressions alone")
-    motion = simulate(mechanism, times, initial=initial, inputs=inputs, parameters=parameters, events=events, **chosen)
+    motion = simulate(mechanism, times, events=events, **arguments)
     whole, all_inputs = motion.mechanism, pairs_of(inputs, "inputs=")
-    setup = MotionSetup(
-        mechanism,
-        "sensitivities",
-        times,
-        initial=initial,
-        inputs=pairs_with(mechanism.inputs, all_inputs),
-        parameters=pairs_with(mechanism.parameters, pairs_of(parameters, "parameters=")),
-        **chosen,
-    )
+    own = {
+        "inputs": pairs_with(mechanism.inputs, all_inputs),
+        "parameters": pairs_with(mechanism.parameters, pairs_of(arguments["parameters"], "parameters=")),
+    }
+    setup = MotionSetup(mechanism, "sensitivities", times, **(arguments | own))
     p = motion.phases[0].parameters if len(motion.phases) == 1 else motion.parameters
     values = dict(zip(whole.parameters, p.tolist(), strict=True)) | dict(all_inputs)
     design = PhasedDesignVariables(wrt, setup, setup.differentiable_start, whole, values)

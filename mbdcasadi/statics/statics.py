@@ -63,13 +63,17 @@ class Stiffness:
     scale: float
 
     @property
+    def _real(self) -> np.ndarray:
+        """Eigenvalues that are real, but for rounding."""
+        return self.values[np.abs(self.values.imag) <= CIRCULATORY * np.abs(self.values)].real
+
+    @property
     def holds(self) -> bool:
         """True if every free direction is held: no real eigenvalue is zero or below.
 
         If forces have no potential (a load that follows a rod) eigenvalues may be complex; small motions decide.
         """
-        real = np.abs(self.values.imag) <= CIRCULATORY * np.abs(self.values)
-        return not np.any(real & (self.values.real <= NEUTRAL * self.scale))
+        return not np.any(self._real <= NEUTRAL * self.scale)
 
     @property
     def least(self) -> float:
@@ -88,8 +92,7 @@ class Stiffness:
         Only these change their number at a singular stiffness; a complex pair, of forces
         without potential, may pass the imaginary axis and nothing happens.
         """
-        real = np.abs(self.values.imag) <= CIRCULATORY * np.abs(self.values)
-        return int(np.sum(real & (self.values.real < -NEUTRAL * self.scale)))
+        return int(np.sum(self._real < -NEUTRAL * self.scale))
 
     @property
     def singularity(self) -> float:

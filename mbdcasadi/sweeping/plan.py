@@ -137,15 +137,13 @@ class Plan:
             Reason for which the first one cannot, if none can.
         """
         obstacle: MechanismError | None = None
-        shared = {name: self._given[name] for name in ("initial", "inputs", "method", "reltol", "abstol")}
         varies = any(isinstance(key, Parameter) for key in self._varied)
         for k in np.unique(np.linspace(0, self.count - 1, min(self.count, TRIES)).astype(int)):
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
                 try:
-                    setup = MotionSetup(
-                        self._mechanism, "sweep", self._times, parameters=self._parameters(int(k)), **shared
-                    )
+                    arguments = self._given | {"parameters": self._parameters(int(k))}
+                    setup = MotionSetup(self._mechanism, "sweep", self._times, **arguments)
                 except (AssemblyError, SingularityError) as error:
                     obstacle = obstacle or error
                     continue
