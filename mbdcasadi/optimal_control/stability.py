@@ -16,7 +16,7 @@ from ..numerics.console import keyboard_interrupts
 from ..numerics.least_squares import largest
 from ..results.state import State
 from ..results.trajectory import Trajectory
-from ..sensitivity.phase_flow import Directions
+from ..sensitivity.phase_flow import Directions, VariedMotion
 from ..sensitivity.phased_variation import phased_variation, start_directions
 from ..simulation.changes.events import read_events
 from .placeholders import placeholders_in, with_symbols
@@ -117,9 +117,8 @@ def _stability_of_simulation(
         held = [list(zip(p.mechanism.inputs, p.initial.inputs.tolist(), strict=True)) for p in motion.phases]
         inputs = [pair for pairs in reversed(held) for pair in pairs]
     tangent = start_directions(first.mechanism, start)
-    variation = phased_variation(
-        motion, events, motion.t[[0, -1]], [], Directions(tangent, {}, {}), integrator, list(dict(inputs).items())
-    )
+    directions, known = Directions(tangent, {}, {}), list(dict(inputs).items())
+    variation = phased_variation(VariedMotion(motion, motion.t[[0, -1]], [], directions, integrator, known), events)
     left, right = [], []
     for relation in boundary:
         if not relation.equality:

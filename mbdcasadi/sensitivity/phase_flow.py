@@ -21,6 +21,9 @@ from ..results.trajectory import Trajectory
 from .derivatives import Compiled, lengths_of
 from .differentiable_motion import DifferentiableMotion
 
+#: Length of the stretch in which a motion that ends just after a change is evaluated, as a share of the whole.
+MOMENT = 1e-6
+
 
 @dataclass(frozen=True)
 class Directions:
@@ -44,6 +47,43 @@ class Directions:
     def count(self) -> int:
         """Number of directions."""
         return int(self.start.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class VariedMotion:
+    """A motion that was simulated, and what of it varies.
+
+    Attributes
+    ----------
+    motion : Trajectory
+        The motion, which knows the order and the instants of its changes.
+    times : numpy.ndarray
+        Output times, s.
+    outputs : sequence of casadi.SX
+        Expressions in any of the mechanisms.
+    directions : Directions
+        Directions of variation.
+    integrator : Integrator
+        Method and tolerances.
+    inputs : mapping, optional
+        Inputs of all mechanisms: numbers and expressions.
+    """
+
+    motion: Trajectory
+    times: np.ndarray
+    outputs: Sequence[ca.SX]
+    directions: Directions
+    integrator: Integrator
+    inputs: Any = None
+
+    def grid(self, number: int) -> np.ndarray:
+        """Output times within a phase, with its ends; of one that ends just after a change a moment is taken."""
+        part = self.motion.phases[number]
+        first, last = float(part.t[0]), float(part.t[-1])
+        apart = 1e-9 * max(last - first, float(np.spacing(abs(last))))
+        inside = self.times[(self.times > first + apart) & (self.times < last - apart)]
+        span = float(self.motion.t[-1] - self.motion.t[0]) or 1.0
+        return np.unique(np.r_[first, inside, last if last > first else first + MOMENT * span])
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,21 +112,15 @@ class PhaseFlow:
 
     Parameters
     ----------
-    part : Trajectory
-        The motion there, as it was simulated.
-    grid : numpy.ndarray
-        Output times from its start to its end, s.
-    inputs : mapping
-        Inputs of all mechanisms: numbers and expressions.
-    outputs : sequence of casadi.SX
-        Expressions in any of the mechanisms.
-    whole : Mechanism
-        All parts of the mechanisms.
-    values : numpy.ndarray
-        Values of all parameters in this phase.
+    varied : VariedMotion
+        The whole motion.
+    number : int
+        Number of the phase.
 
     Attributes
     ----------
+    grid : numpy.ndarray
+        Output times from its start to its end, s.
     x0 : numpy.ndarray
         Start ``(q, v, z)``.
     p : numpy.ndarray
@@ -95,34 +129,24 @@ class PhaseFlow:
         Of the outputs, whether the mechanism has them (n_y,).
     """
 
-    def __init__(
-        self,
-        part: Trajectory,
-        grid: np.ndarray,
-        integrator: Integrator,
-        inputs: Any,
-        outputs: Sequence[ca.SX],
-        whole: Mechanism,
-        directions: Directions,
-        values: np.ndarray,
-    ):
+    def __init__(self, varied: VariedMotion, number: int):
+        part = varied.motion.phases[number]
         self.part, self.mechanism, self.eom = part, part.mechanism, part.equations
-        p = list(zip(self.mechanism.parameters, part.parameters.tolist(), strict=True))
-        known_inputs = pairs_with(self.mechanism.inputs, pairs_of(inputs, "inputs="))
+        self.grid, whole, directions = varied.grid(number), varied.motion.mechanism, varied.directions
+        known_inputs = pairs_with(self.mechanism.inputs, pairs_of(varied.inputs, "inputs="))
         first = part.initial
-        start = State(
-            self.mechanism, first.t, first.q, first.v, first.a, first.z, first.lam, first.inputs, part.parameters
-        )
-        setup = Setup(self.mechanism, "sensitivities", times=grid, initial=start, inputs=known_inputs, parameters=p)
+        start = State(self.mechanism, *first.arguments)  # in the symbols of its own mechanism
+        setup = Setup(self.mechanism, "sensitivities", times=self.grid, initial=start, inputs=known_inputs)
         if setup.signals.is_sampled:
             raise ModelError(
                 "sensitivities: through changes of the mechanism inputs= takes numbers and expressions, no samples"
             )
-        self._varied = directions
-        varied = [k for k, x in enumerate(self.mechanism.parameters) if x in directions.parameters]
-        self.motion = DifferentiableMotion(setup, integrator, varied=varied)
+        self._directions = directions
+        places = [k for k, x in enumerate(self.mechanism.parameters) if x in directions.parameters]
+        self.motion = DifferentiableMotion(setup, varied.integrator, varied=places)
         self.p = setup.p
         self.x0 = np.r_[first.q, first.v, first.z]
+        values, outputs = varied.motion.parameters_by_phase[number], varied.outputs
         shown = self._with_absent_parameters([present(e, whole, self.mechanism) for e in outputs], whole, values)
         known = [self.eom.contains(e) for e in shown]
         self._shown = [e for e, has in zip(shown, known, strict=True) if has]
@@ -138,7 +162,7 @@ class PhaseFlow:
         present_parameters = self.mechanism.parameters
         absent = [k for k, x in enumerate(whole.parameters) if not any(x is other for other in present_parameters)]
         symbols = ca.vertcat(ca.SX(0, 1), *[whole.parameters[k] for k in absent])
-        varied = [whole.parameters[k] for k in absent if whole.parameters[k] in self._varied.parameters]
+        varied = [whole.parameters[k] for k in absent if whole.parameters[k] in self._directions.parameters]
         by_varied = ca.jacobian(ca.vertcat(ca.SX(0, 1), *map(ca.vec, expressions)), ca.vertcat(ca.SX(0, 1), *varied))
         if by_varied.nnz():
             name = next(x.label for x in varied if ca.depends_on(ca.vertcat(*map(ca.vec, expressions)), x))
@@ -152,7 +176,7 @@ class PhaseFlow:
 
     def dp(self, given: dict[Any, np.ndarray]) -> np.ndarray:
         """Variations of the parameters of the mechanism (n_p, k)."""
-        rows = np.zeros((self.p.size, self._varied.count))
+        rows = np.zeros((self.p.size, self._directions.count))
         for k, symbol in enumerate(self.mechanism.parameters):
             rows[k] = given.get(symbol, 0.0)
         return rows

@@ -26,7 +26,6 @@ import numpy as np
 from ..equations import equations
 from ..equations.impact_law import ImpactLaw
 from ..errors import ModelError, SimulationError
-from ..integrators import Integrator
 from ..model.events import Event
 from ..model.mechanism import Mechanism
 from ..model.symbols import Parameter, StateVariable
@@ -35,14 +34,12 @@ from ..numerics.rank import analyse_rank
 from ..results.phases import places_in
 from ..results.state import EventOccurrence, State
 from ..results.trajectory import Trajectory
-from .phase_flow import Directions, PhaseFlow, VariedState
+from .phase_flow import PhaseFlow, VariedMotion, VariedState
 
 #: Rate of an event, relative to the rates of its state, below which the motion grazes and has no derivative.
 GRAZING = 1e-8
 #: Share of a variation up to which the rows of a joint that closes may open for other values.
 CLOSING_TOLERANCE = 1e-5
-#: Length of the stretch in which a motion that ends just after a change is evaluated, as a share of the whole.
-MOMENT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -92,29 +89,15 @@ class PhasedVariation:
     end: np.ndarray
 
 
-def phased_variation(
-    motion: Trajectory,
-    events: Sequence[Event],
-    times: np.ndarray,
-    outputs: Sequence[ca.SX],
-    directions: Directions,
-    integrator: Integrator,
-    inputs: Any = None,
-) -> PhasedVariation:
+def phased_variation(varied: VariedMotion, events: Sequence[Event]) -> PhasedVariation:
     """Carry variations along a motion that was simulated.
 
     Parameters
     ----------
-    motion : Trajectory
-        The motion, which knows the order and the instants of its changes.
+    varied : VariedMotion
+        The motion and its variations at the start.
     events : sequence of Event
         The events of the run.
-    times : numpy.ndarray
-        Output times, s.
-    outputs : sequence of casadi.SX
-        Expressions in any of the mechanisms.
-    inputs : mapping, optional
-        Inputs of the run: numbers and expressions.
 
     Raises
     ------
@@ -123,60 +106,34 @@ def phased_variation(
     SimulationError
         If the motion grazes the zero of an event, or a joint would not close for other values.
     """
-    changes, ending = _changes(motion, events), _ending(motion, events)
-    return _Passage(motion, times, outputs, directions, integrator, inputs).run(changes, ending)
+    changes, ending = _changes(varied.motion, events), _ending(varied.motion, events)
+    return _Passage(varied).run(changes, ending)
 
 
 class _Passage:
     """Variations on their way through the phases; see :func:`phased_variation`."""
 
-    def __init__(
-        self,
-        motion: Trajectory,
-        times: np.ndarray,
-        outputs: Sequence[ca.SX],
-        directions: Directions,
-        integrator: Integrator,
-        inputs: Any,
-    ):
-        self._motion, self._times, self._outputs = motion, times, outputs
-        self._directions, self._integrator, self._inputs = directions, integrator, inputs
-        self._pieces: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    def __init__(self, varied: VariedMotion):
+        self._varied = varied
         self._events: list[EventVariation] = []
         #: variations of the state at a fixed time, and of the parameters
-        self._dx, self._parameters = directions.start, dict(directions.parameters)
+        self._dx, self._parameters = varied.directions.start, dict(varied.directions.parameters)
 
     def run(self, changes: Sequence[Event], ending: Event | None) -> PhasedVariation:
         """Go through all phases."""
-        flow: PhaseFlow | None = self._flow(0)
-        for number, part in enumerate(self._motion.phases):
+        flow: PhaseFlow | None = PhaseFlow(self._varied, 0)
+        pieces = []
+        for number, part in enumerate(self._varied.motion.phases):
             if flow is None:
                 break
             values, slopes, x, self._dx = flow.over(self._dx, flow.dp(self._parameters))
-            self._pieces.append((_grid(part, self._times), values, slopes))
+            pieces.append((flow.grid, values, slopes))
             if number < len(changes):
                 flow = self._change(flow, changes[number], number, float(part.t[-1]), x)
             elif ending is not None:
                 self._end(flow, ending, float(part.t[-1]), x)
-        t, y, slope = (np.concatenate([piece[k] for piece in self._pieces]) for k in range(3))
+        t, y, slope = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
         return PhasedVariation(t, y, slope, tuple(self._events), self._dx)
-
-    def _flow(self, number: int) -> PhaseFlow:
-        motion, part = self._motion, self._motion.phases[number]
-        grid = _grid(part, self._times)
-        if grid.size < 2:  # the motion ends just after a change
-            span = float(motion.t[-1] - motion.t[0]) or 1.0
-            grid = np.array([grid[0], grid[0] + MOMENT * span])
-        return PhaseFlow(
-            part,
-            grid,
-            self._integrator,
-            self._inputs,
-            self._outputs,
-            motion.mechanism,
-            self._directions,
-            motion.parameters_by_phase[number],
-        )
 
     def _end(self, flow: PhaseFlow, event: Event, time: float, x: np.ndarray) -> None:
         """End the motion at an event."""
@@ -186,25 +143,17 @@ class _Passage:
 
     def _change(self, flow: PhaseFlow, event: Event, number: int, time: float, x: np.ndarray) -> PhaseFlow | None:
         """Go across a change: the motion that follows, None if the motion ends just after it."""
-        following = self._flow(number + 1)
+        following = PhaseFlow(self._varied, number + 1)
         instant = _at_event(flow, event, time, x, self._dx, flow.dp(self._parameters))
         jumped, self._parameters = _Change(flow, following, event, instant).across(self._parameters)
         after = VariedState(time, following.x0, instant.dt, jumped, following.dp(self._parameters))
         values = flow.outputs_at(instant), following.outputs_at(after)
         self._events.append(EventVariation(event.name, time, instant.dt, *values))
-        if len(self._motion.phases[number + 1]) < 2:
+        if len(self._varied.motion.phases[number + 1]) < 2:
             self._dx = jumped
             return None
         self._dx = jumped - np.outer(following.rates(time, following.x0), instant.dt)
         return following
-
-
-def _grid(part: Trajectory, times: np.ndarray) -> np.ndarray:
-    """Output times within a phase, with its ends."""
-    first, last = float(part.t[0]), float(part.t[-1])
-    apart = 1e-9 * max(last - first, float(np.spacing(abs(last))))
-    inside = times[(times > first + apart) & (times < last - apart)]
-    return np.unique(np.r_[first, inside, last])
 
 
 def _changes(motion: Trajectory, events: Sequence[Event]) -> list[Event]:

@@ -23,7 +23,7 @@ from ..simulation.simulate import simulate
 from .compiled_run import CompiledRun, MotionSetup
 from .derivatives import Compiled
 from .design_variables import DesignVariables, PhasedDesignVariables, same
-from .phase_flow import Directions
+from .phase_flow import Directions, VariedMotion
 from .phased_variation import EventVariation, phased_variation
 
 
@@ -249,9 +249,8 @@ def _through_changes(
         {key: row for key, row in by_key.items() if isinstance(key, Parameter)},
         {key: row for key, row in by_key.items() if isinstance(key, Input)},
     )
-    variation = phased_variation(
-        motion, events, setup.grid, [e for _, e in named], directions, setup.integrator, all_inputs
-    )
+    varied = VariedMotion(motion, setup.grid, [e for _, e in named], directions, setup.integrator, all_inputs)
+    variation = phased_variation(varied, events)
     at_events = [EventSensitivities(event, named, design) for event in variation.events]
     return Sensitivities(variation.t, named, design, variation.y, variation.slope, at_events)
 
