@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -227,20 +228,19 @@ class DifferentiableMotion:
         if obstacle is not None:
             raise obstacle
         self._hold_what_flips(timed, p)
-        max_step = self._max_step(timed)
+        limits = Cuts(timed.stops, timed.jumps, self._max_step(timed))
         if not self.held.system.size:
-            return Cuts(timed.stops, timed.jumps, max_step)
+            return limits
         passage = BorderPassage(
             self.held,
             grid,
             np.r_[x0, np.zeros(self.integrals)] if self.follows_state else None,
             values,
-            stops=np.union1d(timed.stops, timed.jumps),
-            max_step=max_step,
+            limits=limits,
             watch_step=float(whole[-1] - whole[0]) / WATCH_POINTS,
             in_time=self._sides_in_time(float(grid[0]) + self._width, p),
         )
-        course = Cuts(timed.stops, self._follow(passage, timed, p, grid), max_step)
+        course = replace(limits, jumps=self._follow(passage, timed, p, grid))
         self._one_sided.report(passage.cuts, self.held.system.switches)
         for k in passage.at_borders():
             self._one_sided.at_output(self.held.system.switches[k].description, float(grid[-1]))
@@ -303,7 +303,9 @@ class DifferentiableMotion:
         three arguments are those of the course, and of others of its pattern.
         Pieces of equal steps share a compiled integrator.
         """
-        return motion_function(self, course, self.grid if grid is None else grid)
+        grid = self.grid if grid is None else grid
+        pieces = self.pieces * (grid.size - 1) / (self.grid.size - 1)
+        return motion_function(self.held, course, grid, self.symbols(grid.size - 1), pieces)
 
     def poses_from(self, x0: np.ndarray, values: RunValues) -> np.ndarray:
         """Coordinates at the outputs of one run (n_t, n); none if it fails, which a later one reports."""

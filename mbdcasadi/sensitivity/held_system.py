@@ -159,6 +159,11 @@ class HeldSystem:
         return eom.switches
 
     @property
+    def state_size(self) -> int:
+        """Number of components of the state ``(q, v, z)``."""
+        return 2 * int(self.numeric.eom.q.numel()) + int(self.numeric.eom.z.numel())
+
+    @property
     def size(self) -> int:
         """Number of switches."""
         return len(self.switches)

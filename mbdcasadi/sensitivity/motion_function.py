@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -13,63 +13,58 @@ from ..equations.recovery import Recovery
 from ..integrators.compiled import MAX_STEPS
 from ..simulation.schedule import Piece, Schedule
 from .cuts import Cut, Cuts
-
-if TYPE_CHECKING:
-    from .differentiable_motion import DifferentiableMotion
+from .held_system import HeldMotion
 
 
-def motion_function(motion: DifferentiableMotion, course: Cuts, grid: np.ndarray) -> ca.Function:
-    """Return ``(x0, p, levels, channel, cuts, sides, borders) -> (X, end)`` over a grid."""
-    x0, values = ca.MX.sym("x0", motion.state_size - motion.integrals), motion.symbols(grid.size - 1)
-    cuts, sides, borders = course.symbols
-    walk = _Walk(motion, course, grid, ca.vertcat(x0, ca.MX.zeros(motion.integrals + 1)), values, sides)
-    walk.run(cuts, borders)
-    arguments = [x0, *values, cuts, sides, borders]
-    names = ["x0", "p", "levels", "channel", "cuts", "sides", "borders"]
-    return ca.Function("motion", arguments, [ca.horzcat(*walk.columns), walk.end()], names, ["X", "end"])
-
-
-class _Walk:
-    """A way over the grid, from piece to piece.
+def motion_function(held: HeldMotion, course: Cuts, grid: np.ndarray, values: RunValues, pieces: float) -> ca.Function:
+    """Return ``(x0, p, levels, channel, cuts, sides, borders) -> (X, end)`` over a grid.
 
     Parameters
     ----------
-    x : casadi.MX
-        Start, with the integrals and the clock of the whole.
     values : RunValues
-        Values of the parameters and inputs, as expressions.
-    sides : casadi.MX
-        Sides of the switches by piece (switches, pieces).
+        Symbols of the parameters and inputs.
+    pieces : int
+        Number of pieces at whose ends the state is brought back onto the constraints, besides the cuts; rounded.
+    """
+    x0 = ca.MX.sym("x0", held.system.state_size)
+    cuts, sides, borders = course.symbols
+    walk = _Walk(held, course, grid, values, pieces)
+    walk.run(x0, cuts, sides, borders)
+    names = ["x0", *RunValues._fields, "cuts", "sides", "borders"]
+    results = [ca.horzcat(*walk.columns), walk.end()]
+    return ca.Function("motion", [x0, *values, cuts, sides, borders], results, names, ["X", "end"])
+
+
+class _Walk:
+    """A way over the grid, from piece to piece; the arguments are those of :func:`motion_function`.
 
     Attributes
     ----------
     columns : list of casadi.MX
-        States at the outputs.
+        States at the outputs, with the integrals and the clock of the whole.
     """
 
-    def __init__(
-        self,
-        motion: DifferentiableMotion,
-        course: Cuts,
-        grid: np.ndarray,
-        x: ca.MX,
-        values: RunValues,
-        sides: ca.MX,
-    ):
-        self._motion, self._course, self._grid, self._x = motion, course, grid, x
+    def __init__(self, held: HeldMotion, course: Cuts, grid: np.ndarray, values: RunValues, pieces: float):
+        self._held, self._course, self._grid, self._count = held, course, grid, pieces
         self._p, self._levels, self._channel = values
-        self._sides, self._sampled = sides, motion.signals.is_sampled
+        self._sampled = held.system.signals.is_sampled
         self._piece, self._begin, self._on_constraints = 0, float(grid[0]), True
-        self.columns = [x]
+        self.columns: list[ca.MX] = []
 
-    def run(self, times: ca.MX, borders: ca.MX) -> None:
+    def run(self, x0: ca.MX, times: ca.MX, sides: ca.MX, borders: ca.MX) -> None:
         """Go over the grid.
 
         Parameters
         ----------
+        x0 : casadi.MX
+            Start ``(q, v, z)``.
         times, borders : casadi.MX
             Times and borders of the cuts.
+        sides : casadi.MX
+            Sides of the switches by piece (switches, pieces).
         """
+        self._sides, self._x = sides, ca.vertcat(x0, ca.MX.zeros(self._held.system.integrands.numel() + 1))
+        self.columns.append(self._x)
         by_interval: dict[int, list[int]] = {}
         for k, cut in enumerate(self._course.cuts):
             by_interval.setdefault(cut.interval, []).append(k)
@@ -90,12 +85,11 @@ class _Walk:
 
     def _pieces(self, grid: np.ndarray) -> list[Piece]:
         """Pieces of a stretch without cuts: up to jumps of the equations, and ends at which drift is taken away."""
-        motion, course = self._motion, self._course
+        course, intervals = self._course, grid.size - 1
         schedule = Schedule(grid, stops=course.stops, jumps=course.jumps)
-        intervals = grid.size - 1
-        count = max(1, min(intervals, round(motion.pieces * intervals / (motion.grid.size - 1))))
+        count = max(1, min(intervals, round(self._count * intervals / (self._grid.size - 1))))
         ends = grid[[part[-1] + 1 for part in np.array_split(np.arange(intervals), count)]]
-        ends = ends if motion.held.backwards is None else np.r_[ends, course.stops]
+        ends = ends if self._held.backwards is None else np.r_[ends, course.stops]
         lasts = {schedule.index_after(float(end) + schedule.tolerance) - 1 for end in ends}
         pieces, first, start = [], 0, float(grid[0])
         while first < schedule.size:
@@ -116,7 +110,7 @@ class _Walk:
             self._x, self._on_constraints = self._projected(self._begin), True
 
     def _projected(self, time: Any) -> ca.MX:
-        return projected(self._motion.held.system.recovery, time, self._x, self._parameters(self._piece))
+        return projected(self._held.system.recovery, time, self._x, self._parameters(self._piece))
 
     def _fixed(self, piece: Piece) -> None:
         """Go over a piece between times of the grid."""
@@ -165,7 +159,7 @@ class _Walk:
         longest : float
             Length that the piece has at most, s.
         """
-        held, x = self._motion.held, self._x
+        held, x = self._held, self._x
         least_steps = held.compiled.least_steps(longest, self._course.max_step)
         # the rate at which drift decays in the regularised form comes last
         p = ca.vertcat(start, length, self._parameters(self._piece), self._levels, held.decay)
@@ -189,7 +183,7 @@ class _Walk:
 
     def _through(self, cut: Cut, time: ca.MX, border: ca.MX, channel: ca.MX) -> ca.MX:
         """The state beyond a cut, as a function of the state at its time and of the parameters before and after it."""
-        system, y = self._motion.held.system, self._x[:-1]
+        system, y = self._held.system, self._x[:-1]
         p, after = self._parameters(self._piece), self._parameters(self._piece + 1)
         w, rates, before = system.switching(time, y, p, self._levels, channel)
         first = cut.switches[0]

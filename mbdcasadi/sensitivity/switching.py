@@ -20,7 +20,7 @@ from ..numerics.console import interruptible
 from ..numerics.roots import bracketed_root
 from ..numerics.tolerances import AT_REST, ZERO_VALUE
 from ..simulation.changes.impacts import INSTANT
-from .cuts import Cut
+from .cuts import Cut, Cuts
 from .held_system import HeldMotion
 
 #: Rate at which a quantity passes its border, relative to its largest one, below which it touches rather than passes.
@@ -57,10 +57,8 @@ class BorderPassage:
         The start (n_x,); None if all switches are switches in time, and nothing need be integrated.
     values : RunValues
         Values of the parameters and inputs.
-    stops : numpy.ndarray
-        Times over which no step may go, s.
-    max_step : float, optional
-        Longest step, s.
+    limits : Cuts
+        Times over which no step may go, at which the equations jump, and the longest step.
     watch_step : float
         Time between states that are looked at, s.
     in_time : numpy.ndarray
@@ -81,13 +79,13 @@ class BorderPassage:
         x: np.ndarray | None,
         values: RunValues,
         *,
-        stops: np.ndarray,
-        max_step: float | None,
+        limits: Cuts,
         watch_step: float,
         in_time: np.ndarray,
     ):
         system = self._system = held.system
-        self._held, self._grid, self._stops, self._max_step = held, grid, stops, max_step
+        self._held, self._grid, self._max_step = held, grid, limits.max_step
+        self._stops = np.union1d(limits.stops, limits.jumps)
         self._p, self._levels, self._channel = values
         self._follows = x is not None
         self._watched = np.flatnonzero(np.logical_not(system.in_time)) if self._follows else np.zeros(0, int)
