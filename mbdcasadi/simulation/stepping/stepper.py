@@ -13,7 +13,6 @@ from ...arguments.inputs import Signals
 from ...equations.numeric import NumericEquations
 from ...integrators import Integrator
 from ...numerics.console import Interruption
-from ..checks.resolution import Resolution
 from ..formulations import choose_formulation
 from ..outputs import Outputs
 from ..path import Path, Way
@@ -37,8 +36,6 @@ class SteppedSystem:
         Values of the inputs that are numbers; whoever calls a controller changes them in place.
     integrator : Integrator
         Method and tolerances.
-    resolution : Resolution
-        Has some rates integrated along.
     span : float
         Duration of the run, s.
     redundant : bool
@@ -51,7 +48,6 @@ class SteppedSystem:
     signals: Signals
     levels: np.ndarray
     integrator: Integrator
-    resolution: Resolution
     span: float
     redundant: bool
     max_step: float | None = None

@@ -19,6 +19,7 @@ from ...model.events import Event
 from ...numerics.console import Interruption
 from ...results.state import State
 from ..changes.events import EventWatch
+from ..contact.watched_terms import watched_terms
 from ..outputs import Outputs
 from ..path import Path, Way, way_by
 from ..schedule import WATCH_POINTS, Piece
@@ -79,8 +80,8 @@ class WholeStepper(Stepper):
         limits = [limit for limit in (self.max_step, self.integrator.max_step) if limit is not None]
         self._longest = min(limits, default=np.inf)
         self._watch, self._may_fold, self._spacing = watch, may_fold, system.span / WATCH_POINTS
-        terms = system.resolution.terms
-        self._rates, self._keeps_samples = terms.size, system.resolution.has_gaps
+        terms = watched_terms(self.numeric.eom)
+        self._rates, self._keeps_samples = terms.size, bool(terms.owners)
         self._runner = ExplicitRunner(
             explicit_system(self.numeric, self.signals, terms),
             watch.watched(decides),
@@ -185,7 +186,7 @@ class WholeStepper(Stepper):
         return self.way_from(start, x)(times)  # every step ends on the constraints
 
     def way_from(self, start: float, x: np.ndarray, *, precise: bool = False) -> Way:
-        reltol, abstol = PRECISE if precise else (self.integrator.reltol, self.integrator.abstol)
+        reltol, abstol = PRECISE if precise else self.integrator.tolerances
         column = self.signals.columns_from(np.array([start]))
         offset, band, side = self._watch.levels(x)
 
