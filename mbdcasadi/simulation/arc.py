@@ -22,9 +22,9 @@ from .path import Path
 from .schedule import Piece
 from .singular.passage import Passage, SingularPassage, Trail
 from .singular.regularity import Regularity
+from .stepper import SteppedSystem, Stepper
 from .stepping.compiled_stepper import CompiledStepper
 from .stepping.piece_projection import PieceProjection
-from .stepping.stepper import SteppedSystem, Stepper
 from .stepping.whole_stepper import WholeStepper
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from ...integrators.compiled import IntegrationFailure
 from ..contact.gap_closings import Closing, GapClosings
 from ..contact.watched_terms import watched_terms
 from ..path import Path
-from ..stepping.stepper import Stepper
+from ..stepper import Stepper
 
 #: Share of a smoothed quantity's span that the steps may miss (measured on a belt with v_t = 1e-4 m/s: below 0.07
 #: where the motion is as exact as the tolerances, 0.7 to 1 where it is a hundred times less exact than these).

@@ -22,7 +22,7 @@ from ...model.symbols import as_sx
 from ...numerics.evaluation import Evaluator
 from ..contact.watched_terms import has_gap
 from ..path import Path, hermite_states
-from ..stepping.stepper import Stepper
+from ..stepper import Stepper
 
 #: Points of each output interval at which the quantities are evaluated.
 POINTS = 9

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..path import Path, hermite_states
-from ..stepping.stepper import Stepper
+from ..stepper import Stepper
 from .watched_terms import WatchedTerms
 
 #: Depth, m, below which outlines that just touch count as apart: rounding and the tolerances of positions.

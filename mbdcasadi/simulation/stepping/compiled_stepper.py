@@ -28,8 +28,8 @@ from ..contact.watched_terms import WatchedTerms, watched_terms
 from ..formulations import Formulation, Regularised, choose_formulation
 from ..path import Path, Way, way_by
 from ..schedule import PIECES, Piece
+from ..stepper import PRECISE, Counts, SteppedSystem, Stepper
 from .explicit_system import explicit_system
-from .stepper import PRECISE, Counts, SteppedSystem, Stepper
 
 #: Decay of drift in the regularised form: so many times in a piece, and for each radian that a body turns.
 DECAY, DECAY_PER_RADIAN = 20.0, 5.0

@@ -10,7 +10,7 @@ from ...integrators.compiled import IntegrationFailure
 from ..outputs import Outputs
 from ..path import Path
 from ..schedule import Piece
-from .stepper import Stepper
+from ..stepper import Stepper
 
 #: Violation of a constraint (m or rad) that projection cannot remove, from which the mechanism counts as apart.
 APART = 1e-8

@@ -23,8 +23,8 @@ from ..contact.watched_terms import watched_terms
 from ..outputs import Outputs
 from ..path import Path, Way, way_by
 from ..schedule import WATCH_POINTS, Piece
+from ..stepper import PRECISE, Counts, SteppedSystem, Stepper
 from .explicit_system import explicit_system
-from .stepper import PRECISE, Counts, SteppedSystem, Stepper
 
 #: Fall of the regularity, relative to the largest one seen, from which the poses are looked at closely.
 FALL = 0.1

@@ -9,14 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arguments.inputs import Signals
-from ...equations.numeric import NumericEquations
-from ...integrators import Integrator
-from ...numerics.console import Interruption
-from ..formulations import choose_formulation
-from ..outputs import Outputs
-from ..path import Path, Way
-from ..schedule import Piece
+from ..arguments.inputs import Signals
+from ..equations.numeric import NumericEquations
+from ..integrators import Integrator
+from ..numerics.console import Interruption
+from .formulations import choose_formulation
+from .outputs import Outputs
+from .path import Path, Way
+from .schedule import Piece
 
 #: Tolerances of what is integrated to rounding.
 PRECISE = (1e-12, 1e-13)
