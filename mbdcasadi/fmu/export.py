@@ -22,19 +22,17 @@ from ..integrators.native.code import package_version
 from ..model.conditions import read_conditions
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries, refuse_twice
-from ..model.symbols import Input, Parameter, number
+from ..model.symbols import Input, Parameter, number, positive
 from ..numerics.console import keyboard_interrupts
 from ..numerics.writing import writable
 from ..results.state import State
 from ..simulation.tolerances import absolute_tolerance
 from .archive import binary_of, write_archive
-from .description import Description
+from .description import KINDS, Description
 from .functions import Model
 from .sources import OPTIMISATION, source_files
 from .variables import variables_of
 
-#: Kinds of simulation.
-KINDS = ("co-simulation", "model-exchange")
 #: Rate with which drift decays in model exchange, 1/s: drift is small against errors, and nothing becomes stiff.
 DRIFT_RATE = 10.0
 
@@ -145,7 +143,8 @@ def export_fmu(
     shown_parameters = _listed(parameters, mechanism.parameters, Parameter, "parameters=")
     stop, step = _experiment(number(t, "export_fmu", "t"), stop, step)
     reltol, abstol, drift = (
-        _positive(x, name) for name, x in (("reltol", reltol), ("abstol", abstol), ("drift_rate", drift_rate))
+        positive(x, "export_fmu", name)
+        for name, x in (("reltol", reltol), ("abstol", abstol), ("drift_rate", drift_rate))
     )
     setup = Setup(mechanism, "export_fmu", t=t, initial=initial)
     model = _model(setup, initial, outputs, drift)
@@ -166,23 +165,20 @@ def export_fmu(
     )
     compiled = sorted(set(OPTIMISATION) & set(files))
     description = Description(
-        model, variables, name, identifier, "", kinds, compiled, reltol, float(t), stop, step,
+        model, variables, name, identifier, version, "", kinds, compiled, reltol, float(t), stop, step,
         f"mbdcasadi {package_version()}",
     )  # fmt: skip
-    content, files = _content(description, files, version)
+    content, files = _content(description, files)
     binaries = {} if binary is False else _binaries(files, compiled, identifier, version, path, required=bool(binary))
     write_archive(Path(path), content | binaries)
     return Path(path)
 
 
-def _content(
-    description: Description, files: Mapping[str, str], version: int
-) -> tuple[dict[str, bytes], dict[str, str]]:
+def _content(description: Description, files: Mapping[str, str]) -> tuple[dict[str, bytes], dict[str, str]]:
     """Files of the archive but for the binary, and the C files with the token, which is a digest of all of them."""
 
     def described(token: str) -> bytes:
-        written = replace(description, token=token)
-        return written.version_2() if version == 2 else written.version_3()
+        return replace(description, token=token).model_description()
 
     draft = described("")
     digest = hashlib.sha256(b"\0".join([draft, *(text.encode() for text in files.values())])).hexdigest()
@@ -190,7 +186,7 @@ def _content(
     signed = {**files, "model.h": files["model.h"] + f'#define MODEL_TOKEN "{token}"\n'}
     content = {"modelDescription.xml": described(token)}
     content |= {f"sources/{name}": text.encode() for name, text in signed.items()}
-    if version == 3:
+    if description.version == 3:
         content["sources/buildDescription.xml"] = description.build()
     return content, signed
 
@@ -230,7 +226,7 @@ def _experiment(t: float, stop: float | None, step: float | None) -> tuple[float
     """End and communication step of the default experiment."""
     if stop is not None and (stop := number(stop, "export_fmu", "stop")) <= t:
         raise ModelError(f"export_fmu: stop= must be later than the start at t = {t:g} s, got {stop:g}")
-    return stop, None if step is None else _positive(step, "step")
+    return stop, None if step is None else positive(step, "export_fmu", "step")
 
 
 def _units(units: Any) -> dict[str, str]:
@@ -239,13 +235,6 @@ def _units(units: Any) -> dict[str, str]:
     if not isinstance(units, Mapping) or not all(isinstance(text, str) for pair in units.items() for text in pair):
         raise ModelError(f"export_fmu: units= takes a dict of names and units as {{'pin force': 'N'}}, got {units!r}")
     return dict(units)
-
-
-def _positive(value: Any, name: str) -> float:
-    found = number(value, "export_fmu", name)
-    if found <= 0:
-        raise ModelError(f"export_fmu: {name} must be positive, got {found}")
-    return found
 
 
 def _listed(chosen: Any, known: Sequence[Any], wanted: type, argument: str) -> tuple[Any, ...]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import MechanismError, MechanismWarning
 from ..model.bodies import Body
-from ..model.symbols import number
+from ..model.symbols import positive
 from ..numerics.writing import whole_file, writable
 from ..results.columns import read_lines
 from ..results.state import State
@@ -128,9 +128,7 @@ def live_animation(
         refuse_other_than_html(path)
         writable(path)
     model = LiveModel(mechanism, initial, parameters, inputs)
-    rate = 1.0 if speed is None else number(speed, "animate", "speed")
-    if rate <= 0:
-        raise MechanismError(f"animate: speed must be positive, got {rate:g}")
+    rate = 1.0 if speed is None else positive(speed, "animate", "speed")
     drawn = replace(options, names=True, velocities=True)  # to be switched on
     taken = replace(_stage(model, drawn, plots or {}, rate, title), names=options.names)
     animation = LiveAnimation(model, taken, forces)
