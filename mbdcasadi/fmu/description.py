@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from ..integrators.native.code import package_version
 from .functions import Model
 from .variables import UNITS, Variable, Variables
 
@@ -33,8 +35,8 @@ _ABILITIES: dict[int, dict[str, dict[str, str]]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Description:
-    """Contents of the XML files of a unit.
+class Unit:
+    """A functional mock-up unit, and the XML files that describe it.
 
     Attributes
     ----------
@@ -42,43 +44,46 @@ class Description:
         The model.
     variables : Variables
         Its variables.
-    name, identifier : str
-        Name of the model, and of its functions in C.
+    name : str
+        Name of the model.
     version : int
         2 or 3.
-    token : str
-        Digest of everything in the unit.
     kinds : frozenset of str
         Of "co-simulation" and "model-exchange".
-    sources : sequence of str
-        C files that are compiled.
-    reltol, start, stop, step : float or None
-        Of the default experiment.
-    tool : str
-        The package with its version.
+    reltol, abstol : float
+        Tolerances in co-simulation, if the importer gives none.
+    stop, step : float or None
+        End and communication step of the default experiment, s.
     """
 
     model: Model
     variables: Variables
     name: str
-    identifier: str
     version: int
-    token: str
     kinds: frozenset[str]
-    sources: Sequence[str]
     reltol: float
-    start: float
+    abstol: float
     stop: float | None
     step: float | None
-    tool: str
 
-    def model_description(self) -> bytes:
-        """``modelDescription.xml``."""
+    @property
+    def identifier(self) -> str:
+        """Name as one of C."""
+        clean = re.sub(r"[^A-Za-z0-9]+", "_", self.name).strip("_")[:60]
+        return clean if re.match(r"[A-Za-z]", clean) else f"mechanism_{clean}".rstrip("_")
+
+    @property
+    def compiled(self) -> list[str]:
+        """C files that are compiled, which include the others."""
+        return ["equations.c", f"fmi{self.version}.c"]
+
+    def model_description(self, token: str) -> bytes:
+        """``modelDescription.xml``, with a digest of everything in the unit."""
         v, is_3 = self.variables, self.version == 3
         listed = v.all if is_3 else v.all[: len(v.all) - len(v.indicators)]
         # variables are referred to by their value references, in FMI 2.0 by their places from 1 on
         places = {x.reference: str(x.reference if is_3 else k) for k, x in enumerate(listed, start=1)}
-        root = ET.Element("fmiModelDescription", self._head())
+        root = ET.Element("fmiModelDescription", self._head(token))
         self._kinds(root)
         self._common(root)
         variables = ET.SubElement(root, "ModelVariables")
@@ -106,27 +111,27 @@ class Description:
                 ET.SubElement(part, tag if is_3 else "Unknown", entry)
         return _text(root)
 
-    def build(self) -> bytes:
+    def build_description(self) -> bytes:
         """``buildDescription.xml`` of FMI 3.0."""
         root = ET.Element("fmiBuildDescription", {"fmiVersion": "3.0"})
         configuration = ET.SubElement(root, "BuildConfiguration", {"modelIdentifier": self.identifier})
         files = ET.SubElement(configuration, "SourceFileSet", {"language": "C11"})
-        for source in self.sources:
+        for source in self.compiled:
             ET.SubElement(files, "SourceFile", {"name": source})
         return _text(root)
 
     # --- parts of the description of the model ------------------------------------------------
-    def _head(self) -> dict[str, str]:
+    def _head(self, token: str) -> dict[str, str]:
         head = {
             "fmiVersion": f"{self.version}.0",
             "modelName": self.name,
             "description": "Planar mechanism of rigid bodies",
-            "generationTool": self.tool,
+            "generationTool": f"mbdcasadi {package_version()}",
             "variableNamingConvention": "flat",
         }
         if self.version == 3:
-            return head | {"instantiationToken": self.token}
-        return head | {"guid": self.token, "numberOfEventIndicators": str(len(self.variables.indicators))}
+            return head | {"instantiationToken": token}
+        return head | {"guid": token, "numberOfEventIndicators": str(len(self.variables.indicators))}
 
     def _kinds(self, root: ET.Element) -> None:
         """Kinds of simulation with their capabilities, and in FMI 2.0 the sources."""
@@ -137,7 +142,7 @@ class Description:
                 element = ET.SubElement(root, tag, {"modelIdentifier": self.identifier, **abilities})
                 if self.version == 2:
                     files = ET.SubElement(element, "SourceFiles")
-                    for source in self.sources:
+                    for source in self.compiled:
                         ET.SubElement(files, "File", {"name": source})
 
     def _common(self, root: ET.Element) -> None:
@@ -152,7 +157,12 @@ class Description:
         categories = ET.SubElement(root, "LogCategories")
         for name in ("logStatusWarning", "logStatusDiscard", "logStatusError"):
             ET.SubElement(categories, "Category", {"name": name})
-        experiment = {"startTime": self.start, "stopTime": self.stop, "tolerance": self.reltol, "stepSize": self.step}
+        experiment = {
+            "startTime": self.model.start.t,
+            "stopTime": self.stop,
+            "tolerance": self.reltol,
+            "stepSize": self.step,
+        }
         known = {key: f"{value:.17g}" for key, value in experiment.items() if value is not None}
         ET.SubElement(root, "DefaultExperiment", known)
 
