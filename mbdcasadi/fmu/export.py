@@ -213,8 +213,8 @@ def _listed(chosen: Any, known: Sequence[Any], wanted: type, argument: str) -> t
     if chosen is None:
         return tuple(known)
     what = f"export_fmu: {argument}"
-    values = chosen.values() if isinstance(chosen, Mapping) else chosen if isinstance(chosen, list | tuple) else [chosen]
-    if any(isinstance(value, SampledController) for value in values):
+    values = chosen.values() if isinstance(chosen, Mapping) else chosen
+    if any(isinstance(value, SampledController) for value in (values if isinstance(values, Iterable) else [values])):
         raise ModelError(
             f"{what} holds a SampledController, which runs in Python; export the input, and connect the controller to "
             "it outside"

@@ -11,7 +11,7 @@ from ..errors import ModelError
 from ..numerics.lazy import cached_property
 from .geometry.shapes import Shape, rotation_matrix
 from .immutable import HoldsSymbols, Immutable
-from .quantities import Quantities, in_radians, quantity, triple
+from .quantities import HasQuantities, in_radians, quantity, triple
 from .rates import time_derivative
 from .symbols import as_sx, check_name, register
 
@@ -25,7 +25,7 @@ def rotation(angle: Any) -> ca.SX:
     return ca.blockcat([[c, -s], [s, c]])
 
 
-class Body(Immutable, HoldsSymbols):
+class Body(Immutable, HoldsSymbols, HasQuantities):
     """A rigid body in the plane; its frame sits at the centre of mass.
 
     Parameters
@@ -82,13 +82,11 @@ class Body(Immutable, HoldsSymbols):
         shape: Shape | None = None,
     ):
         self.name = check_name(name, "Body")
-        what = f"body '{name}'"
+        what = self.description
         if name == "ground" and not self.is_ground:
             raise ModelError("body 'ground': the global frame has that name (mbd.ground); give the body another one")
-        read = Quantities(what)
-        self.mass = read(mass, "mass", at_least=0.0)
-        self.inertia = read(inertia, "inertia", at_least=0.0)
-        self.limits = read.limits
+        self.mass = self.read(mass, "mass", at_least=0.0)
+        self.inertia = self.read(inertia, "inertia", at_least=0.0)
         self.pose_estimate = triple(pose, what, "pose", "(x, y, phi)")
         in_radians(self.pose_estimate[2], what, "the angle of the pose")
         self.velocity_estimate = triple(velocity, what, "velocity", "(vx, vy, omega)")
@@ -189,6 +187,11 @@ class Body(Immutable, HoldsSymbols):
         return rotation(self.phi)
 
     @property
+    def description(self) -> str:
+        """Kind and name, as messages give it."""
+        return f"body '{self.name}'"
+
+    @property
     def is_ground(self) -> bool:
         """True for the global frame."""
         return False
@@ -208,7 +211,7 @@ class Body(Immutable, HoldsSymbols):
         angle : float or expression, default 0
             Angle of the marker's x axis in that frame, rad.
         """
-        what = f"body '{self.name}'"
+        what = self.description
         point = [quantity(value, what, f"marker {axis}") for value, axis in ((x, "x"), (y, "y"))]
         local = ca.vertcat(*[as_sx(p) for p in point]) - self._shape_centroid
         angle = quantity(angle, what, "marker angle")

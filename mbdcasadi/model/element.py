@@ -16,12 +16,12 @@ from ..errors import ExpressionError, ModelError
 from ..numerics.lazy import cached_property
 from .bodies import Body, Marker, ground
 from .immutable import HoldsSymbols, Immutable
-from .quantities import Limit
+from .quantities import HasQuantities
 from .symbols import as_sx, check_name, register, role_of, symbols_of
 from .validity import Smoothing, ValidityCondition
 
 
-class Element(Immutable, HoldsSymbols):
+class Element(Immutable, HoldsSymbols, HasQuantities):
     """Base class of joints, drivers and forces. Every attribute has a neutral default and may be overridden.
 
     Parameters
@@ -81,7 +81,6 @@ class Element(Immutable, HoldsSymbols):
     rates: Mapping[Any, ca.SX] = MappingProxyType({})
     potential: ca.SX = ca.SX(0)
     external: bool = False
-    limits: tuple[Limit, ...] = ()
     validity_conditions: tuple[ValidityCondition, ...] = ()
 
     def __init__(self, name: str):
