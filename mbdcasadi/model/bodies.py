@@ -222,6 +222,11 @@ class Body(Immutable, HoldsSymbols, HasQuantities):
         return f"{type(self).__name__}({self.name!r}, mass={self.mass}, inertia={self.inertia})"
 
 
+def _component(vector: str, place: int, meaning: str) -> Any:
+    """Return the property that is a component of a vector."""
+    return property(lambda self: getattr(self, vector)[place], doc=meaning)
+
+
 class Marker(Immutable):
     """A point with axes, fixed in the frame of a body.
 
@@ -257,35 +262,12 @@ class Marker(Immutable):
         """Acceleration (2,), m/s²."""
         return time_derivative(self.velocity)
 
-    @property
-    def x(self) -> ca.SX:
-        """First coordinate, m."""
-        return self.position[0]
-
-    @property
-    def y(self) -> ca.SX:
-        """Second coordinate, m."""
-        return self.position[1]
-
-    @property
-    def vx(self) -> ca.SX:
-        """First component of the velocity, m/s."""
-        return self.velocity[0]
-
-    @property
-    def vy(self) -> ca.SX:
-        """Second component of the velocity, m/s."""
-        return self.velocity[1]
-
-    @property
-    def ax(self) -> ca.SX:
-        """First component of the acceleration, m/s²."""
-        return self.acceleration[0]
-
-    @property
-    def ay(self) -> ca.SX:
-        """Second component of the acceleration, m/s²."""
-        return self.acceleration[1]
+    x: ca.SX = _component("position", 0, "First coordinate, m.")
+    y: ca.SX = _component("position", 1, "Second coordinate, m.")
+    vx: ca.SX = _component("velocity", 0, "First component of the velocity, m/s.")
+    vy: ca.SX = _component("velocity", 1, "Second component of the velocity, m/s.")
+    ax: ca.SX = _component("acceleration", 0, "First component of the acceleration, m/s².")
+    ay: ca.SX = _component("acceleration", 1, "Second component of the acceleration, m/s².")
 
     @property
     def angle(self) -> ca.SX:

@@ -82,6 +82,9 @@ class Element(Immutable, HoldsSymbols, HasQuantities):
     potential: ca.SX = ca.SX(0)
     external: bool = False
     validity_conditions: tuple[ValidityCondition, ...] = ()
+    smoothings: tuple[Smoothing, ...] = ()
+    apart: ca.SX | None = None
+    likeness: Hashable = None
 
     def __init__(self, name: str):
         self.name = check_name(name, type(self).__name__)
@@ -90,21 +93,6 @@ class Element(Immutable, HoldsSymbols, HasQuantities):
     def description(self) -> str:
         """Kind and name of the element, as messages give it."""
         return f"{self.kind} '{self.name}'"
-
-    @property
-    def smoothings(self) -> tuple[Smoothing, ...]:
-        """Quantities that change within a short time."""
-        return ()
-
-    @property
-    def apart(self) -> ca.SX | None:
-        """Expression that is positive only if the element's gap is open; None if there is none."""
-        return None
-
-    @property
-    def likeness(self) -> Hashable:
-        """Equal for elements that differ in their bodies alone; None if it is not known."""
-        return None
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:

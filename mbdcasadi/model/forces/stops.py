@@ -37,7 +37,7 @@ class _OneSided(Element):
         return pushing_force(self.law, self.gap, self.rate, self.description)
 
     @cached_property
-    def smoothings(self) -> tuple[Smoothing, ...]:
+    def smoothings(self) -> tuple[Smoothing, ...]:  # type: ignore[override]
         """Quantities that change within a short time: the force."""
         course = continuous_force(self.law, self.gap, self.force, self.description)
         return (Smoothing(course, 1.0, f"{self.description}: its {self._effort}", "or soften the law", course),)

@@ -119,7 +119,7 @@ class FrictionInJoint(Element):
         return self.law.resistance(self.name, self.sliding_speed, self.load)
 
     @cached_property
-    def smoothings(self) -> tuple[Smoothing, ...]:
+    def smoothings(self) -> tuple[Smoothing, ...]:  # type: ignore[override]
         """Quantities that change within a short time: the smoothed sign of the friction."""
         subject = "its change of direction"
         remedy = f"{self.law.remedy}, or use DryFriction, which needs no smoothing"
