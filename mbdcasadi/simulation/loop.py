@@ -360,11 +360,13 @@ class Run:
         self._arc.trail.begin(self._time, self._x)
 
     def _keep(self, times: np.ndarray, x: np.ndarray, since: np.ndarray, outputs: Outputs | None = None) -> None:
-        """Record outputs, up to the one at which friction leaves the reactions open."""
-        if not times.size:
-            return
+        """Record outputs at states."""
+        if times.size:
+            self._record((outputs or self._arc.stepper.outputs).block(times, x, since))
+
+    def _record(self, block: tuple[np.ndarray, ...]) -> None:
+        """Record ``t, q, v, a, z, lam, u`` by row, up to the output at which friction leaves the reactions open."""
         arc = self._arc
-        block = (outputs or arc.stepper.outputs).block(times, x, since)
         t, q, v, _, z, lam, u = block
         lost = arc.uniqueness.first_lost(t, q, v, z, lam, u)
         self.modes.check(arc.mode, self._builder.add(arc.mode, *(part[:lost] for part in block)))
@@ -390,7 +392,7 @@ class Run:
             statistics.formulation = self.modes.prefix + arc.stepper.formulation.name
             if self.redundant:
                 statistics.notes.append(LEAST_NORM)
-            self._keep(np.array([state.t]), self._x[None, :], np.array([state.t]))
+            self._record(tuple(np.array(part)[None] for part in state.arguments[:-1]))
 
     def _occurrence(self, crossing: Crossing) -> EventOccurrence:
         state = self._arc.stepper.outputs.state(crossing.time, crossing.x)
