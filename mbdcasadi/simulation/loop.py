@@ -25,7 +25,7 @@ from ..results.validity import validity_conditions
 from .arc import Arc, ends_run, resets_or_ends
 from .changes.events import Crossing
 from .changes.impacts import INSTANT
-from .changes.modes import Modes
+from .changes.modes import Block, Modes
 from .changes.transitions import Transitions
 from .checks.failure_diagnosis import cause_of_failure, singular_event
 from .checks.unseen_loads import meets_loads
@@ -364,12 +364,14 @@ class Run:
         if times.size:
             self._record((outputs or self._arc.stepper.outputs).block(times, x, since))
 
-    def _record(self, block: tuple[np.ndarray, ...]) -> None:
-        """Record ``t, q, v, a, z, lam, u`` by row, up to the output at which friction leaves the reactions open."""
+    def _record(self, block: Block) -> None:
+        """Record outputs, up to the one at which friction leaves the reactions open."""
         arc = self._arc
         t, q, v, _, z, lam, u = block
         lost = arc.uniqueness.first_lost(t, q, v, z, lam, u)
-        self.modes.check(arc.mode, self._builder.add(arc.mode, *(part[:lost] for part in block)))
+        unique = block if lost is None else tuple(part[:lost] for part in block)
+        self._builder.add(arc.mode, unique)
+        self.modes.check(arc.mode, unique)
         if lost is not None:
             raise SimulationError(
                 f"{arc.uniqueness.sentence(float(t[lost]))}; what was computed is in .partial", time=float(t[lost])
