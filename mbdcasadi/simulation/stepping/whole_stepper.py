@@ -16,6 +16,7 @@ from ...integrators.native.stretch import Progress, Reached, Status, Stretch
 from ...kinematics.singular import singular_pose
 from ...model.events import Event
 from ...numerics.console import Interruption
+from ...numerics.lazy import cached_property
 from ...results.state import State
 from ..changes.events import EventWatch
 from ..contact.watched_terms import watched_terms
@@ -86,12 +87,15 @@ class WholeStepper(Stepper):
             self.numeric.eom.mechanism.cache,
             compiles=self.integrator.jit,
         )
-        self.outputs: Outputs = WholeOutputs(self.numeric, self.signals, self.levels, self._runner)
         self._progress = Progress()
         self._end: tuple[float, np.ndarray] | None = None
         self._last_start: float | None = None
         self._starts = self._steps = self._all_steps = 0
         self._is_stiff = False
+
+    @cached_property
+    def outputs(self) -> Outputs:
+        return WholeOutputs(self.numeric, self.signals, self.levels, self._runner)
 
     @property
     def counts(self) -> Counts:
@@ -158,7 +162,8 @@ class WholeStepper(Stepper):
         self._end = float(times[-1]), reached.x[-1].copy()
         if again:  # it was sent back to meet something with care
             self._progress.step = 0.0
-        increments = np.diff(reached.integrals, axis=0, prepend=np.zeros((1, self._rates)))
+        increments = reached.integrals.copy()
+        increments[1:] -= reached.integrals[:-1]
         return Path(
             np.concatenate([[piece.start], times]),
             np.vstack([x, reached.x]),
