@@ -23,11 +23,10 @@ from ..contact.watched_terms import watched_terms
 from ..outputs import Outputs
 from ..path import Path, Way, way_by
 from ..schedule import WATCH_POINTS, Piece
+from ..singular.regularity import FALL
 from ..stepper import PRECISE, Counts, SteppedSystem, Stepper
 from .explicit_system import explicit_system
 
-#: Fall of the regularity, relative to the largest one seen, from which the poses are looked at closely.
-FALL = 0.1
 #: Steps at the limit of stability, and steps that are still to come at that size, from which a motion is too stiff.
 STIFF_STEPS, TOO_MANY_STEPS = 1000, 200_000
 #: Steps of the short way to an event or past a singular pose, at most.
