@@ -111,11 +111,11 @@ def time_grid(times: Any, *, least: int = 2) -> np.ndarray:
         raise SimulationError(f"times must be numbers, got {times!r}") from None
     if grid.ndim != 1 or grid.size < least:
         raise SimulationError(f"times must be a list of at least {least} values, got an array of shape {grid.shape}")
-    if not np.all(np.isfinite(grid)):
-        k = int(np.flatnonzero(~np.isfinite(grid))[0])
+    finite, increasing = np.isfinite(grid), grid[1:] > grid[:-1]
+    if not finite.all():
+        k = int(np.argmin(finite))
         raise SimulationError(f"times must be finite, but times[{k}] is {grid[k]}")
-    steps = np.diff(grid)
-    if np.any(steps <= 0):
-        k = int(np.flatnonzero(steps <= 0)[0])
+    if not increasing.all():
+        k = int(np.argmin(increasing))
         raise SimulationError(f"times must increase, but times[{k}] = {grid[k]} is followed by {grid[k + 1]}")
     return grid

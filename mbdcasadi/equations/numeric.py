@@ -301,7 +301,8 @@ class NumericEquations:
                 time=t,
             )
         a, lam = self._solved(t, q, v, z, u, redundant=redundant)
-        if self.eom.Q_depends_on_lam and not np.all(np.isfinite(a)):
+        finite = bool(np.isfinite(a).all())
+        if self.eom.Q_depends_on_lam and not finite:
             raise SingularityError(
                 f"no accelerations and reactions meet the equations at t = {t:.6g} s, and forces depend on both: "
                 "friction is so large that a joint jams, or a force is not finite there",
@@ -310,14 +311,14 @@ class NumericEquations:
         jacobian, gamma = self.acceleration(t, q, v)
         left_over = jacobian @ a - gamma if a.size else np.zeros(0)
         missed = left_over / self._acceleration_terms(jacobian, gamma, a)
-        broken = self.forces_not_finite(t, q, v, z, u) if not np.all(np.isfinite(a)) else []
+        broken = [] if finite else self.forces_not_finite(t, q, v, z, u)
         if broken:
             raise SingularityError(
                 f"the force of {', '.join(broken)} is not finite at t = {t:.6g} s: data of a spline that are left, a "
                 "division by zero, or a root of a negative number (a length or a volume that has become negative)",
                 time=t,
             )
-        if not np.all(np.isfinite(a)) or not np.all(np.isfinite(lam)) or largest(missed) > ACCELERATION_TOLERANCE:
+        if not finite or not np.isfinite(lam).all() or largest(missed) > ACCELERATION_TOLERANCE:
             names = self.eom.row_names
             worst = np.argsort(-np.abs(np.where(np.isfinite(missed), missed, np.inf)))[:3]
             raise SingularityError(
@@ -347,11 +348,13 @@ class NumericEquations:
 
     def _dynamics_evaluator(self, *, redundant: bool) -> Evaluator | None:
         """The forward dynamics; None if these iterate."""
-        function = self.forward_dynamics(redundant=redundant)
-        if not function.is_a("SXFunction"):
-            return None
+
+        def make() -> Evaluator | None:
+            function = self.forward_dynamics(redundant=redundant)
+            return Evaluator(function) if function.is_a("SXFunction") else None
+
         key = ("forward dynamics by row", self.light_key, redundant)
-        return self.eom.mechanism.cache.get_or_create(key, lambda: Evaluator(function))
+        return self.eom.mechanism.cache.get_or_create(key, make)
 
     def accelerations_of_rows(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray, *, redundant: bool

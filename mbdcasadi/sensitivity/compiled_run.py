@@ -21,7 +21,7 @@ from ..numerics.console import call
 from ..numerics.lazy import cached_property
 from ..results.state import State
 from ..simulation.changes.modes import SingleMode
-from ..simulation.checks.accuracy import range_near_rounding, tolerance_for, unresolved_range
+from ..simulation.checks.accuracy import range_near_rounding, ranges, tolerance_for, unresolved_range
 from ..simulation.contact.watched_terms import has_gaps
 from ..simulation.path import Path, hermite_states
 from ..simulation.simulate import chosen_integrator, suited_to_friction
@@ -118,7 +118,7 @@ class MotionSetup(Setup):
             If the tolerance was given, and does not resolve the smallest one.
         """
         abstol = self.integrator.abstol
-        known = [(q, tolerance_for(q, abstol)) for q in motions if len(q) and np.all(np.isfinite(q))]
+        known = [(q, tolerance_for(ranges(q), abstol)) for q in motions if len(q) and np.all(np.isfinite(q))]
         small = [(finer, q) for q, finer in known if finer is not None]
         if not small:
             return False
