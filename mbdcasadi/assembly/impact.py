@@ -17,7 +17,8 @@ from ..errors import ModelError, SimulationError
 from ..model.events import read_restitution
 from ..model.mechanism import Mechanism
 from ..numerics.console import keyboard_interrupts
-from ..numerics.least_squares import largest, least_norm
+from ..numerics.least_squares import largest
+from ..numerics.newton import solve
 from ..results.state import State
 from .consistent_start import carried_by, complete_state, position_limits
 
@@ -135,26 +136,26 @@ def _carried(numeric: NumericEquations, before: State, what: str) -> tuple[np.nd
 
 def _closed(numeric: NumericEquations, law: ImpactLaw, t: float, q: np.ndarray, what: str) -> np.ndarray:
     """The pose on the constraints of a new mechanism; one in which they do not hold is refused."""
-    eom = numeric.eom
-    extra = list(range(3 * len(eom.mechanism.bodies), q.size))
-    for _ in range(20 if extra else 0):  # coordinates without inertia belong to the joints that close
-        phi, jacobian = numeric.position(t, q)
-        step = least_norm(jacobian[:, extra], -phi)
-        q = q.copy()
-        q[extra] += step
-        if largest(step) < 1e-13 * (1 + largest(q)):
-            break
+    eom, count = numeric.eom, 3 * len(numeric.eom.mechanism.bodies)
+    of_bodies, others = np.split(q, [count])
+
+    def rows(others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        phi, jacobian = numeric.position(t, np.r_[of_bodies, others])
+        return phi, jacobian[:, count:]
+
+    if others.size:  # coordinates without inertia belong to the joints that close
+        q = np.r_[of_bodies, solve(rows, others, np.ones(others.size)).x]
     phi = numeric.position(t, q)[0]
     function = ca.Function("momentary", [eom.t, eom.q, eom.p], [ca.densify(law.momentary)])
     moment = function(t, q, numeric.p).full().ravel()
     limits = np.r_[position_limits(numeric), position_limits(numeric, np.zeros(moment.size, bool))]
-    rows = np.abs(np.r_[phi, moment])
-    if np.any(rows > limits):
-        worst = int(np.argmax(rows / limits))
+    missed = np.abs(np.r_[phi, moment])
+    if np.any(missed > limits):
+        worst = int(np.argmax(missed / limits))
         names = [*(eom.row_names[k] for k in eom.position_rows), *law.row_names[eom.lam.numel() :]]
         raise SimulationError(
             f"{what}: the position of '{names[worst]}' of the new mechanism does not hold, it is off by "
-            f"{rows[worst]:.3g}; a joint closes where its rows vanish, or a parameter in it takes the value of that "
+            f"{missed[worst]:.3g}; a joint closes where its rows vanish, or a parameter in it takes the value of that "
             "instant",
             time=t,
         )

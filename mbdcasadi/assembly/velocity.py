@@ -65,10 +65,8 @@ class VelocityProblem(NearestProblem):
 
     def _optimised(self, start: np.ndarray, estimate: np.ndarray) -> np.ndarray | None:
         # independent rows only: with more rows than velocities IPOPT does not start
-        rank = analyse_rank(self._jacobian)
-        free = rank.null_columns
-        basis = np.linalg.svd(free, full_matrices=True)[0][:, free.shape[1] :].T
-        rows = ca.DM(basis) @ (self.numeric.eom.v - ca.DM(start))
+        free = analyse_rank(self._jacobian).null_columns
+        rows = ca.DM(analyse_rank(free.T).null_columns.T) @ (self.numeric.eom.v - ca.DM(start))
         equal, unequal = (
             [ca.substitute(c.expression, *self._known) for c in part] for part in (self.equalities, self.inequalities)
         )

@@ -80,7 +80,7 @@ class EffortProblem:
         return np.broadcast_to(residual.T, (count, n)), _blocks(slope, count, n, unknowns.shape[1])
 
     def _by_newton(self, frame: Trajectory, unknowns: np.ndarray) -> np.ndarray:
-        """Solutions at all times by Newton's method, each step shortened until its residual falls."""
+        """Solutions by Newton's method at all times at once, the step of each shortened until its residual falls."""
         residual, matrix = self._at(frame, unknowns)
         for _ in range(NEWTON_STEPS):
             step = -_least_norm(matrix, residual)

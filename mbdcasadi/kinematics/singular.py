@@ -61,6 +61,7 @@ def describe_singularity(
     eom = numeric.eom
     jacobian, nu = numeric.velocity(t, q)
     size = numeric.scale.row_size(jacobian)
+    # the smallest one, whether or not it counts as zero
     left, values, _ = np.linalg.svd(numeric.scale.scaled(jacobian))
     smallest = left[:, min(len(values), left.shape[1]) - 1]
     order = np.argsort(-np.round(np.abs(smallest), 6), kind="stable")  # of rows that weigh the same the first
