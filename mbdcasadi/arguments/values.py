@@ -11,7 +11,7 @@ from ..equations import Equations
 from ..errors import ModelError, SimulationError
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries, refuse_twice
-from ..model.symbols import Input, Parameter, number
+from ..model.symbols import Input, Parameter, number, place_of
 from ..numerics.real import real_array
 
 
@@ -50,9 +50,9 @@ def pairs_of(values: Any, argument: str) -> list[tuple[Any, Any]]:
 def position_in(symbols: Iterable[Any], key: Any, argument: str) -> int:
     """Index of a symbol among those of the mechanism, or an error that names it."""
     known = list(symbols)
-    for k, symbol in enumerate(known):
-        if symbol is key:
-            return k
+    place = place_of(key, known)
+    if place is not None:
+        return place
     label = getattr(key, "label", repr(key))
     names = ", ".join(repr(s.label) for s in known) or "none"
     raise ModelError(f"{argument} holds '{label}', which is not in the mechanism; it has {names}")
@@ -61,7 +61,7 @@ def position_in(symbols: Iterable[Any], key: Any, argument: str) -> int:
 def pairs_with(symbols: Iterable[Any], pairs: Iterable[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
     """Pairs whose keys are among some symbols."""
     known = list(symbols)
-    return [(key, value) for key, value in pairs if any(key is symbol for symbol in known)]
+    return [(key, value) for key, value in pairs if place_of(key, known) is not None]
 
 
 def inputs_and_parameters(mechanism: Mechanism, listed: Any, argument: str) -> tuple[Any, ...]:

@@ -14,7 +14,7 @@ from ..model.immutable import Immutable
 from ..model.symbols import as_expression
 from ..numerics.real import real_array
 from ..printing import to_text
-from ..sensitivity.design_variables import same
+from ..sensitivity.design_variables import find_output
 
 
 class IdentificationError(MechanismError):
@@ -101,12 +101,11 @@ class Experiment(Immutable):
 
     def rows_of(self, key: Any) -> slice | None:
         """Rows of an output among the samples."""
-        first = 0
-        for expression in self.outputs:
-            if same(expression, ca.SX(key)):
-                return slice(first, first + expression.numel())
-            first += expression.numel()
-        return None
+        k = find_output([("", e) for e in self.outputs], key)
+        if k is None:
+            return None
+        first = sum(e.numel() for e in self.outputs[:k])
+        return slice(first, first + self.outputs[k].numel())
 
     @property
     def measured(self) -> np.ndarray:

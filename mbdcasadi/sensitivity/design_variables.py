@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,7 @@ from ..errors import ModelError
 from ..model.conditions import Condition, read_conditions
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries
-from ..model.symbols import Input, Parameter, StateVariable
+from ..model.symbols import Input, Parameter, StateVariable, as_expression
 from ..numerics.lazy import cached_property
 from ..results.state import State
 from .differentiable_start import DifferentiableStart
@@ -209,6 +209,14 @@ class PhasedDesignVariables(DesignVariables):
                     )
                 return Entry(key, f"{word} '{key.label}'", "later", k, np.array([float(value)]), key.lower, key.upper)
         return super()._entry(key)
+
+
+def find_output(outputs: Iterable[tuple[Any, Any]], key: Any) -> int | None:
+    """Return the place of an output among pairs of a name and an expression, by either; None if there is none."""
+    if isinstance(key, str):
+        return next((k for k, (name, _) in enumerate(outputs) if isinstance(name, str) and name == key), None)
+    wanted = as_expression(key, "output")
+    return next((k for k, (_, expression) in enumerate(outputs) if same(expression, wanted)), None)
 
 
 def same(one: Any, other: Any) -> bool:

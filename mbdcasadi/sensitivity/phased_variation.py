@@ -28,7 +28,7 @@ from ..equations.impact_law import ImpactLaw
 from ..errors import ModelError, SimulationError
 from ..model.events import Event
 from ..model.mechanism import Mechanism
-from ..model.symbols import Parameter, StateVariable
+from ..model.symbols import Parameter, StateVariable, place_of
 from ..numerics.least_squares import largest, least_norm
 from ..numerics.rank import analyse_rank
 from ..results.phases import places_in
@@ -247,7 +247,7 @@ class _Change:
         old, n = list(self._flow.mechanism.states), self._flow.eom.q.numel()
         dz = np.zeros((len(self._following.mechanism.states), dq.shape[1]))
         for k, symbol in enumerate(self._following.mechanism.states):
-            place = next((i for i, other in enumerate(old) if other is symbol), None)
+            place = place_of(symbol, old)
             dz[k] = states.get(symbol, 0.0 if place is None else self._instant.dx[2 * n + place])
         return np.vstack([dq, dv, dz]), parameters
 

@@ -22,7 +22,7 @@ from ..simulation.changes.events import read_events
 from ..simulation.simulate import simulate
 from .compiled_run import CompiledRun, MotionSetup
 from .derivatives import Compiled
-from .design_variables import DesignVariables, PhasedDesignVariables, same
+from .design_variables import DesignVariables, PhasedDesignVariables, find_output
 from .phase_flow import Directions, VariedMotion
 from .phased_variation import EventVariation, phased_variation
 
@@ -58,13 +58,12 @@ class Sensitivities(HoldsSymbols):
         self._slope = slope.reshape(t.size, rows, design.size)
 
     def _rows(self, key: Any) -> tuple[slice, ca.SX]:
-        first = 0
-        for name, expression in self._outputs:
-            if (isinstance(key, str) and name == key) or (not isinstance(key, str) and same(expression, ca.SX(key))):
-                return slice(first, first + expression.numel()), expression
-            first += expression.numel()
-        names = ", ".join(repr(name) if isinstance(name, str) else str(name) for name, _ in self._outputs)
-        raise ModelError(f"{key!r} is not among the outputs: {names}")
+        k = find_output(self._outputs, key)
+        if k is None:
+            names = ", ".join(repr(name) if isinstance(name, str) else str(name) for name, _ in self._outputs)
+            raise ModelError(f"{key!r} is not among the outputs: {names}")
+        expression, first = self._outputs[k][1], sum(e.numel() for _, e in self._outputs[:k])
+        return slice(first, first + expression.numel()), expression
 
     def __getitem__(self, key: Any) -> np.ndarray:
         """``found[output]`` or ``found[output, parameter]``."""

@@ -13,7 +13,7 @@ from ..model.mechanism import Mechanism
 from ..model.symbols import Parameter
 from ..numerics.lazy import optional_package
 from ..results.notebook import html_table
-from ..sensitivity.design_variables import same
+from ..sensitivity.design_variables import find_output
 
 #: Cases of a sweep that a notebook shows, at most.
 SHOWN_CASES = 12
@@ -83,10 +83,10 @@ class Sweep:
 
     def __getitem__(self, key: Any) -> np.ndarray:
         """Values of an output, by its name or by the expression."""
-        for (name, _, expression), values in zip(self._outputs, self._columns(), strict=True):
-            if name == key if isinstance(key, str) else expression is not None and same(expression, key):
-                return values
-        raise ModelError(f"{key!r} is not among the outputs: {', '.join(self.names)}")
+        k = find_output([(name, expression) for name, _, expression in self._outputs], key)
+        if k is None:
+            raise ModelError(f"{key!r} is not among the outputs: {', '.join(self.names)}")
+        return self._columns()[k]
 
     def _columns(self) -> list[np.ndarray]:
         """Values of each output: (cases, n_t) of a scalar, else (cases, n_t, k)."""
