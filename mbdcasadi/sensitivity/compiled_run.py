@@ -90,7 +90,6 @@ class MotionSetup(Setup):
         MechanismWarning
             If the one that was given does not resolve it.
         """
-
         given = self.integrator
         made = DifferentiableMotion(self, given, varied=varied, **options)
         for sentence in range_near_rounding(made.poses):
