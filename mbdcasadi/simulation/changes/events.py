@@ -58,8 +58,8 @@ class _Terms:
     ----------
     rate_is_known : list of bool
         By event.
-    rates, accelerations : casadi.SX
-        First and second derivatives of the expressions; 0 if the model does not know them.
+    rates, derivatives : casadi.SX
+        First derivatives of the expressions, and these above the second ones; 0 if the model does not know them.
     values : casadi.Function
         The expressions.
     left_out : tuple of int or None
@@ -70,7 +70,7 @@ class _Terms:
         rates = [_rate(eom, e.expression) for e in events]
         self.rate_is_known = [rate is not None for rate in rates]
         self.rates = ca.vertcat(ca.SX(0, 1), *[ca.SX(0) if rate is None else rate for rate in rates])
-        self.accelerations = ca.vertcat(ca.SX(0, 1), *[_second_rate(eom, e.expression) for e in events])
+        self.derivatives = ca.vertcat(self.rates, *[_second_rate(eom, e.expression) for e in events])
         expressions = ca.vertcat(ca.SX(0, 1), *[e.expression for e in events])
         self.values = eom.function(expressions)
         needs = ca.depends_on(expressions, ca.vertcat(eom.a, eom.lam, eom.u))
@@ -98,6 +98,7 @@ class EventWatch:
         self._side: dict[int, float] = {}
         self._offset: dict[int, float] = {}
         self._not_a_number: set[int] = set()
+        self._last: tuple[State, np.ndarray] | None = None
         self._terms: _Terms = eom.mechanism.cache.get_or_create(
             ("events", *self.events), lambda: _Terms(eom, self.events), bounded=bool(self.events)
         )
@@ -143,7 +144,7 @@ class EventWatch:
 
     def rates(self, state: State) -> np.ndarray:
         """Rates of the expressions at a state; 0 if the model does not know them."""
-        return self._at(self._terms.rates, state)
+        return self._derivatives(state)[0]
 
     def rate_expression(self, index: int) -> ca.SX | None:
         """Rate of the expression of an event; None if the model does not know it."""
@@ -151,14 +152,19 @@ class EventWatch:
 
     def accelerations(self, state: State) -> np.ndarray:
         """Second derivatives of the expressions at a state; 0 if the model does not know them."""
-        return self._at(self._terms.accelerations, state)
+        return self._derivatives(state)[1]
 
-    @staticmethod
-    def _at(expression: ca.SX, state: State) -> np.ndarray:
-        """Values of a column of expressions at a state; 0 where they have none, as the rate of a norm at zero."""
-        if not expression.numel():
-            return np.zeros(0)
-        return np.nan_to_num(state.equations.function(expression)(*state.arguments).full().ravel())
+    def _derivatives(self, state: State) -> np.ndarray:
+        """First and second derivatives at a state (2, n); 0 where they have none, as of a norm at zero.
+
+        Those at the last state are kept.
+        """
+        if self._last is None or self._last[0] is not state:
+            found = np.zeros(0)
+            if self.events:
+                found = state.equations.function(self._terms.derivatives)(*state.arguments).full()
+            self._last = state, np.nan_to_num(found).reshape(2, -1)
+        return self._last[1]
 
     def start_at(self, state: State) -> None:
         """Forget what was before: a piece of motion starts, and each expression on the side to which it goes."""
