@@ -14,6 +14,7 @@ from ...errors import ExpressionError, ModelError, warn
 from ...integrators.native.stretch import Watched
 from ...model.events import Event
 from ...model.rates import time_derivative
+from ...numerics.evaluation import Evaluator
 from ...numerics.least_squares import largest
 from ...numerics.roots import bracketed_root, nears_zero
 from ...numerics.tolerances import AT_REST, ZERO_VALUE
@@ -60,7 +61,7 @@ class _Terms:
         By event.
     rates, derivatives : casadi.SX
         First derivatives of the expressions, and these above the second ones; 0 if the model does not know them.
-    values : casadi.Function
+    values, evaluator : casadi.Function, Evaluator
         The expressions.
     left_out : tuple of int or None
         Sizes of what a state need not be completed by, if no event contains accelerations, reactions or inputs.
@@ -73,6 +74,7 @@ class _Terms:
         self.derivatives = ca.vertcat(self.rates, *[_second_rate(eom, e.expression) for e in events])
         expressions = ca.vertcat(ca.SX(0, 1), *[e.expression for e in events])
         self.values = eom.function(expressions)
+        self.evaluator = Evaluator(self.values)
         needs = ca.depends_on(expressions, ca.vertcat(eom.a, eom.lam, eom.u))
         self.left_out = None if needs else (eom.a.numel(), eom.lam.numel(), eom.u.numel())
 
@@ -98,7 +100,8 @@ class EventWatch:
         self._side: dict[int, float] = {}
         self._offset: dict[int, float] = {}
         self._not_a_number: set[int] = set()
-        self._last: tuple[State, np.ndarray] | None = None
+        self._state: State | None = None
+        self._known: dict[str, Any] = {}
         self._terms: _Terms = eom.mechanism.cache.get_or_create(
             ("events", *self.events), lambda: _Terms(eom, self.events), bounded=bool(self.events)
         )
@@ -140,7 +143,7 @@ class EventWatch:
         else:
             t, (q, v, z) = times, outputs.split(x)
             a, lam, u = (np.zeros((times.size, size)) for size in self._terms.left_out)
-        return self._terms.values(t[None, :], q.T, v.T, a.T, z.T, lam.T, u.T, outputs.numeric.p).full().T
+        return self._terms.evaluator.rows(t[:, None], q, v, a, z, lam, u, outputs.numeric.p)[0]
 
     def rates(self, state: State) -> np.ndarray:
         """Rates of the expressions at a state; 0 if the model does not know them."""
@@ -155,16 +158,23 @@ class EventWatch:
         return self._derivatives(state)[1]
 
     def _derivatives(self, state: State) -> np.ndarray:
-        """First and second derivatives at a state (2, n); 0 where they have none, as of a norm at zero.
+        """First and second derivatives at a state (2, n); 0 where they have none, as of a norm at zero."""
 
-        Those at the last state are kept.
-        """
-        if self._last is None or self._last[0] is not state:
-            found = np.zeros(0)
-            if self.events:
-                found = state.equations.function(self._terms.derivatives)(*state.arguments).full()
-            self._last = state, np.nan_to_num(found).reshape(2, -1)
-        return self._last[1]
+        def found() -> np.ndarray:
+            if not self.events:
+                return np.zeros((2, 0))
+            values = state.equations.function(self._terms.derivatives)(*state.arguments).full()
+            return np.nan_to_num(values).reshape(2, -1)
+
+        return self._once(state, "derivatives", found)
+
+    def _once(self, state: State, key: str, find: Callable[[], Any]) -> Any:
+        """What is found at a state; at the last one it is kept."""
+        if self._state is not state:
+            self._state, self._known = state, {}
+        if key not in self._known:
+            self._known[key] = find()
+        return self._known[key]
 
     def start_at(self, state: State) -> None:
         """Forget what was before: a piece of motion starts, and each expression on the side to which it goes."""
@@ -205,12 +215,14 @@ class EventWatch:
 
     def at_zero(self, state: State) -> list[int]:
         """Events whose expressions vanish at a state, within an instant of its motion and within rounding."""
-        if not self.events:
-            return []
-        size = ZERO_VALUE * (1 + largest(state.q))
-        values = np.array([float(state[event.expression]) for event in self.events])
-        limits = np.maximum(self.instant * np.abs(self.rates(state)), size)
-        return [int(k) for k in np.flatnonzero(np.abs(values) <= limits)]
+
+        def found() -> list[int]:
+            size = ZERO_VALUE * (1 + largest(state.q))
+            values = np.array([float(state[event.expression]) for event in self.events])
+            limits = np.maximum(self.instant * np.abs(self.rates(state)), size)
+            return [int(k) for k in np.flatnonzero(np.abs(values) <= limits)]
+
+        return self._once(state, "at zero", found) if self.events else []
 
     def pressed_through(self, state: State) -> list[Event]:
         """Events at rest at their zeros, through which the accelerations press them."""
