@@ -133,6 +133,10 @@ class Signals:
         channel = self.channel_from(begins)
         return np.zeros((np.size(begins), 0)) if channel is None else channel.T
 
+    def channel_over(self, grid: np.ndarray) -> np.ndarray:
+        """Values of the channel in the intervals of a grid (rows, k)."""
+        return self.columns_from(grid[:-1]).T
+
     @property
     def given_by_expressions(self) -> list[int]:
         """Positions of the inputs that are expressions, neither numbers nor samples."""
@@ -187,9 +191,7 @@ class Signals:
         # with the function, which keeps the nodes whose hashes are in the structure
         evaluator = eom.mechanism.cache.get_or_create(("inputs", self.structure), lambda: Evaluator(self.function(eom)))
         level_values = self.level_values if levels is None else levels
-        if channel is None:
-            channel = self.channel_from(times)
-        rows = np.zeros(0) if channel is None else channel.T
+        rows = self.columns_from(times) if channel is None else channel.T
         return evaluator.rows(times[:, None], q, v, z, p, level_values, rows)[0]
 
 

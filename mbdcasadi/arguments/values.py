@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,24 @@ from ..model.mechanism import Mechanism
 from ..model.quantities import entries, refuse_twice
 from ..model.symbols import Input, Parameter, number
 from ..numerics.real import real_array
+
+
+class RunValues(NamedTuple):
+    """Everything besides its start on which a run depends: numbers, or expressions of them.
+
+    Attributes
+    ----------
+    p : numpy.ndarray
+        Values of the parameters.
+    levels : numpy.ndarray
+        Values of the inputs that are numbers.
+    channel : numpy.ndarray
+        Values of sampled inputs in the intervals between the output times (rows, k).
+    """
+
+    p: Any
+    levels: Any
+    channel: Any
 
 
 def pairs_of(values: Any, argument: str) -> list[tuple[Any, Any]]:

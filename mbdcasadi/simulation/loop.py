@@ -250,7 +250,7 @@ class Run:
             passage = arc.passage_from(path, self._schedule.smooth_until)
         if passage is not None:
             return self._advance_across(piece, path, passage)
-        touch = arc.first_touch(path) if failure is None else None
+        touch = arc.resolution.first_touch(path) if failure is None else None
         if touch is not None and touch[0] - piece.start >= NEW_START * piece.length:
             piece, path, failure = self._integrated(piece.until(touch[0]))
             self._extra_stops = touch[1]
@@ -270,7 +270,7 @@ class Run:
         """
         failure = None
         for _ in range(LOOKS):
-            load = self._arc.first_unseen_load(path)
+            load = self._arc.unseen_loads.first(path)
             if load is None:
                 break
             if load.interval:
@@ -310,7 +310,7 @@ class Run:
             x = np.where((times > deciding[0].time)[:, None], deciding[0].x, x)
         if failure is None and passage is None and times.size:
             counted = path.until(deciding[0].time if deciding else float(times[-1]))
-            arc.note(counted)
+            arc.resolution.note(counted)
             if self.keeps_paths:
                 self._paths.append(counted)
         kept = np.flatnonzero(piece.wanted[:count])
@@ -506,8 +506,8 @@ class Run:
         if not self._paths:
             return np.inf
         path = Path.joined(self._paths)
-        return min(self._arc.shortest_load(path), self._arc.shortest_contact(path))
+        return min(self._arc.unseen_loads.shortest(path), self._arc.resolution.shortest_contact(path))
 
     def unresolved(self) -> list[str]:
         """Sentences on what the steps of the integrator did not resolve."""
-        return list(dict.fromkeys(sentence for arc in self._arcs.values() for sentence in arc.sentences()))
+        return list(dict.fromkeys(sentence for arc in self._arcs.values() for sentence in arc.resolution.sentences()))

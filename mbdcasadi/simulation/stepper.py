@@ -9,16 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arguments.inputs import Signals
-from ...equations.numeric import NumericEquations
-from ...integrators import Integrator
-from ...numerics.console import Interruption
-from ...numerics.lazy import cached_property
-from ..checks.resolution import Resolution
-from ..formulations import choose_formulation
-from ..outputs import Outputs
-from ..path import Path, Way
-from ..schedule import Piece
+from ..arguments.inputs import Signals
+from ..equations.numeric import NumericEquations
+from ..integrators import Integrator
+from ..numerics.console import Interruption
+from ..numerics.lazy import cached_property
+from .formulations import choose_formulation
+from .outputs import Outputs
+from .path import Path, Way
+from .schedule import Piece
 
 #: Tolerances of what is integrated to rounding.
 PRECISE = (1e-12, 1e-13)
@@ -38,8 +37,6 @@ class SteppedSystem:
         Values of the inputs that are numbers; whoever calls a controller changes them in place.
     integrator : Integrator
         Method and tolerances.
-    resolution : Resolution
-        Has some rates integrated along.
     span : float
         Duration of the run, s.
     redundant : bool
@@ -52,7 +49,6 @@ class SteppedSystem:
     signals: Signals
     levels: np.ndarray
     integrator: Integrator
-    resolution: Resolution
     span: float
     redundant: bool
     max_step: float | None = None
