@@ -37,6 +37,8 @@ class Sweep:
         Indices of the cases that were run; all of them, unless the sweep was interrupted.
     seconds : float
         Wall-clock time of the runs, s.
+    notes : list of str
+        Remarks on the runs: of a method in C, which code ran.
 
     Notes
     -----
@@ -54,6 +56,7 @@ class Sweep:
         self.done = np.zeros(count, bool)
         self.failures: dict[int, str] = {}
         self.seconds = 0.0
+        self.notes: list[str] = []
 
     def __len__(self) -> int:
         return self.done.size
@@ -72,7 +75,7 @@ class Sweep:
         new = copy(self)
         new.cases = {key: values.copy() for key, values in self.cases.items()}
         new.t, new._values, new.done = self.t.copy(), self._values.copy(), self.done.copy()
-        new.failures = dict(self.failures)
+        new.failures, new.notes = dict(self.failures), list(self.notes)
         return new
 
     def take(self, indices: np.ndarray, values: np.ndarray, messages: list[str]) -> None:
@@ -149,6 +152,7 @@ class Sweep:
         text += f", {int(np.sum(~self.done))} not run" if not np.all(self.done) else ""
         text += f", {len(self.failures)} failed" if self.failures else ""
         shown = [f"  case {k}: {m}" for k, m in list(self.failures.items())[:3]]
+        shown += [f"  note: {note}" for note in self.notes]
         return "\n".join([f"{text}, {self.seconds:.3g} s", *shown])
 
     def _repr_html_(self) -> str:

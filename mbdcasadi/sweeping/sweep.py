@@ -129,7 +129,8 @@ def sweep(
     store = None if file is None else SweepFile(file, plan.fingerprint(named))
     for block in store.read() if store else []:
         result.take(*block)
-    _collect(_blocks(executor, plan, named, np.flatnonzero(~result.done), batch), result, store, progress=progress)
+    blocks = _blocks(executor, plan, named, np.flatnonzero(~result.done), batch, result.notes)
+    _collect(blocks, result, store, progress=progress)
     return result
 
 
@@ -165,9 +166,14 @@ def _collect(blocks: Iterator[Block], result: Sweep, store: SweepFile | None, *,
 
 
 def _blocks(
-    executor: Executor | None, plan: Plan, named: list[tuple[Any, ca.SX]], cases: np.ndarray, size: int | None
+    executor: Executor | None,
+    plan: Plan,
+    named: list[tuple[Any, ca.SX]],
+    cases: np.ndarray,
+    size: int | None,
+    notes: list[str],
 ) -> Iterator[Block]:
-    """Finished cases, as they come."""
+    """Finished cases, as they come; what ran them is added to the notes."""
     if not cases.size:
         return
     jobs = jobs_of(plan, named)
@@ -184,6 +190,8 @@ def _blocks(
             runner.submit(batch)
         for done, outcome in runner.results():
             ran = outcome.reached
+            if outcome.note and outcome.note not in notes:
+                notes.append(outcome.note)
             if np.any(ran):
                 messages = [m for m, good in zip(outcome.messages, ran, strict=True) if good]
                 yield done[ran], outcome.values[ran], messages

@@ -131,10 +131,12 @@ class WholeParcel:
     def _keep_runners(self, cache: Cache) -> None:
         self._cache, self._free, self._stopped = cache, Lending(), threading.Event()
         self._running: list[ExplicitRunner] = []
+        #: code that ran the last cases, in words
+        self.said = ""
 
     def __getstate__(self) -> dict[str, Any]:
         # functions travel; what was compiled is found again in the user's folder
-        own = ("_cache", "_free", "_stopped", "_running")
+        own = ("_cache", "_free", "_stopped", "_running", "said")
         return {name: value for name, value in self.__dict__.items() if name not in own}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -179,6 +181,7 @@ class WholeParcel:
         count = len(cases.starts)
         values = np.full((count, self._count, self._outputs.numel_out(0)), np.nan)
         outcome = runner.run_cases(cases, self._stretch(cases, 0), self._outputs, values)
+        self.said = runner.said
         if outcome is None:
             return self._run_each(runner, cases)
         failed = outcome[0] != Status.DONE

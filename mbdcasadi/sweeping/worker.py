@@ -24,6 +24,8 @@ class Parcel:
         Time of the clock at the end, s.
     """
 
+    said = ""
+
     def __init__(self, function: ca.Function, path: StartPath, span: float):
         self.run, self.path, self.span = Packed(function), path, span
         self.size = function.numel_out(0)
@@ -58,11 +60,14 @@ class BatchOutcome:
         Reason for the failure of a case; empty for others.
     reached : numpy.ndarray of bool
         True if its start was found (k,).
+    note : str
+        Code that ran, in words; empty for the methods of CasADi.
     """
 
     values: np.ndarray
     messages: list[str]
     reached: np.ndarray
+    note: str
 
 
 def run_batch(
@@ -96,7 +101,7 @@ def run_batch(
     for k, reason in zip(chosen, reasons, strict=True):
         if reason:
             messages[k] = f"the integrator stopped: {reason}; simulate with the values of this case says where and why"
-    return BatchOutcome(values, messages, reached)
+    return BatchOutcome(values, messages, reached, parcel.said)
 
 
 def _evaluated(function: ca.Function, case: tuple[Any, ...]) -> tuple[np.ndarray, float]:

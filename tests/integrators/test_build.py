@@ -2,13 +2,17 @@
 
 import ctypes
 import os
+import shutil
 import stat
 import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
+from linkages import pendulum
 
+import mbdcasadi as mbd
 from mbdcasadi.integrators.native import build
 
 pytestmark = pytest.mark.skipif(build.compiler() is None, reason="no C compiler")
@@ -47,6 +51,24 @@ def test_a_damaged_library_is_not_opened(folder, damage):
     assert build.find(key) is None
     assert not place.exists()
     assert built()[1].answer() == 42
+
+
+@pytest.mark.slow
+def test_a_folder_that_is_deleted_in_between(folder):
+    """What is open goes on; for a mechanism that comes later the equations are compiled anew."""
+    times, method = np.linspace(0, 0.5, 6), mbd.DOP853(jit=True)
+    first, second = pendulum(angle=0.0).mechanism, pendulum(angle=0.0).mechanism
+    expected = mbd.simulate(first, times, method=method)
+    assert "compiled by" in expected.statistics.notes[0]
+    shutil.rmtree(folder)
+    again = mbd.simulate(first, times, method=method)
+    assert again.statistics.notes == expected.statistics.notes
+    assert not folder.exists()
+    anew = mbd.simulate(second, times, method=method)
+    assert "compiled by" in anew.statistics.notes[0]
+    assert any(folder.iterdir())
+    for motion in (again, anew):
+        np.testing.assert_array_equal(motion.q, expected.q)
 
 
 def test_a_folder_that_cannot_be_written(tmp_path, monkeypatch):

@@ -44,6 +44,25 @@ def test_closed_form(way):
     np.testing.assert_allclose(swept["pose"][:, -1, 0], pushes / 4, atol=1e-9)
 
 
+def test_the_code_that_ran_is_named(monkeypatch):
+    """In C or step by step, here and in other processes; CasADi's methods need no remark."""
+    g, _, stone, mechanism = fall()
+
+    def notes(**given):
+        return mbd.sweep(mechanism, [0, 1], {g: [1.0, 2.0]}, {"y": stone.y}, **given).notes
+
+    (note,) = notes(method="dop853")
+    assert note.startswith("dop853 ran in C")
+    with ThreadPoolExecutor(1) as executor:
+        assert notes(method="dop853", executor=executor) == [note]
+    assert notes(method="idas") == []
+    monkeypatch.setenv("CC", "no-such-compiler")
+    (note,) = notes(method="dop853")
+    assert note == "dop853 ran step by step, without C: no C compiler is on the path"
+    swept = mbd.sweep(mechanism, [0, 1], {g: [1.0, 2.0]}, {"y": stone.y}, method="dop853")
+    assert repr(swept).endswith(f"note: {note}")
+
+
 def test_samples_and_time(way):
     """Samples with a kink, and an expression in time with a short pulse."""
     g, u, stone, mechanism = fall()

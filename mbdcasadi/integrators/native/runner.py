@@ -201,7 +201,9 @@ class Runner(ABC):
             if self._compiles and code.pays(np.inf):
                 code.compile(self._using)
             return self._run.run_cases(cases, common, code, values)
-        except UnsupportedOperation:
+        except UnsupportedOperation as error:
+            self._describe()
+            self.said += f"; the outputs of each case by CasADi: {error}"
             return None
 
     def halt(self) -> None:

@@ -14,6 +14,7 @@ from ...errors import ExpressionError, ModelError, warn
 from ...integrators.native.stretch import Watched
 from ...model.events import Event
 from ...model.rates import time_derivative
+from ...numerics.evaluation import Evaluator
 from ...numerics.least_squares import largest
 from ...numerics.roots import bracketed_root, nears_zero
 from ...numerics.tolerances import AT_REST, ZERO_VALUE
@@ -58,9 +59,9 @@ class _Terms:
     ----------
     rate_is_known : list of bool
         By event.
-    rates, accelerations : casadi.SX
-        First and second derivatives of the expressions; 0 if the model does not know them.
-    values : casadi.Function
+    rates, derivatives : casadi.SX
+        First derivatives of the expressions, and these above the second ones; 0 if the model does not know them.
+    values, evaluator : casadi.Function, Evaluator
         The expressions.
     left_out : tuple of int or None
         Sizes of what a state need not be completed by, if no event contains accelerations, reactions or inputs.
@@ -70,9 +71,10 @@ class _Terms:
         rates = [_rate(eom, e.expression) for e in events]
         self.rate_is_known = [rate is not None for rate in rates]
         self.rates = ca.vertcat(ca.SX(0, 1), *[ca.SX(0) if rate is None else rate for rate in rates])
-        self.accelerations = ca.vertcat(ca.SX(0, 1), *[_second_rate(eom, e.expression) for e in events])
+        self.derivatives = ca.vertcat(self.rates, *[_second_rate(eom, e.expression) for e in events])
         expressions = ca.vertcat(ca.SX(0, 1), *[e.expression for e in events])
         self.values = eom.function(expressions)
+        self.evaluator = Evaluator(self.values)
         needs = ca.depends_on(expressions, ca.vertcat(eom.a, eom.lam, eom.u))
         self.left_out = None if needs else (eom.a.numel(), eom.lam.numel(), eom.u.numel())
 
@@ -98,6 +100,8 @@ class EventWatch:
         self._side: dict[int, float] = {}
         self._offset: dict[int, float] = {}
         self._not_a_number: set[int] = set()
+        self._state: State | None = None
+        self._known: dict[str, Any] = {}
         self._terms: _Terms = eom.mechanism.cache.get_or_create(
             ("events", *self.events), lambda: _Terms(eom, self.events), bounded=bool(self.events)
         )
@@ -139,11 +143,11 @@ class EventWatch:
         else:
             t, (q, v, z) = times, outputs.split(x)
             a, lam, u = (np.zeros((times.size, size)) for size in self._terms.left_out)
-        return self._terms.values(t[None, :], q.T, v.T, a.T, z.T, lam.T, u.T, outputs.numeric.p).full().T
+        return self._terms.evaluator.rows(t[:, None], q, v, a, z, lam, u, outputs.numeric.p)[0]
 
     def rates(self, state: State) -> np.ndarray:
         """Rates of the expressions at a state; 0 if the model does not know them."""
-        return self._at(self._terms.rates, state)
+        return self._derivatives(state)[0]
 
     def rate_expression(self, index: int) -> ca.SX | None:
         """Rate of the expression of an event; None if the model does not know it."""
@@ -151,14 +155,26 @@ class EventWatch:
 
     def accelerations(self, state: State) -> np.ndarray:
         """Second derivatives of the expressions at a state; 0 if the model does not know them."""
-        return self._at(self._terms.accelerations, state)
+        return self._derivatives(state)[1]
 
-    @staticmethod
-    def _at(expression: ca.SX, state: State) -> np.ndarray:
-        """Values of a column of expressions at a state; 0 where they have none, as the rate of a norm at zero."""
-        if not expression.numel():
-            return np.zeros(0)
-        return np.nan_to_num(state.equations.function(expression)(*state.arguments).full().ravel())
+    def _derivatives(self, state: State) -> np.ndarray:
+        """First and second derivatives at a state (2, n); 0 where they have none, as of a norm at zero."""
+
+        def found() -> np.ndarray:
+            if not self.events:
+                return np.zeros((2, 0))
+            values = state.equations.function(self._terms.derivatives)(*state.arguments).full()
+            return np.nan_to_num(values).reshape(2, -1)
+
+        return self._once(state, "derivatives", found)
+
+    def _once(self, state: State, key: str, find: Callable[[], Any]) -> Any:
+        """What is found at a state; at the last one it is kept."""
+        if self._state is not state:
+            self._state, self._known = state, {}
+        if key not in self._known:
+            self._known[key] = find()
+        return self._known[key]
 
     def start_at(self, state: State) -> None:
         """Forget what was before: a piece of motion starts, and each expression on the side to which it goes."""
@@ -199,12 +215,14 @@ class EventWatch:
 
     def at_zero(self, state: State) -> list[int]:
         """Events whose expressions vanish at a state, within an instant of its motion and within rounding."""
-        if not self.events:
-            return []
-        size = ZERO_VALUE * (1 + largest(state.q))
-        values = np.array([float(state[event.expression]) for event in self.events])
-        limits = np.maximum(self.instant * np.abs(self.rates(state)), size)
-        return [int(k) for k in np.flatnonzero(np.abs(values) <= limits)]
+
+        def found() -> list[int]:
+            size = ZERO_VALUE * (1 + largest(state.q))
+            values = np.array([float(state[event.expression]) for event in self.events])
+            limits = np.maximum(self.instant * np.abs(self.rates(state)), size)
+            return [int(k) for k in np.flatnonzero(np.abs(values) <= limits)]
+
+        return self._once(state, "at zero", found) if self.events else []
 
     def pressed_through(self, state: State) -> list[Event]:
         """Events at rest at their zeros, through which the accelerations press them."""

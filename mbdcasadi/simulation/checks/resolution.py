@@ -100,6 +100,7 @@ class Resolution:
         owners = {e: j for j, e in enumerate(self._owner)}
         self._gap_of = [owners.get(e) for e in terms.smoothed]
         self._last: _Course | None = None
+        self._looked_at: tuple[Path, list[Closing]] | None = None
         self._verifications = VERIFICATIONS
         self._spans = np.array([s.span for s in self._smoothings])
         self._is_load = np.array([s.scale is not None for s in self._smoothings], dtype=bool)
@@ -153,9 +154,12 @@ class Resolution:
         return self._last
 
     def _unseen(self, path: Path) -> list[Closing]:
-        """Gaps that close between the steps of a path alone."""
-        course = self._course(path)
-        return self._closings.unseen(path, (course.gaps, course.rates, course.bounds), self._closed(path))
+        """Gaps that close between the steps of a path alone; those of the last path are kept."""
+        if self._looked_at is None or self._looked_at[0] is not path:
+            course = self._course(path)
+            found = self._closings.unseen(path, (course.gaps, course.rates, course.bounds), self._closed(path))
+            self._looked_at = path, found
+        return self._looked_at[1]
 
     def _closed(self, path: Path) -> np.ndarray:
         """For how long the steps found each gap closed, by interval (k, n), s."""

@@ -9,6 +9,7 @@ accelerations on the path are integrated and compared with the change of the vel
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -26,8 +27,11 @@ from ..stepper import Stepper
 
 #: Points of each output interval at which the quantities are evaluated.
 POINTS = 9
-#: Steps of bisection and of the golden section towards zeros and extrema.
-STEPS = 28
+#: Width to which brackets of zeros and of extrema are narrowed, relative to the first one.
+OF_ZEROS, OF_EXTREMA = 2.0**-28, 2.0**-19
+#: Parts into which brackets are cut, at least and at most, and points of all of them that one call evaluates, which
+#: costs as much as some hundred of them.
+FEWEST_PARTS, MOST_PARTS, AT_ONCE = 4, 16, 4096
 #: Stops around the middle of a transient, in its durations.
 AROUND = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
 #: Transients that last longer than this many output intervals are noticed by the steps of a simulation.
@@ -45,7 +49,6 @@ SAME_INSTANT = 1e-7
 _HALVES = np.sqrt(3 / 7 + np.array([1, -1, -1, 1]) * 2 / 7 * np.sqrt(6 / 5)) / 2
 _NODES = 0.5 + np.array([-1, -1, 1, 1]) * _HALVES
 _WEIGHTS = (18 + np.array([-1, 1, 1, -1]) * np.sqrt(30)) / 72
-_GOLDEN = (np.sqrt(5.0) - 1) / 2
 
 
 @dataclass(frozen=True)
@@ -233,33 +236,57 @@ class UnseenLoads:
         return found
 
     def _roots(self, path: Path, rows: np.ndarray, low: np.ndarray, high: np.ndarray, at_low: np.ndarray) -> np.ndarray:
-        """Zeros in brackets, all at once, by halving (k,)."""
-        for _ in range(STEPS if rows.size else 0):
-            middle = (low + high) / 2
-            same = np.sign(self._of_rows(path, rows, middle)) == np.sign(at_low)
-            low, high = np.where(same, middle, low), np.where(same, high, middle)
-        return (low + high) / 2
+        """Zeros in brackets, all at once; of several the first that shows (k,)."""
+
+        def chosen(values: np.ndarray) -> tuple[np.ndarray, int]:
+            same = np.sign(values) == np.sign(at_low)[:, None]
+            return np.argmin(np.column_stack([same, np.zeros(len(same), bool)]), axis=1), 1
+
+        return self._narrowed(path, rows, low, high, chosen, OF_ZEROS)
 
     def _extrema(self, path: Path, rows: np.ndarray, low: np.ndarray, high: np.ndarray, sign: np.ndarray) -> np.ndarray:
-        """Extrema in brackets, all at once, by the golden section (k,).
+        """Extrema in brackets, all at once (k,).
 
         Parameters
         ----------
         sign : numpy.ndarray
             1 for a maximum, -1 for a minimum (k,).
         """
-        if not rows.size:
-            return np.zeros(0)
-        first, second = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-        at_first, at_second = (sign * self._of_rows(path, rows, x) for x in (first, second))
-        for _ in range(STEPS):
-            left = at_first > at_second
-            low, high = np.where(left, low, first), np.where(left, second, high)
-            new = np.where(left, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
-            at_new = sign * self._of_rows(path, rows, new)
-            # the other point of the section is one of those before
-            first, second = np.where(left, new, second), np.where(left, first, new)
-            at_first, at_second = np.where(left, at_new, at_second), np.where(left, at_first, at_new)
+
+        def chosen(values: np.ndarray) -> tuple[np.ndarray, int]:
+            heights = sign[:, None] * values
+            return np.argmax(np.where(np.isnan(heights), -np.inf, heights), axis=1), 2
+
+        return self._narrowed(path, rows, low, high, chosen, OF_EXTREMA)
+
+    def _narrowed(
+        self,
+        path: Path,
+        rows: np.ndarray,
+        low: np.ndarray,
+        high: np.ndarray,
+        chosen: Callable[[np.ndarray], tuple[np.ndarray, int]],
+        width: float,
+    ) -> np.ndarray:
+        """Middles of brackets that are cut into parts again and again (k,).
+
+        Parameters
+        ----------
+        chosen : callable
+            ``values -> first, count``: by the values of the quantities between the parts (k, parts - 1), which part to
+            go on from (k,), and with how many.
+        width : float
+            Width of the brackets at the end, relative to the first one.
+        """
+        parts = int(np.clip(AT_ONCE // max(rows.size, 1), FEWEST_PARTS, MOST_PARTS))
+        inside, left = np.arange(1, parts), 1.0
+        while rows.size and left > width:
+            step = (high - low) / parts
+            points = low[:, None] + step[:, None] * inside
+            values = self._of_rows(path, np.repeat(rows, parts - 1), points.ravel())
+            first, count = chosen(values.reshape(points.shape))
+            low = low + first * step
+            high, left = low + count * step, left * count / parts
         return (low + high) / 2
 
     # --- what the steps missed --------------------------------------------------------------
