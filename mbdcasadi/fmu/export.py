@@ -217,8 +217,9 @@ def _listed(chosen: Any, known: Sequence[Any], wanted: type, argument: str) -> t
     if chosen is None:
         return tuple(known)
     what = f"export_fmu: {argument}"
-    values = chosen.values() if isinstance(chosen, Mapping) else chosen
-    if any(isinstance(value, SampledController) for value in (values if isinstance(values, Iterable) else [values])):
+    values: Iterable[Any] = chosen if isinstance(chosen, list | tuple) else [chosen]
+    values = chosen.values() if isinstance(chosen, Mapping) else values
+    if any(isinstance(value, SampledController) for value in values):
         raise ModelError(
             f"{what} holds a SampledController, which runs in Python; export the input, and connect the controller to "
             "it outside"
