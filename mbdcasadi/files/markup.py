@@ -46,12 +46,6 @@ class XmlElement:
             raise children[1].refuse("is the second one; at most one is allowed")
         return children[0] if children else None
 
-    def known(self, *tags: str) -> None:
-        """Raise for a child of any other kind."""
-        for child in self.children:
-            if child.tag not in tags:
-                raise child.refuse("is not supported here")
-
     def get(self, name: str, default: str | None = None) -> str:
         """Return an attribute as text; one that is missing without a default is refused."""
         value = self.attributes.get(name, default)

@@ -8,7 +8,6 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from ..model.forces.applied import GeneralizedForce
 from ..model.joints.constraints import Constraint
 from ..model.mechanism import Mechanism
 from ..model.symbols import Input
@@ -23,6 +22,7 @@ from .robots import (
     Mass,
     Robot,
     SpatialJoint,
+    actuator_law,
     rotation_about,
     rotation_around,
     symmetric,
@@ -408,7 +408,7 @@ class _Reader:
         robot.inputs.append(drive)
         taken = any(name == other.name for link in robot.links for other in link.joints)
         force_name = f"{name} {element.tag}" if taken else name
-        robot.forces.append(((joint,), _actuator(force_name, drive, gear, self._gains(element))))
+        robot.forces.append(((joint,), actuator_law(force_name, drive, gear, self._gains(element))))
 
     @staticmethod
     def _gains(element: XmlElement) -> tuple[float, float, float, float]:
@@ -437,17 +437,6 @@ def _coupling(name: str, references: Sequence[float], polynomial: Sequence[float
         first, *others = (c.value - r for c, r in zip(coordinates, references, strict=True))
         x = others[0] if others else ca.SX(0)
         return Constraint(name, first - sum(a * x**k if k else a for k, a in enumerate(polynomial)))
-
-    return law
-
-
-def _actuator(name: str, drive: Input, gear: float, gains: tuple[float, float, float, float]) -> Law:
-    """Force ``gear (k u + k_x gear x + k_v gear v + k_0)`` along a coordinate."""
-
-    def law(coordinates: Sequence[Coordinate]) -> GeneralizedForce:
-        along = coordinates[0]
-        force = gains[0] * drive + gear * (gains[1] * along.value + gains[2] * along.rate) + gains[3]
-        return GeneralizedForce(name, [(along.value, gear * force)])
 
     return law
 

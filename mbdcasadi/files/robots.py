@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ..model.element import Element
+from ..model.forces.applied import GeneralizedForce
 from ..model.symbols import Input
 from .markup import XmlElement
 
@@ -95,6 +96,19 @@ class Coordinate:
 
     value: ca.SX
     rate: ca.SX
+
+
+def actuator_law(
+    name: str, drive: Input, gear: float = 1.0, gains: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+) -> Law:
+    """Force ``gear (k u + k_x gear x + k_v gear v + k_0)`` along a coordinate."""
+
+    def law(coordinates: Sequence[Coordinate]) -> GeneralizedForce:
+        along = coordinates[0]
+        force = gains[0] * drive + gear * (gains[1] * along.value + gains[2] * along.rate) + gains[3]
+        return GeneralizedForce(name, [(along.value, gear * force)])
+
+    return law
 
 
 @dataclass(eq=False)

@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import ModelError
-from ..model.forces.applied import GeneralizedForce
 from ..model.joints.constraints import Constraint
 from ..model.mechanism import Mechanism
 from ..model.symbols import Input
 from ..numerics.real import real_array
 from .markup import XmlElement, read_xml
 from .planar import PlanarBuilder
-from .robots import Coordinate, Law, Link, Mass, Robot, SpatialJoint, rotation_of_rpy, symmetric, unit_vector
+from .robots import Law, Link, Mass, Robot, SpatialJoint, actuator_law, rotation_of_rpy, symmetric, unit_vector
 
 #: Elements for pictures, sensors and other programs.
 _IGNORED = ("material", "gazebo", "sensor", "ros2_control", "mujoco", "verification_properties")
@@ -195,11 +194,4 @@ def _read_transmissions(robot: Robot, root: XmlElement, joints: Sequence[XmlElem
             effort = effort if effort > 0 else np.inf
             drive = Input(name, lower=-effort, upper=effort)
             robot.inputs.append(drive)
-            robot.forces.append(((name,), _effort(f"{name} actuator", drive)))
-
-
-def _effort(name: str, drive: Input) -> Law:
-    def law(coordinates: Sequence[Coordinate]) -> GeneralizedForce:
-        return GeneralizedForce(name, [(coordinates[0].value, drive)])
-
-    return law
+            robot.forces.append(((name,), actuator_law(f"{name} actuator", drive)))

@@ -131,10 +131,7 @@ def export_fmu(
         raise ModelError(f"export_fmu: takes a Mechanism, got {mechanism!r}")
     target = _target(path)
     kinds = _kinds(kind)
-    if type(version) is not int or version not in (2, 3):
-        raise ModelError(f"export_fmu: version= is 2 or 3 (FMI 2.0 and 3.0), got {version!r}")
-    if binary not in (None, True, False):
-        raise ModelError(f"export_fmu: binary= is True, False or None, got {binary!r}")
+    _refuse_settings(version, binary)
     shown_inputs = _listed(inputs, mechanism.inputs, Input, "inputs=")
     shown_parameters = _listed(parameters, mechanism.parameters, Parameter, "parameters=")
     stop, step = _experiment(number(t, "export_fmu", "t"), stop, step)
@@ -150,6 +147,13 @@ def export_fmu(
     binaries = {} if binary is False else _binaries(unit, files, path, required=bool(binary))
     write_archive(Path(path), content | binaries)
     return Path(path)
+
+
+def _refuse_settings(version: Any, binary: Any) -> None:
+    if type(version) is not int or version not in (2, 3):
+        raise ModelError(f"export_fmu: version= is 2 or 3 (FMI 2.0 and 3.0), got {version!r}")
+    if binary not in (None, True, False):
+        raise ModelError(f"export_fmu: binary= is True, False or None, got {binary!r}")
 
 
 def _content(unit: Unit) -> tuple[dict[str, bytes], dict[str, str]]:
@@ -213,8 +217,9 @@ def _listed(chosen: Any, known: Sequence[Any], wanted: type, argument: str) -> t
     if chosen is None:
         return tuple(known)
     what = f"export_fmu: {argument}"
-    values = chosen.values() if isinstance(chosen, Mapping) else chosen
-    if any(isinstance(value, SampledController) for value in (values if isinstance(values, Iterable) else [values])):
+    values: Iterable[Any] = chosen if isinstance(chosen, list | tuple) else [chosen]
+    values = chosen.values() if isinstance(chosen, Mapping) else values
+    if any(isinstance(value, SampledController) for value in values):
         raise ModelError(
             f"{what} holds a SampledController, which runs in Python; export the input, and connect the controller to "
             "it outside"

@@ -113,6 +113,31 @@ class Variables:
         )  # fmt: skip
 
 
+class _Maker:
+    """Makes variables, and numbers them in the order in which they are made."""
+
+    def __init__(self, used_names: Sequence[str], units: Mapping[str, str]):
+        self._used_names, self._units, self._references = used_names, units, itertools.count()
+
+    def one(self, name: str, causality: str, **more: Any) -> Variable:
+        """Make one variable."""
+        return Variable(next(self._references), name, causality, **more)
+
+    def shown(self, symbols: Sequence[Any], causality: str, values: np.ndarray, places: list[int]) -> tuple:
+        """Make a variable of each input or parameter."""
+        chosen = [(symbol, float(values[k])) for symbol, k in zip(symbols, places, strict=True)]
+        units = self._units
+        return tuple(
+            self.one(x.label, causality, start=start, unit=units.get(x.label, ""), lower=x.lower, upper=x.upper)
+            for x, start in chosen
+        )
+
+    def local(self, names: Sequence[str], **more: Sequence) -> tuple:
+        """Make variables that are only to be looked at, under names that are free."""
+        rows = zip(_free_names(names, self._used_names), *more.values(), strict=True)
+        return tuple(self.one(name, "local", **dict(zip(more, row, strict=True))) for name, *row in rows)
+
+
 def variables_of(
     model: Model, inputs: Sequence[Input], parameters: Sequence[Parameter], units: Mapping[str, str]
 ) -> Variables:
@@ -136,23 +161,7 @@ def variables_of(
     unknown = [name for name in units if name not in used_names]
     if unknown:
         raise ModelError(f"export_fmu: units= names {unknown[0]!r}, which is no input, parameter or output")
-    references = itertools.count()
-
-    def variable(name: str, causality: str, **more: Any) -> Variable:
-        return Variable(next(references), name, causality, **more)
-
-    def shown(symbols: Sequence[Any], causality: str, values: np.ndarray, places: list[int]) -> tuple[Variable, ...]:
-        return tuple(
-            variable(
-                x.label, causality, start=float(values[k]), unit=units.get(x.label, ""), lower=x.lower, upper=x.upper
-            )
-            for x, k in zip(symbols, places, strict=True)
-        )
-
-    def local(names: Sequence[str], **more: Sequence) -> tuple[Variable, ...]:
-        rows = zip(_free_names(names, used_names), *more.values(), strict=True)
-        return tuple(variable(name, "local", **dict(zip(more, row, strict=True))) for name, *row in rows)
-
+    make = _Maker(used_names, units)
     input_places = [position_in(mechanism.inputs, u, "export_fmu: inputs=") for u in inputs]
     parameter_places = [position_in(mechanism.parameters, p, "export_fmu: parameters=") for p in parameters]
     velocities = ca.vertsplit(eom.v)
@@ -160,21 +169,21 @@ def variables_of(
     unit_of = _units_of_states(eom)
     known_units = dict(zip([*ca.vertsplit(eom.q), *velocities], unit_of, strict=False))
     sizes = model.numeric.scale.coordinates
-    time = variable("time (independent)" if "time" in used_names else "time", "independent", unit="s")
-    shown_inputs = shown(inputs, "input", model.signals.level_values, input_places)
-    shown_parameters = shown(parameters, "parameter", model.numeric.p, parameter_places)
+    time = make.one("time (independent)" if "time" in used_names else "time", "independent", unit="s")
+    shown_inputs = make.shown(inputs, "input", model.signals.level_values, input_places)
+    shown_parameters = make.shown(parameters, "parameter", model.numeric.p, parameter_places)
     outputs = tuple(
-        variable(name, "output", unit=units.get(name, _unit_of(expression, known_units)))
+        make.one(name, "output", unit=units.get(name, _unit_of(expression, known_units)))
         for name, expression in model.outputs.items()
     )
-    states = local(of_states, unit=unit_of, nominal=[float(x) for x in (*sizes, *sizes, *[1.0] * eom.z.numel())])
-    rates = local(
+    states = make.local(of_states, unit=unit_of, nominal=[float(x) for x in (*sizes, *sizes, *[1.0] * eom.z.numel())])
+    rates = make.local(
         [f"der({state.name})" for state in states],
         rate_of=[state.reference for state in states],
         unit=[f"{unit}2" if "/" in unit else f"{unit}/s" if unit else "" for unit in unit_of],
     )
     switches = [f"switch {k + 1}" for k in range(model.timed.numel() + model.compared.numel())]
-    indicators = local([*switches, *(f"gap {k + 1}" for k in range(model.gaps.numel()))])
+    indicators = make.local([*switches, *(f"gap {k + 1}" for k in range(model.gaps.numel()))])
     return Variables(
         (time,), shown_inputs, shown_parameters, outputs, states, rates, indicators, input_places, parameter_places
     )

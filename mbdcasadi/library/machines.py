@@ -155,10 +155,9 @@ def cam_follower(
     follower = Body("follower", m[1], m[1] * base**2, pose=(x, height, 0.0), shape=stem)
     shaft = Revolute("shaft", ground.at(0, 0), cam.at(0, 0))
     guide = Translational("guide", ground.at(x, 0, angle=np.pi / 2), follower.at(0, 0, angle=np.pi / 2))
-    if roller is None:
-        contact: Any = CamFlatFollower("contact", cam.at(0, 0), follower.at(0, 0), outline)
-    else:
-        contact = CamPointFollower("contact", cam.at(0, 0), follower.at(0, 0), outline, roller)
+    touching = cam.at(0, 0), follower.at(0, 0), outline
+    flat = roller is None
+    contact: Any = CamFlatFollower("contact", *touching) if flat else CamPointFollower("contact", *touching, roller)
     spring = None if stiffness == 0 and preload == 0 else _spring(follower, x, height, base, stiffness, preload)
     coordinates = {"cam": shaft.angle, "lift": guide.displacement}
     parts = {"cam": cam, "follower": follower, "shaft": shaft, "guide": guide, "contact": contact}

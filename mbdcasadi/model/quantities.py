@@ -53,7 +53,6 @@ def quantity(
     *,
     at_least: float | None = None,
     above: float | None = None,
-    limits: list[Limit] | None = None,
     fixed: bool = False,
 ) -> float | ca.SX:
     """Return a scalar quantity: a float if it is a number, else the expression.
@@ -79,15 +78,11 @@ def quantity(
             raise ExpressionError(
                 f"{what}: {name} depends on {describe(varying[0])}; it is a number or an expression in parameters only"
             )
-    limit = Limit(what, name, ca.SX(value), at_least, above)
     known = known_value(value)
-    if known is not None:
-        limit.check(known)
-    if limits is not None and not limit.expression.is_constant():
-        limits.append(limit)
-    if isinstance(value, ca.SX) and not isinstance(value, Parameter) and known is not None:
-        return known
-    return value
+    if known is None:
+        return value
+    Limit(what, name, ca.SX(known), at_least, above).check(known)
+    return value if isinstance(value, Parameter) else known
 
 
 class HasQuantities:
@@ -100,11 +95,13 @@ class HasQuantities:
         """Kind and name, as messages give it."""
         return type(self).__name__
 
-    def read(self, value: Any, name: str, **allowed: Any) -> Any:
+    def read(
+        self, value: Any, name: str, *, at_least: float | None = None, above: float | None = None, fixed: bool = False
+    ) -> Any:
         """Return a scalar quantity, checked; see :func:`quantity` for the limits that it may have."""
-        limits = list(self.limits)
-        value = quantity(value, self.description, name, limits=limits, **allowed)
-        self.limits = tuple(limits)
+        value = quantity(value, self.description, name, at_least=at_least, above=above, fixed=fixed)
+        if isinstance(value, ca.SX):
+            self.limits = (*self.limits, Limit(self.description, name, value, at_least, above))
         return value
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import casadi as ca
 
 from ..errors import ExpressionError
+from .walk import OPERATION_NAMES
 
 #: Operations of one JavaScript function: engines optimise short functions alone.
 PIECE = 1200
@@ -34,7 +35,6 @@ _OTHERS: dict[int, Callable[..., str]] = {
     ca.OP_COPYSIGN: lambda a, b: f"Math.abs({a})*({b}<0||Object.is({b},-0)?-1:1)",
     ca.OP_PRINTME: lambda a, _: a,
 }
-_NAMES = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
 
 
 def to_javascript(function: ca.Function, name: str) -> str:
@@ -82,7 +82,7 @@ def unknown_operation(function: ca.Function) -> str | None:
     """Name of the first operation of a function that JavaScript lacks; None if there is none."""
     known = {*_INFIX, *_COMPARISONS, *_MATH, *_OTHERS, ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT}
     operations = (function.instruction_id(k) for k in range(function.n_instructions()))
-    return next((_NAMES.get(op, str(op)) for op in operations if op not in known), None)
+    return next((OPERATION_NAMES.get(op, str(op)) for op in operations if op not in known), None)
 
 
 def _statements(function: ca.Function) -> list[str]:

@@ -6,7 +6,8 @@ import casadi as ca
 
 from .forms import Forms, Operation, Scaled, Symbol
 
-_OP_NAMES = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
+#: Names of the operations of CasADi, in small letters.
+OPERATION_NAMES = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
 _LEAVES = (ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_PARAMETER)
 _COMPARISONS = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
 _TURNED = {"<": ">", "<=": ">=", "==": "==", "!=": "!="}
@@ -209,4 +210,4 @@ def _form(node: ca.SX, parts: list[tuple[Scaled, int]], forms: Forms) -> Scaled:
         return forms.of(Operation("call", node.which_function().name(), arguments, node.element_hash()))
     if node.is_output():
         return forms.of(Operation("call", f"output_{node.which_output()}", arguments, node.element_hash()))
-    return forms.of(Operation("call", _OP_NAMES.get(op, f"operation_{op}"), arguments))
+    return forms.of(Operation("call", OPERATION_NAMES.get(op, f"operation_{op}"), arguments))

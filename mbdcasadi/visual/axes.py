@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
@@ -11,6 +11,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from matplotlib.text import Text
 
 
@@ -18,6 +19,23 @@ if TYPE_CHECKING:
 LETTER, FILLED, SHORTEST = 6.0, 0.9, 12
 #: A space at which no line is broken.
 _JOINT = "\N{NO-BREAK SPACE}"
+
+
+def stacked(
+    width: float, height: float, count: int, ratios: Sequence[float] | None = None
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure with axes one above the other, which share what is across."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, list(figure.subplots(count, 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0])
+
+
+def over_time(figure: Figure, stack: Sequence[Axes]) -> Figure:
+    """Name what is across axes one above the other, and align their labels."""
+    stack[-1].set_xlabel("t, s")
+    figure.align_ylabels(stack)
+    return figure
 
 
 def two_spines(axes: Axes) -> None:

@@ -51,8 +51,8 @@ class Film:
         Of arrows, see :func:`compose.compose`.
     box : numpy.ndarray
         Corners ``[[x, y], [x, y]]`` of all that is shown, m.
-    trace : casadi.SX
-        Positions of traced points (2k,), m.
+    options : Options
+        What is drawn, with the points that are traced; names are shown, in a page from the start, if it says so.
     plots : dict of str to (names, expressions)
         By label: names of lines, and their column.
     fine : numpy.ndarray
@@ -64,8 +64,6 @@ class Film:
     fps : float
         Frames to a second on the screen.
     title : str
-    names : bool
-        True if names are shown, in a page from the start.
     """
 
     motion: Trajectory
@@ -74,14 +72,13 @@ class Film:
     poses: np.ndarray
     scale: dict[str, float]
     box: np.ndarray
-    trace: ca.SX
+    options: Options
     plots: dict[str, tuple[list[str], ca.SX]]
     fine: np.ndarray
     lines: list[np.ndarray]
     speed: float
     fps: float
     title: str
-    names: bool
 
     @property
     def t(self) -> np.ndarray:
@@ -136,21 +133,8 @@ def film(
     box = room(scene.without("velocities"), poses, lines[0].reshape(-1, 2))
     scene = with_placed_names(scene, poses, box, PAPER / float(box[1, 0] - box[0, 0]))
     return Film(
-        motion,
-        sample,
-        scene,
-        poses,
-        scale,
-        box,
-        options.paths,
-        quantities,
-        fine,
-        lines,
-        speed,
-        fps,
-        name,
-        options.names,
-    )
+        motion, sample, scene, poses, scale, box, options, quantities, fine, lines, speed, fps, name,
+    )  # fmt: skip
 
 
 def usual_speed(duration: float) -> float:

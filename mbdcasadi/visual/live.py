@@ -163,8 +163,7 @@ def stage(
         model.eom.function(column)  # raises for symbols that the mechanism does not have
     # a film of nothing: the page finds its own frames
     return Film(
-        source, sample, scene, poses, scale, box, options.paths, quantities, sample.t, [], rate, 60.0, name,  # type: ignore[arg-type]
-        options.names,
+        source, sample, scene, poses, scale, box, options, quantities, sample.t, [], rate, 60.0, name,  # type: ignore[arg-type]
     )  # fmt: skip
 
 

@@ -47,7 +47,7 @@ class Stage:
 
         self.film = film
         scene = film.scene.without("velocities")
-        scene = replace(scene if forces else scene.without("loads"), labels=scene.labels if film.names else [])
+        scene = replace(scene if forces else scene.without("loads"), labels=scene.labels if film.options.names else [])
         box = film.box if forces else room(scene, film.poses, film.paths.reshape(-1, 2))
         ratio = float(np.clip((box[1, 1] - box[0, 1]) / (box[1, 0] - box[0, 0]), FLAT, TALL))
         curves = len(film.curves)
@@ -63,13 +63,7 @@ class Stage:
             draw_scale(scene_axes, scale, box, corners(scene_axes)[1] - [scene.unit, 0])
         else:
             frame_axes(scene_axes, box, fresh=False)
-        self._traces = [
-            scene_axes.plot([], [], color=LIGHT["trace"], linewidth=1.3, zorder=LOWEST + STEP * TRACE)[0]
-            for _ in scene.traces
-        ]
-        self._heads = film.sample[film.trace].reshape(len(film.t), -1, 2)
-        self._clock = scene_axes.text(0.01, 1.0, "", transform=scene_axes.transAxes, fontsize="small",
-                                      color=LIGHT["muted"], va="bottom")  # fmt: skip
+        self._trace(scene_axes)
         if film.title:
             readable(scene_axes.set_title(film.title, fontsize="medium"), name=True)
         self._cursors = [self._plot(a, *curve) for a, curve in zip(others, film.curves.items(), strict=True)]
@@ -83,6 +77,18 @@ class Stage:
         # the places of axes stay as they are, or they would tremble from frame to frame
         self.figure.set_layout_engine("none")
         self._behind = self.canvas.copy_from_bbox(self.figure.bbox)
+
+    def _trace(self, axes: Axes) -> None:
+        """Make room for the paths of points, and for the time."""
+        film = self.film
+        self._traces = [
+            axes.plot([], [], color=LIGHT["trace"], linewidth=1.3, zorder=LOWEST + STEP * TRACE)[0]
+            for _ in film.scene.traces
+        ]
+        self._heads = film.sample[film.options.paths].reshape(len(film.t), -1, 2)
+        self._clock = axes.text(
+            0.01, 1.0, "", transform=axes.transAxes, fontsize="small", color=LIGHT["muted"], va="bottom"
+        )
 
     def _plot(self, axes: Axes, label: str, lines: dict[str, np.ndarray]) -> Any:
         drawn = {}

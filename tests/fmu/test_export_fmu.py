@@ -370,6 +370,8 @@ def test_parameters_in_conditions(tmp_path):
     initial = [pin.angle == first, arm.omega == 2 * first, charge == first**2, other.phi >= 0.1, other.omega == 0]
     outputs = {"angle": pin.angle, "speed": arm.omega, "charge now": charge, "other": other.phi}
     path = mbd.export_fmu(machine, tmp_path / "unit.fmu", initial=initial, outputs=outputs, version=2)
+    units = {v.name: v.unit for v in fmpy.read_model_description(str(path)).modelVariables}
+    assert units["der(arm.phi)"] == "rad/s" and units["charge"] is units["der(charge)"] is None
     for value in (0.3, -0.7, 1.2):
         found = Unit(path, tmp_path).start(first=value).get(*outputs)
         assert found == pytest.approx([value, 2 * value, value**2, 0.1], abs=1e-9)
@@ -622,6 +624,7 @@ def test_description(paths, linkage):
         assert variables["damping"].variability == "tunable" and variables["damping"].min == "0.0"
         assert variables["pin force"].unit == "N" and variables["crank.phi"].unit == "rad"
         assert variables["speed"].unit == "rad/s", "an output that is a state has its unit"
+        assert variables["der(crank.phi)"].unit == "rad/s" and variables["der(crank.omega)"].unit == "rad/s2"
         needs = {u.variable.name: {d.name for d in u.dependencies} for u in description.outputs}
         assert needs["speed"] == {"crank.omega"}
         assert {"torque", "crank.phi", "rocker.omega"} <= needs["pin force"] and "torque" not in needs["energy"]

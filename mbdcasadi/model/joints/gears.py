@@ -95,21 +95,18 @@ class Gear(Joint):
         rolled = self.radius_a * (a.angle - carrier.phi - beyond)
         rolled += sign * self.radius_b * (b.angle - carrier.phi - beyond)
         super().__init__(name, a, b, from_estimate(rolled, *bodies))
-        off = ca.norm_2(along) / distance - 1
+        off = ca.norm_2(along) - distance
+        apart = (
+            f"{what}: the centres are not at the distance given by the pitch radii (the sum of both, for an internal "
+            "pair the difference)"
+        )
+        turning = (
+            f"{what}: the line of centres turns relative to carrier '{carrier.name}'; name the body that carries both "
+            "centres as carrier="
+        )
         self.validity_conditions = (
-            ValidityCondition(
-                _CENTRES - ca.fabs(off),
-                f"{self.description}: the centres are not at the distance given by the pitch radii "
-                "(the sum of both, for an internal pair the difference)",
-                shown=ca.norm_2(along) - distance,
-                unit="m",
-            ),
-            ValidityCondition(
-                along[0] / distance,
-                f"{self.description}: the line of centres turns relative to carrier '{carrier.name}'; "
-                "name the body that carries both centres as carrier=",
-                fixed_angle=beyond,
-            ),
+            ValidityCondition(_CENTRES - ca.fabs(off / distance), apart, shown=off, unit="m"),
+            ValidityCondition(along[0] / distance, turning, fixed_angle=beyond),
         )
 
     @cached_property

@@ -17,6 +17,7 @@ from ...model.forces.friction.modes import switching
 from ...model.mechanism import Mechanism
 from ...model.symbols import Input, Parameter
 from ...printing.javascript import to_javascript, unknown_operation
+from ...printing.walk import operations
 from ...results.state import State
 from ...results.validity import validity_conditions
 from ...simulation.contact.watched_terms import has_gaps
@@ -215,7 +216,7 @@ class LiveModel:
     def largest_element(self) -> str:
         """Description of the element with the most operations."""
         elements = [*self.mechanism.joints, *self.mechanism.drivers, *self.mechanism.forces]
-        sizes = [_operations(_expressions(e)) for e in elements]
+        sizes = [operations(_expressions(e)) for e in elements]
         return f"{elements[int(np.argmax(sizes))].description} ({max(sizes)} operations)" if sizes else "the bodies"
 
 
@@ -284,10 +285,6 @@ def _refuse_elements(mechanism: Mechanism) -> None:
 def _expressions(element: Any) -> ca.SX:
     """All that an element contributes to the equations, as one column."""
     return ca.vertcat(ca.SX(0, 1), *[ca.vec(ca.SX(part)) for part in element.expressions()])
-
-
-def _operations(expressions: ca.SX) -> int:
-    return int(ca.Function("f", ca.symvar(expressions), [expressions]).n_instructions())
 
 
 def _entries(matrix: ca.SX) -> ca.SX:

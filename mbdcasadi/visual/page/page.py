@@ -118,7 +118,7 @@ def page_data(film: Film, store: Columns, forces: bool) -> dict[str, Any]:
     packed = store.packed()
     shapes: Shapes = {}
     return {
-        "t0": float(t[0]), "title": film.title, "speed": film.speed, "forces": forces, "names": film.names,
+        "t0": float(t[0]), "title": film.title, "speed": film.speed, "forces": forces, "names": film.options.names,
         "digits": film.digits,
         "box": [_short(x) for x in film.box.ravel()], "scale": film.scale, "traceLayer": SLOT,
         "frames": [frame | {"c": [column.index for column in frame["c"]]} for frame in frames],

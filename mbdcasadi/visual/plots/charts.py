@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import MechanismError
 from ...results.columns import read_expressions, read_lines
 from ...results.energy_and_drift import violations
-from ..axes import dress, legend, readable
+from ..axes import dress, legend, over_time, readable, stacked
 from ..drawing.draw import motion_of
 from ..drawing.style import SERIES_LIGHT
 from .plot import lines_over
@@ -88,8 +88,6 @@ def plot_energy(motion: Any) -> Figure:
         Kinetic, potential and total energy; total less its first value; and, if there
         are constraints, the largest ``|Phi|`` and ``|Phi_q v - nu|`` by time.
     """
-    from matplotlib.figure import Figure
-
     run = motion_of(motion, "plot_energy")
     energy = run.energy
     change = energy.total - energy.total[0]
@@ -97,8 +95,7 @@ def plot_energy(motion: Any) -> Figure:
     drift = {"|Phi|, m or rad": position} if run.equations.Phi.numel() else {}
     drift |= {"its rate, m/s or rad/s": velocity} if run.equations.lam.numel() else {}
     count = 3 if drift else 2
-    figure = Figure(figsize=(7.2, 1.0 + 2.0 * count), layout="constrained")
-    stack = list(figure.subplots(count, 1, sharex=True))
+    figure, stack = stacked(7.2, 1.0 + 2.0 * count, count)
     sizes = {"kinetic": energy.kinetic, "potential": energy.potential, "total": energy.total}
     lines_over(stack[0], run, sizes, "energy, J")
     lines_over(stack[1], run, {"": change}, "change of total, J")
@@ -106,9 +103,7 @@ def plot_energy(motion: Any) -> Figure:
         held = {name: np.maximum(values, LEAST_VIOLATION) for name, values in drift.items()}
         stack[2].set_yscale("log")
         lines_over(stack[2], run, held, "violation of constraints")
-    stack[-1].set_xlabel("t, s")
-    figure.align_ylabels(stack)
-    return figure
+    return over_time(figure, stack)
 
 
 def plot_path(path: EquilibriumPath, expressions: Mapping[str, Any]) -> Figure:
@@ -126,15 +121,12 @@ def plot_path(path: EquilibriumPath, expressions: Mapping[str, Any]) -> Figure:
     matplotlib.figure.Figure
         Stable states in full lines, unstable ones dashed; critical states are marked and named.
     """
-    from matplotlib.figure import Figure
-
     quantities = read_lines(expressions)
     if not quantities:
         raise MechanismError("plot_path: there is nothing to draw; give {label: expression}")
     if not hasattr(path, "least_stiffness"):
         raise MechanismError(f"plot_path: takes what equilibrium_path returns, got {path!r}")
-    figure = Figure(figsize=(6.4, 0.8 + 2.8 * len(quantities)), layout="constrained")
-    stack = list(figure.subplots(len(quantities), 1, sharex=True, squeeze=False)[:, 0])
+    figure, stack = stacked(6.4, 0.8 + 2.8 * len(quantities), len(quantities))
     for axes, (label, (names, column)) in zip(stack, quantities.items(), strict=True):
         values = path[column].reshape(len(path), -1)
         drawn = {

@@ -52,7 +52,7 @@ def plot_residuals(fit: Fit, labels: Sequence[str] | None = None) -> Figure:
     grid = figure.subplots(2 * rows, len(experiments), squeeze=False, sharex="col", height_ratios=[2, 1] * rows)
     for column, (e, model, residual) in enumerate(zip(experiments, fit.model, fit.residuals, strict=True)):
         for k, label in enumerate(e.labels if labels is None else labels):
-            _one(grid[2 * k, column], grid[2 * k + 1, column], e.times, e.samples[k], model[k], residual[k], label)
+            _one(grid[2 * k : 2 * k + 2, column], e.times, e.samples[k], model[k], residual[k], label)
         for axes in grid[2 * len(e.labels) :, column]:
             axes.set_visible(False)
         grid[2 * len(e.labels) - 1, column].set_xlabel("t, s")
@@ -62,9 +62,8 @@ def plot_residuals(fit: Fit, labels: Sequence[str] | None = None) -> Figure:
     return figure
 
 
-def _one(
-    above: Any, below: Any, t: np.ndarray, samples: np.ndarray, model: np.ndarray, residual: np.ndarray, label: str
-) -> None:
+def _one(pair: Any, t: np.ndarray, samples: np.ndarray, model: np.ndarray, residual: np.ndarray, label: str) -> None:
+    above, below = pair
     above.plot(t, samples, ".", color=SERIES_LIGHT[5], markersize=4, label="data")
     above.plot(t, model, color=SERIES_LIGHT[0], linewidth=1.4, label="model")
     readable(above.set_ylabel(label))
@@ -74,5 +73,5 @@ def _one(
     below.axhline(0.0, color=SERIES_LIGHT[5], linewidth=0.6)
     below.plot(t, residual, ".", color=SERIES_LIGHT[1], markersize=4)
     below.set_ylabel("residual")
-    for axes in (above, below):
+    for axes in pair:
         axes.spines[["top", "right"]].set_visible(False)

@@ -19,7 +19,7 @@ from ...results.columns import (
     read_lines,
 )
 from ...results.trajectory import Trajectory
-from ..axes import dress, legend, readable
+from ..axes import dress, legend, over_time, readable, stacked
 from ..drawing.draw import motion_of
 from ..drawing.style import SERIES_LIGHT
 
@@ -56,22 +56,17 @@ def plot(motion: Any, expressions: Mapping[str, Any]) -> Figure:
     >>> figure = plot(motion, {"crank, rad": crank.phi, "pin force, N": force})  # doctest: +SKIP
     >>> figure = plot(motion, {"angle, rad": {"crank": crank.phi, "rod": rod.phi}})  # doctest: +SKIP
     """
-    from matplotlib.figure import Figure
-
     quantities = read_lines(expressions)
     if not quantities:
         raise MechanismError("plot: there is nothing to draw; give {label: expression}")
     run = motion_of(motion, "plot")
     drawn = run.with_jumps
-    figure = Figure(figsize=(7.2, 0.8 + 2.0 * len(quantities)), layout="constrained")
-    stack = list(figure.subplots(len(quantities), 1, sharex=True, squeeze=False)[:, 0])
+    figure, stack = stacked(7.2, 0.8 + 2.0 * len(quantities), len(quantities))
     for axes, (label, (names, column)) in zip(stack, quantities.items(), strict=True):
         values = drawn[column].reshape(len(drawn), -1)
         lines_over(axes, drawn, dict(zip(names, values.T, strict=True)), label)
     _mark_events(stack, run)
-    stack[-1].set_xlabel("t, s")
-    figure.align_ylabels(stack)
-    return figure
+    return over_time(figure, stack)
 
 
 def overview(motion: Trajectory) -> Figure:
@@ -107,8 +102,7 @@ def overview(motion: Trajectory) -> Figure:
             lines_over(stack[-1], drawn, lines, label, names=True)
             stack[-1].tick_params(labelbottom=k == len(panels) - 1)
         _mark_events(stack, motion)
-        stack[-1].set_xlabel("t, s")
-        figure.align_ylabels(stack)
+        over_time(figure, stack)
     readable(figure.suptitle(motion.mechanism.name or "motion", fontweight="bold"), name=True)
     return figure
 

@@ -12,7 +12,7 @@ from ...errors import MechanismError
 from ...model.joints.lower_pairs import PointOnLine, Revolute, Translational
 from ...model.rates import time_derivative
 from ...results.columns import columns, read_lines
-from ..axes import dress, legend, readable
+from ..axes import dress, legend, over_time, readable, stacked
 from ..drawing.style import SERIES_LIGHT
 from .plot import reaction_sizes
 
@@ -48,8 +48,6 @@ def plot_solution(solution: Solution, expressions: Mapping[str, Any] | None = No
         Dots are the points at which the equations hold; dashed lines are limits of
         inputs; bars say when which limit holds the motion back.
     """
-    from matplotlib.figure import Figure
-
     if not hasattr(solution, "active_limits"):
         raise MechanismError(f"plot_solution: takes what optimize returns, got {solution!r}")
     states = _usual_states(solution) if expressions is None else _named(expressions)
@@ -60,8 +58,7 @@ def plot_solution(solution: Solution, expressions: Mapping[str, Any] | None = No
     )
     heights = [1.5] * (len(inputs) + len(states)) + [1.5] * bool(loads) + [0.15 + 0.22 * len(active)] * bool(active)
     heights.append(0.25)
-    figure = Figure(figsize=(8.4, 1.1 + sum(heights)), layout="constrained")
-    stack = list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
+    figure, stack = stacked(8.4, 1.1 + sum(heights), len(heights), heights)
     rest = iter(stack)
     # the polynomials of inputs may jump from one interval to the next, and are drawn interval by interval
     fine = solution.trajectory.at(np.linspace(0.0, solution.duration, TIMES))
@@ -79,8 +76,7 @@ def plot_solution(solution: Solution, expressions: Mapping[str, Any] | None = No
     for axes in stack:
         axes.set_xlim(0.0, solution.duration)
         axes.tick_params(labelbottom=axes is stack[-1])
-    stack[-1].set_xlabel("t, s")
-    figure.align_ylabels(stack)
+    over_time(figure, stack)
     name = solution.problem.mechanism.name or "optimal motion"
     title = f"{name}: cost {solution.cost:.6g}, {solution.duration:.4g} s"
     readable(figure.suptitle(title, fontsize="medium"), name=True)

@@ -7,8 +7,13 @@ function tell(text) {
   element("notice").hidden = !text;
 }
 
-function showControls() {
+// Show the present state of the mechanism.
+function showNow() {
   state.time = now.t[0];
+  show();
+}
+
+function showControls() {
   for (const slider of LIVE.sliders) {
     const value = sliderValue(slider);
     if (document.activeElement !== slider.field) slider.field.value = String(Number(value.toPrecision(6)));
@@ -48,8 +53,7 @@ function step(clock) {
     slow = left > 0 ? slow + 1 : Math.max(0, slow - 1);
     element("slow").hidden = slow < 10;
     if (state.playing) tell(warnings().join(" "));
-    state.time = now.t[0];
-    show();
+    showNow();
   }
   shownAt = clock;
   window.requestAnimationFrame(step);
@@ -61,15 +65,13 @@ function change(slider, value) {
   const reached = setValue(slider.name, Math.min(Math.max(value, slider.low), slider.high));
   const missed = Math.abs(reached - value) > 1e-9 * (1 + Math.abs(value));
   tell(missed ? slider.name + " = " + written(value) + " cannot be reached on this branch of the linkage; it stays at " + written(reached) : "");
-  state.time = now.t[0];
-  show();
+  showNow();
 }
 
 function reset() {
   const asked = Float64Array.from(now.p), reached = restart();
   tell(reached < 1 ? "with these values the start cannot be reached; they go as far as it can" : "");
-  state.time = now.t[0];
-  show();
+  showNow();
   return reached === 1 || asked;
 }
 
@@ -111,8 +113,7 @@ function drag(at) {
   const free = followPointer(held.body, held.place, held.target);
   pull = held;
   if (!free && LIVE.driven) tell("the drivers hold every part; let it run, or change what they follow");
-  state.time = now.t[0];
-  show();
+  showNow();
 }
 function release() { pull = null; accelerations(now); revised++; show(); }
 function drawPull() {
@@ -128,8 +129,7 @@ function single(seconds) {
   setPlaying(false);
   tell("");
   if (solveOn(seconds)) tell(warnings().join(" "));
-  state.time = now.t[0];
-  show();
+  showNow();
 }
 element("step").addEventListener("click", () => { single(DATA.speed * state.factor / 30); });
 element("reset").addEventListener("click", reset);
@@ -142,11 +142,11 @@ window.mechanism = Object.defineProperties({
   live: true,
   // integrate on over some seconds, without drawing until the end
   run: seconds => {
-    try { advance(now.t[0] + seconds); } finally { state.time = now.t[0]; show(); }
+    try { advance(now.t[0] + seconds); } finally { showNow(); }
     return now.t[0];
   },
   reset: reset,
-  set: (name, value) => { const reached = setValue(name, value); state.time = now.t[0]; show(); return reached; },
+  set: (name, value) => { const reached = setValue(name, value); showNow(); return reached; },
   values: () => { return Object.fromEntries(LIVE.sliders.map(one => [one.name, sliderValue(one)])); },
   violation: () => violationOf(now),
   // for comparisons: the whole state, and what its solution took
