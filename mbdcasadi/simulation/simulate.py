@@ -128,26 +128,15 @@ def simulate(
     True
     """
     found: list[Trajectory] = []
+    given: dict[str, Any] = dict(times=times, duration=duration, initial=initial, inputs=inputs, parameters=parameters)
+    chosen: dict[str, Any] = dict(reltol=reltol, abstol=abstol, jit=jit, options=options)
     with keyboard_interrupts("simulate", lambda: found[-1] if found else None) as interruption:
         read = read_events(events)
         if any(event.becomes is not None for event in read):
-            chosen = dict(reltol=reltol, abstol=abstol, jit=jit, options=options)
-            given = dict(times=times, duration=duration, initial=initial, inputs=inputs, parameters=parameters)
             return _through_phases(mechanism, read, method, chosen, given, progress=bool(progress))
-        setup = Setup(
-            mechanism,
-            "simulate",
-            times=times,
-            duration=duration,
-            initial=initial,
-            inputs=inputs,
-            parameters=parameters,
-            takes_controller=True,
-        )
+        setup = Setup(mechanism, "simulate", **given, takes_controller=True)
         modes = _modes(setup, read)
-        asked = chosen_integrator(
-            method, modes, reltol=reltol, abstol=abstol, jit=jit, options=options, analysis="simulate"
-        )
+        asked = chosen_integrator(method, modes, **chosen, analysis="simulate")
         integrator = suited_to_friction(asked, modes.numeric(modes.free))
         run = Run(setup, modes, read, integrator, progress=bool(progress), interruption=interruption)
         found.append(run.run())
@@ -178,7 +167,7 @@ def _through_phases(
         asked = chosen_integrator(method, modes, **chosen, analysis="simulate")
         return suited_to_friction(asked, modes.numeric(modes.free))
 
-    run = PhasedRun(mechanism, events, _modes, integrator_of, progress=progress, **given)
+    run = PhasedRun(mechanism, events, _modes, integrator_of, given, progress=progress)
     motion = run.run()
     notes = motion.statistics.notes
     for part in motion.phases:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...equations.switching.continuity import continuous_switches
 from ...equations.switching.switches import hold
+from ...numerics.graph import operations
 from ...printing import to_text
 from ..phase import Phase
 from ..placeholders import placeholders_in
@@ -28,11 +29,9 @@ def kinks_in(expression: ca.SX) -> list[str]:
     """Return in words where the slope of an expression jumps: at operations such as ``fabs``, and at comparisons."""
     whole = ca.vertcat(expression, *[p.expression for p in placeholders_in(expression)])
     symbols = ca.vertcat(ca.SX(0, 1), *ca.symvar(whole))
-    function = ca.Function("f", [symbols], [whole])
-    nodes = function.instructions_sx()
-    bends = [nodes[k] for k in range(function.n_instructions()) if function.instruction_id(k) in _KINKS]
+    bends = [f"{_text(node)} bends" for _, node in operations(whole, _KINKS)]
     if bends:
-        return [f"{_text(node)} bends" for node in bends]
+        return bends
     (held,), switches = hold([whole])
     count = symbols.numel()
     smooth = continuous_switches(

@@ -20,6 +20,7 @@ from ...equations.switching.switch_functions import state_switches
 from ...integrators.compiled import IntegrationFailure
 from ...model.symbols import as_sx
 from ...numerics.evaluation import Evaluator
+from ...numerics.roots import bracketed_roots, sign_changes
 from ..contact.watched_terms import has_gap
 from ..path import Path, hermite_states
 from ..stepper import Stepper
@@ -189,10 +190,9 @@ class UnseenLoads:
 
     def _zeros(self, path: Path, times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Quantities and instants at which their values, at points of a path, pass zero or are zero (k,)."""
-        rows, places = np.nonzero(np.sign(values[:, :-1]) * np.sign(values[:, 1:]) < 0)
+        (rows, places), (rows_at, places_at) = sign_changes(values)
         roots = self._roots(path, rows, times[places], times[places + 1], values[rows, places])
-        rows_at, places_at = np.nonzero((values[:, 1:-1] == 0) & np.any(values != 0, axis=1)[:, None])
-        return np.r_[rows, rows_at], np.r_[roots, times[1:-1][places_at]]
+        return np.r_[rows, rows_at], np.r_[roots, times[places_at]]
 
     def _turns(
         self, path: Path, times: np.ndarray, values: np.ndarray, longest: float
@@ -234,11 +234,7 @@ class UnseenLoads:
 
     def _roots(self, path: Path, rows: np.ndarray, low: np.ndarray, high: np.ndarray, at_low: np.ndarray) -> np.ndarray:
         """Zeros in brackets, all at once, by halving (k,)."""
-        for _ in range(STEPS if rows.size else 0):
-            middle = (low + high) / 2
-            same = np.sign(self._of_rows(path, rows, middle)) == np.sign(at_low)
-            low, high = np.where(same, middle, low), np.where(same, high, middle)
-        return (low + high) / 2
+        return bracketed_roots(lambda times: (self._of_rows(path, rows, times), None), low, high, at_low, STEPS)
 
     def _extrema(self, path: Path, rows: np.ndarray, low: np.ndarray, high: np.ndarray, sign: np.ndarray) -> np.ndarray:
         """Extrema in brackets, all at once, by the golden section (k,).
