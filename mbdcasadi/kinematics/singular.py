@@ -8,6 +8,7 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..results.validity import broken_at_pose
+from .mobility import mobility
 
 #: Components of a null vector that count as taking part; and those of rows that prescribe a velocity, which lock
 #: however little their row weighs beside the joints'.
@@ -62,3 +63,9 @@ def describe_singularity(numeric: NumericEquations, t: float, q: np.ndarray, *, 
     kind = "lock-up" if locks else "shaky" if shaky else "bifurcation"
     remarks = "".join(f"; {sentence}" for sentence in broken_at_pose(numeric, t, q))
     return SingularPose(kind, rows, f"{MEANING[kind]}; the rows that take part are {', '.join(rows)}{remarks}")
+
+
+def singular_pose(numeric: NumericEquations, t: float, q: np.ndarray) -> SingularPose | None:
+    """Return the singularity of a pose; None if the poses about it are of its rank, as with redundant rows."""
+    near = mobility(numeric, t, q)
+    return describe_singularity(numeric, t, q, shaky=bool(near.shaky)) if near.singular else None

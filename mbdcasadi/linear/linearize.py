@@ -11,8 +11,7 @@ import numpy as np
 from ..arguments.values import inputs_and_parameters
 from ..assembly.setup import Setup
 from ..errors import ModelError, warn
-from ..kinematics.mobility import mobility
-from ..kinematics.singular import describe_singularity
+from ..kinematics.singular import singular_pose
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries
 from ..model.symbols import Input, Parameter, as_expression
@@ -153,9 +152,8 @@ def _warn_of_singular_pose(setup: Setup, point: State) -> None:
     numeric = setup.numeric
     if numeric.rank(point.t, point.q).rank == setup.eom.lam.numel():
         return
-    around = mobility(numeric, point.t, point.q)
-    if around.singular:
-        pose = describe_singularity(numeric, point.t, point.q, shaky=bool(around.shaky))
+    pose = singular_pose(numeric, point.t, point.q)
+    if pose is not None:
         warn(
             f"linearize: at t = {point.t:.6g} s the pose is singular, {pose.text}; small changes along several motions "
             "at once do not meet the constraints, and the linear model does not hold for them"

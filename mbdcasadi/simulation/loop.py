@@ -461,14 +461,12 @@ class Run:
         if failure.last is not None and failure.last_x is not None:
             reached, last = failure.last, failure.last_x
         ahead = 1e-3 * (piece.times[-1] - piece.start)
-        outputs = self._arc.stepper.outputs
         near = NEAR_CORNER * (self._schedule.end - self._schedule.start)
         corner = next((jump for jump in self._corners if abs(jump.time - reached) <= near), None)
         if corner is not None:
             cause = f"{corner}, and the expression has no accurate derivative close to it; {corner.remedy}"
         else:
-            state = outputs.split(last[None, :])
-            cause = cause_of_failure(self._arc.numeric, reached, *state, failure.flag, ahead, self.integrator.name)
+            cause = cause_of_failure(self._arc.numeric, reached, last, failure.flag, ahead, self.integrator.name)
         return SimulationError(
             f"the simulation stopped at t = {reached:.6g} s: {cause}; what was computed is in .partial",
             time=reached,

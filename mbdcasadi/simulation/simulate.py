@@ -213,17 +213,8 @@ def _modes(setup: Setup, events: Sequence[Event]) -> Modes:
     return modes
 
 
-def chosen_integrator(
-    method: Any,
-    modes: Modes,
-    *,
-    reltol: float | None,
-    abstol: float | None,
-    jit: bool = False,
-    options: Any = None,
-    analysis: str,
-) -> Integrator:
-    """The integrator that ``method=`` asks for; "auto" decides by the motion at the start."""
+def chosen_integrator(method: Any, modes: Modes, *, analysis: str, options: Any = None, **settings: Any) -> Integrator:
+    """The integrator that ``method=`` asks for, with its settings; "auto" decides by the motion at the start."""
     if options is not None and not isinstance(options, dict):
         raise SimulationError(f"{analysis}: options= takes a dict for the integrator, got {options!r}")
     if method == "auto":
@@ -232,7 +223,7 @@ def chosen_integrator(
         whole = analysis == "simulate" and not options and not setup.has_redundant_rows
         method = "idas" if stiff else "dop853" if whole else "erk"
         method = "bdf" if whole and has_many_contacts(numeric) else method
-    return as_integrator(method, reltol, abstol, jit=jit, options=options, besides=("auto",))
+    return as_integrator(method, **settings, options=options, besides=("auto",))
 
 
 def _is_stiff(numeric: NumericEquations, start: State, grid: np.ndarray, redundant: bool) -> bool:

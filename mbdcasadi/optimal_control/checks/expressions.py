@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
-from ...equations.switching.continuity import continuous_switches
+from ...equations.switching.continuity import Surroundings, continuous_switches
 from ...equations.switching.switches import hold
 from ...numerics.graph import operations
 from ...printing import to_text
@@ -34,9 +34,8 @@ def kinks_in(expression: ca.SX) -> list[str]:
         return bends
     (held,), switches = hold([whole])
     count = symbols.numel()
-    smooth = continuous_switches(
-        [held, ca.jacobian(held, symbols)], switches, symbols, np.zeros(count), np.ones(count), ca.SX(0, 1), np.zeros(0)
-    )
+    around = Surroundings(symbols, np.zeros(count), np.ones(count), ca.SX(0, 1), np.zeros(0))
+    smooth = continuous_switches([held, ca.jacobian(held, symbols)], switches, around)
     return [f"{_text(switch.natural)} passes zero" for switch in switches if switch.node not in smooth]
 
 

@@ -324,10 +324,7 @@ def meets_loads(eom: Equations, signals: Signals) -> bool:
 
 def _quantities(eom: Equations, signals: Signals) -> _Quantities:
     """Quantities of a motion that are watched; kept for a mechanism."""
-    found: _Quantities = eom.mechanism.cache.get_or_create(
-        ("state quantities", signals.structure), lambda: _Quantities(eom, signals), bounded=True
-    )
-    return found
+    return signals.kept(eom, ("state quantities",), lambda: _Quantities(eom, signals), bounded=True)
 
 
 def _duration(load: np.ndarray, spacing: float) -> float:
@@ -351,8 +348,6 @@ class _Quantities:
     """
 
     def __init__(self, eom: Equations, signals: Signals):
-        # kept with the functions that are made of it: a hash in the structure is unique only while the node lives
-        self._expressions = signals.parametrised
         switches, transients = state_quantities(eom, signals)
         column = ca.vertcat(ca.SX(0, 1), *switches, *transients)
         self.switches, self.number = len(switches), column.numel()

@@ -14,8 +14,7 @@ from ...integrators import Integrator
 from ...integrators.compiled import IntegrationFailure
 from ...integrators.dop853.runner import ExplicitRunner
 from ...integrators.native.stretch import Progress, Reached, Status, Stretch
-from ...kinematics.mobility import mobility
-from ...kinematics.singular import describe_singularity
+from ...kinematics.singular import singular_pose
 from ...model.events import Event
 from ...numerics.console import Interruption
 from ...results.state import State
@@ -46,9 +45,8 @@ FLAGS = {
 
 def refuse_redundant_rows(integrator: Integrator, numeric: NumericEquations, state: State) -> None:
     """Raise with the names of the rows that depend on each other at a state, everywhere or in its pose alone."""
-    around = mobility(numeric, state.t, state.q)
-    if around.singular:
-        pose = describe_singularity(numeric, state.t, state.q, shaky=bool(around.shaky))
+    pose = singular_pose(numeric, state.t, state.q)
+    if pose is not None:
         raise SingularityError(
             f'method="{integrator.name}" cannot start at t = {state.t:.6g} s: the pose is singular, {pose.text}; '
             'use method="idas", or start from a pose beside it',
