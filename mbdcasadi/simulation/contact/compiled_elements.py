@@ -248,7 +248,7 @@ class _Kind:
         if name == "forces":
             return self._tape(name, self._force), self._coordinates
         if name == "rates":
-            return self._tape(name, terms.rates_of(k).call(arguments)[0]), terms.rate_places[k]
+            return self._tape(name, terms.rate_functions[k].call(arguments)[0]), terms.rate_places[k]
         if name == "gaps":
             return self._tape(name, terms.bounded_gaps[k].call(arguments)[0]), terms.gap_places[k]
         numbers = terms.numbered(COURSES)[k]

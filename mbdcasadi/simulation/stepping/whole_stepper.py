@@ -230,5 +230,5 @@ class WholeOutputs(Outputs):
     def block(self, times: np.ndarray, x: np.ndarray, since: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
         q, v, z = self.split(x)
         columns = self.signals.columns_from(times if since is None else since)
-        a, lam, u = self._runner.complete(times, x, columns, self.numeric.p, self._levels)
+        a, lam, u = self._runner.run.complete(times, x, columns, self.numeric.p, self._levels)
         return times, q, v, a, z, lam, u
