@@ -114,9 +114,10 @@ class Arc:
         self, piece: Piece, path: Path, passage: Passage | None
     ) -> tuple[Path, IntegrationFailure | None]:
         """Return a path on the constraints, up to the first state that cannot be brought there, and the failure."""
-        x, apart = path.x[1:], None
-        if not path.on_constraints:
-            x, apart = self._projection.states(piece, path, self.outputs(passage), across=passage is not None)
+        if path.on_constraints:
+            self.stepper.note_turning(path.x[1:])
+            return path, None
+        x, apart = self._projection.states(piece, path, self.outputs(passage), across=passage is not None)
         self.stepper.note_turning(x)
         return replace(path, times=path.times[: len(x) + 1], x=np.vstack([path.x[:1], x])), apart
 

@@ -25,7 +25,7 @@ from ..results.validity import validity_conditions
 from .arc import Arc, ends_run, resets_or_ends
 from .changes.events import Crossing
 from .changes.impacts import INSTANT
-from .changes.modes import Modes
+from .changes.modes import Block, Modes
 from .changes.transitions import Transitions
 from .checks.failure_diagnosis import cause_of_failure, singular_event
 from .checks.unseen_loads import meets_loads
@@ -362,14 +362,18 @@ class Run:
         self._arc.trail.begin(self._time, self._x)
 
     def _keep(self, times: np.ndarray, x: np.ndarray, since: np.ndarray, outputs: Outputs | None = None) -> None:
+        """Record outputs at states."""
+        if times.size:
+            self._record((outputs or self._arc.stepper.outputs).block(times, x, since))
+
+    def _record(self, block: Block) -> None:
         """Record outputs, up to the one at which friction leaves the reactions open."""
-        if not times.size:
-            return
         arc = self._arc
-        block = (outputs or arc.stepper.outputs).block(times, x, since)
         t, q, v, _, z, lam, u = block
         lost = arc.uniqueness.first_lost(t, q, v, z, lam, u)
-        self.modes.check(arc.mode, self._builder.add(arc.mode, *(part[:lost] for part in block)))
+        unique = block if lost is None else tuple(part[:lost] for part in block)
+        self._builder.add(arc.mode, unique)
+        self.modes.check(arc.mode, unique)
         if lost is not None:
             raise SimulationError(
                 f"{arc.uniqueness.sentence(float(t[lost]))}; what was computed is in .partial", time=float(t[lost])
@@ -392,7 +396,7 @@ class Run:
             statistics.formulation = self.modes.prefix + arc.stepper.formulation.name
             if self.redundant:
                 statistics.notes.append(LEAST_NORM)
-            self._keep(np.array([state.t]), self._x[None, :], np.array([state.t]))
+            self._record(tuple(np.array(part)[None] for part in state.arguments[:-1]))
 
     def _occurrence(self, crossing: Crossing) -> EventOccurrence:
         state = self._arc.stepper.outputs.state(crossing.time, crossing.x)

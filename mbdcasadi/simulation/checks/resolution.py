@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...integrators.compiled import IntegrationFailure
+from ...numerics.lazy import cached_property
 from ..contact.gap_closings import Closing, GapClosings
 from ..contact.watched_terms import watched_terms
 from ..path import Path
@@ -102,10 +103,15 @@ class Resolution:
         self._verifications = VERIFICATIONS
         self._spans = np.array([s.span for s in self._smoothings])
         self._is_load = np.array([s.scale is not None for s in self._smoothings], dtype=bool)
-        self._lightest = float(np.min(numeric.mass[numeric.mass > 0], initial=np.inf))
         self._blocks: list[tuple[np.ndarray, ...]] = []
         self._passed: dict[int, _Finding] = {}
         self._excesses: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+
+    @cached_property
+    def _lightest(self) -> float:
+        """Smallest mass, kg or kg m²."""
+        mass = self._numeric.mass
+        return float(np.min(mass[mass > 0], initial=np.inf))
 
     def first_touch(self, path: Path) -> tuple[float, np.ndarray] | None:
         """First time at which a piece is to end, as a contact closes that its steps did not follow; None if none does.

@@ -116,11 +116,11 @@ class CompiledStepper(Stepper):
     def _system(self, form: Formulation, terms: WatchedTerms | None) -> Dae:
         """The system of an integrator, with compiled elements if they are many of a kind."""
         if terms is None:
-            return form.dae(self.numeric, self.signals)
+            return form.dae(self.numeric, self.signals, in_tree=True)
         elements, _ = compiled_elements(terms)
         if elements is not None:
             return form.compiled_dae(self.numeric, self.signals, elements)
-        return form.dae(self.numeric, self.signals, quadratures=terms.rates)
+        return form.dae(self.numeric, self.signals, quadratures=terms.rates, in_tree=True)
 
     def release(self) -> None:
         self._before = self.counts.starts, self.counts.all_steps

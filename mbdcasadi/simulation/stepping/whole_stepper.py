@@ -17,17 +17,17 @@ from ...integrators.native.stretch import Progress, Reached, Status, Stretch
 from ...kinematics.singular import singular_pose
 from ...model.events import Event
 from ...numerics.console import Interruption
+from ...numerics.lazy import cached_property
 from ...results.state import State
 from ..changes.events import EventWatch
 from ..contact.watched_terms import watched_terms
 from ..outputs import Outputs
 from ..path import Path, Way, way_by
 from ..schedule import WATCH_POINTS, Piece
+from ..singular.regularity import FALL
 from ..stepper import PRECISE, Counts, SteppedSystem, Stepper
 from .explicit_system import explicit_system
 
-#: Fall of the regularity, relative to the largest one seen, from which the poses are looked at closely.
-FALL = 0.1
 #: Steps at the limit of stability, and steps that are still to come at that size, from which a motion is too stiff.
 STIFF_STEPS, TOO_MANY_STEPS = 1000, 200_000
 #: Steps of the short way to an event or past a singular pose, at most.
@@ -87,12 +87,15 @@ class WholeStepper(Stepper):
             self.numeric.eom.mechanism.cache,
             compiles=self.integrator.jit,
         )
-        self.outputs: Outputs = WholeOutputs(self.numeric, self.signals, self.levels, self._runner)
         self._progress = Progress()
         self._end: tuple[float, np.ndarray] | None = None
         self._last_start: float | None = None
         self._starts = self._steps = self._all_steps = 0
         self._is_stiff = False
+
+    @cached_property
+    def outputs(self) -> Outputs:
+        return WholeOutputs(self.numeric, self.signals, self.levels, self._runner)
 
     @property
     def counts(self) -> Counts:
@@ -161,7 +164,8 @@ class WholeStepper(Stepper):
         self._end = float(times[-1]), reached.x[-1].copy()
         if again:  # it was sent back to meet something with care
             self._progress.step = 0.0
-        increments = np.diff(reached.integrals, axis=0, prepend=np.zeros((1, self._rates)))
+        increments = reached.integrals.copy()
+        increments[1:] -= reached.integrals[:-1]
         return Path(
             np.concatenate([[piece.start], times]),
             np.vstack([x, reached.x]),
