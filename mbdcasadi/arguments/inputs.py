@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -18,6 +18,8 @@ from ..numerics.lazy import cached_property
 from ..numerics.real import distinct, real_array
 from .piecewise_polynomial import PiecewisePolynomial
 from .values import pairs_of, position_in
+
+T = TypeVar("T")
 
 
 class SampledController(Immutable):
@@ -152,12 +154,20 @@ class Signals:
     def function(self, eom: Equations) -> ca.Function:
         """``(t, q, v, z, p, levels, channel) -> u``; made once for each structure of the inputs."""
 
-        def make() -> tuple[ca.Function, ca.SX]:
+        def make() -> ca.Function:
             arguments = [eom.t, eom.q, eom.v, eom.z, eom.p, self.levels, self.channel]
-            # the expression is kept beside its function: a hash is unique only while the node lives
-            return ca.Function("input", arguments, [ca.densify(self.parametrised)]), self.parametrised
+            return ca.Function("input", arguments, [ca.densify(self.parametrised)])
 
-        return eom.mechanism.cache.get_or_create(("input", self.structure), make)[0]
+        return self.kept(eom, ("input",), make)
+
+    def kept(self, eom: Equations, key: tuple[Any, ...], make: Callable[[], T], *, bounded: bool = False) -> T:
+        """Return what was made for a mechanism, a key and inputs of this structure; made once, as a cache has it."""
+
+        def made() -> tuple[T, ca.SX]:
+            # the expression is kept beside it: a hash in the structure is unique only while the node lives
+            return make(), self.parametrised
+
+        return eom.mechanism.cache.get_or_create((*key, self.structure), made, bounded=bounded)[0]
 
     def at_time(self, t: float) -> ca.SX:
         """Expressions of the inputs (n_u,) in ``q, v, z, p`` and t, with what holds by intervals taken at a time."""
@@ -188,8 +198,7 @@ class Signals:
         times = np.atleast_1d(np.asarray(t, float))
         if not self.structure:
             return np.zeros((times.size, 0))
-        # with the function, which keeps the nodes whose hashes are in the structure
-        evaluator = eom.mechanism.cache.get_or_create(("inputs", self.structure), lambda: Evaluator(self.function(eom)))
+        evaluator = self.kept(eom, ("inputs",), lambda: Evaluator(self.function(eom)))
         level_values = self.level_values if levels is None else levels
         rows = self.columns_from(times) if channel is None else channel.T
         return evaluator.rows(times[:, None], q, v, z, p, level_values, rows)[0]

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Mapping
-from functools import cache, partial
+from functools import partial
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 from ..errors import SimulationError
 from ..model.immutable import Immutable
 from ..model.symbols import number
+from .native import build
 
 #: Tolerances unless others are given.
 RELTOL, ABSTOL = 1e-8, 1e-8
@@ -166,17 +165,17 @@ class NativeMethod(Integrator):
         )
 
 
-@cache
-def _compiler_on(path: str) -> str | None:
-    """Name of a C compiler on a path; None without one."""
-    return next((c for c in ("gcc", "clang", "cc") if shutil.which(c, path=path)), None)
+def tightened(tolerance: float, factor: float, tightest: float) -> float:
+    """Local tolerance of a multistep method, whose global error is well above it."""
+    return max(tolerance / factor, min(tolerance, tightest))
 
 
 def _compiler() -> str:
-    """Name of a C compiler on the path."""
-    name = _compiler_on(os.environ.get("PATH", ""))
-    if name is None:
+    """Command of the C compiler."""
+    using = build.compiler()
+    if using is None:
         raise SimulationError(
-            "jit=True needs a C compiler, and none of gcc, clang, cc is on the path; install one or leave jit out"
+            "jit=True needs a C compiler, and none is on the path (of gcc, clang, cc, or the one that $CC names); "
+            "install one or leave jit out"
         )
-    return name
+    return " ".join(using.command)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from .base import Integrator
+from .base import Integrator, tightened
 
 #: IDAS is given this much tighter tolerances than asked for: its error accumulates faster than that of one-step
 #: methods (measured: the energy of a four-bar over 100 s then stays within 2e-5 at 1e-8).
@@ -42,8 +42,8 @@ class IDAS(Integrator):
 
     def plugin_options(self, *, algebraic: bool) -> dict[str, Any]:
         own: dict[str, Any] = {
-            "reltol": _tightened(self.reltol),
-            "abstol": _tightened(self.abstol),
+            "reltol": tightened(self.reltol, TIGHTER, TIGHTEST),
+            "abstol": tightened(self.abstol, TIGHTER, TIGHTEST),
             "linear_solver": "csparse",
             "nonlin_conv_coeff": NEWTON_ERROR,
             "disable_internal_warnings": True,
@@ -53,8 +53,3 @@ class IDAS(Integrator):
         # multipliers left out of the error test at a tighter tolerance: faster at equal error
         own |= {"suppress_algebraic": True} if algebraic else {}
         return own | self._compiler_options | dict(self.options)
-
-
-def _tightened(tolerance: float) -> float:
-    """Local tolerance of the multistep method, whose global error is well above it."""
-    return max(tolerance / TIGHTER, min(tolerance, TIGHTEST))

@@ -1,4 +1,4 @@
-"""A root of a scalar function between two points, and signs of one between samples."""
+"""Roots of functions between two points, and signs of functions between samples."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 
 #: Fraction of its change over an interval by which a parabola through samples must come near to zero.
 TOUCHES = 0.1
+#: Steps in which bracketed roots are found to the last bit: by halving alone in the worst case.
+MOST_STEPS = 60
 
 
 def bracketed_root(
@@ -51,6 +53,50 @@ def bracketed_root(
             side = -1
         widths.append(high - low)
     return high
+
+
+def bracketed_roots(
+    function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    low: np.ndarray,
+    high: np.ndarray,
+    at_low: np.ndarray,
+) -> np.ndarray:
+    """Return roots in brackets, all at once, by Newton steps that stay inside, and halving (k,).
+
+    Parameters
+    ----------
+    function : callable
+        ``points -> (values, slopes)``, each (k,).
+    low, high : numpy.ndarray
+        Ends of the brackets (k,).
+    at_low : numpy.ndarray
+        Values at their beginnings, whose signs are those of that side (k,).
+    """
+    x = (low + high) / 2
+    for _ in range(MOST_STEPS if low.size else 0):
+        value, slope = function(x)
+        same = np.sign(value) == np.sign(at_low)
+        low, high = np.where(same, x, low), np.where(same, high, x)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = value / slope
+            aimed = x - step
+        inside = (aimed > low) & (aimed < high)
+        done = (value == 0) | (high - low <= 2 * np.spacing(np.abs(high)))
+        done |= inside & (np.abs(step) <= np.spacing(np.abs(x)))
+        if np.all(done):
+            break
+        x = np.where(done, x, np.where(inside, aimed, (low + high) / 2))
+    return x
+
+
+def sign_changes(values: np.ndarray) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+    """Return rows and places of values (rows, k) between which and the next the sign changes, and those of inner zeros.
+
+    A row that is zero everywhere has none.
+    """
+    sign = np.sign(values)
+    rows, places = np.nonzero((values[:, 1:-1] == 0) & np.any(values != 0, axis=1)[:, None])
+    return np.nonzero(sign[:, :-1] * sign[:, 1:] < 0), (rows, places + 1)
 
 
 def nears_zero(before: np.ndarray, after: np.ndarray, length: np.ndarray | float, bend: np.ndarray) -> np.ndarray:

@@ -32,7 +32,7 @@ from .checks.unseen_loads import meets_loads
 from .outputs import Outputs
 from .path import Path
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
-from .singular.passage import Passage
+from .singular.passage import Passage, notes_on_passages
 from .singular.start import refuse_singular_start
 from .stepping.compiled_stepper import NearSingularPose
 from .stepping.whole_stepper import refuse_redundant_rows
@@ -133,7 +133,8 @@ class Run:
                 self._begin() if entry is None else self._resume(entry)
                 if any(event.becomes is not None for event in self.events):
                     state = self._arc.stepper.outputs.state(self._time, self._x)
-                    self._change_at(state, self.transitions.to_another_mechanism(state, passed))
+                    self.changing = self.transitions.to_another_mechanism(state, passed)
+                    self.reached = self.transitions.whole(state)
                 if not self.changing:
                     self._pieces(bar)
             except (KeyboardInterrupt, Exception) as error:
@@ -145,7 +146,8 @@ class Run:
                 raise
             finally:
                 builder.statistics.seconds = clock.perf_counter() - began
-                builder.statistics.notes += self._method_notes() + self._passage_notes()
+                notes = (note for arc in self._arcs.values() for note in arc.stepper.notes)
+                builder.statistics.notes += [*dict.fromkeys(notes), *notes_on_passages(self._passed)]
                 builder.statistics.restarts = self.starts
                 if not self._interruption.requested:  # what was stopped inside a step is not used again
                     for arc in self._arcs.values():
@@ -419,7 +421,8 @@ class Run:
             state, occurrences = self.transitions.out_of_mode(state, own)
             self._builder.events += occurrences
         if terminal:
-            self._change_at(state, [c.event for c in terminal if c.event.becomes is not None])
+            self.changing = [c.event for c in terminal if c.event.becomes is not None]
+            self.reached = self.transitions.whole(state)
             self.stops = any(c.event.terminal for c in terminal)
             return True
         self._enter(state)
@@ -443,12 +446,6 @@ class Run:
         if occurrences or located or state.t == self.setup.grid[0]:
             self.transitions.impacts.refuse_pressed_through(state)
 
-    def _change_at(self, state: State, changing: list[Event]) -> None:
-        """Note the events by which the mechanism changes at a state."""
-        self.changing = changing
-        if changing:
-            self.reached = self.transitions.whole(state)
-
     # --- the end of a run that does not get to its end ----------------------------------------------
     def _interrupted(self) -> Interrupted:
         if self._builder.is_empty:
@@ -465,31 +462,17 @@ class Run:
         if failure.last is not None and failure.last_x is not None:
             reached, last = failure.last, failure.last_x
         ahead = 1e-3 * (piece.times[-1] - piece.start)
-        outputs = self._arc.stepper.outputs
         near = NEAR_CORNER * (self._schedule.end - self._schedule.start)
         corner = next((jump for jump in self._corners if abs(jump.time - reached) <= near), None)
         if corner is not None:
             cause = f"{corner}, and the expression has no accurate derivative close to it; {corner.remedy}"
         else:
-            state = outputs.split(last[None, :])
-            cause = cause_of_failure(self._arc.numeric, reached, *state, failure.flag, ahead, self.integrator.name)
+            cause = cause_of_failure(self._arc.numeric, reached, last, failure.flag, ahead, self.integrator.name)
         return SimulationError(
             f"the simulation stopped at t = {reached:.6g} s: {cause}; what was computed is in .partial",
             time=reached,
             partial=self._builder.trajectory(),
         )
-
-    def _passage_notes(self) -> list[str]:
-        if not self._passed:
-            return []
-        poses = "1 singular pose" if len(self._passed) == 1 else f"{len(self._passed)} singular poses"
-        return [
-            f"passes {poses}, the first at t = {self._passed[0]:.6g} s, in "
-            "which the mechanism could fold; the motion is continued smoothly"
-        ]
-
-    def _method_notes(self) -> list[str]:
-        return list(dict.fromkeys(note for arc in self._arcs.values() for note in arc.stepper.notes))
 
     @property
     def starts(self) -> int:

@@ -23,13 +23,15 @@ from ..numerics.least_squares import largest
 from ..results.phases import PhasedTrajectory, in_whole, union_of
 from ..results.state import EventOccurrence, State
 from ..results.trajectory import Statistics, Trajectory
-from .changes.events import EventWatch
+from .changes.events import Accumulation, EventWatch
 from .changes.impacts import RESET_TOLERANCE
 from .changes.modes import Modes
 from .loop import Run
 
 #: Changes of the mechanism in one run, at most.
 CHANGES = 20_000
+#: Remedy for changes that take place ever faster.
+HOLDING = "let it become a mechanism in which the joint holds, or model the contact by a force (Contact, EndStop)"
 
 
 class PhasedRun:
@@ -45,8 +47,8 @@ class PhasedRun:
         ``modes_of(setup, events)`` gives the modes of a mechanism.
     integrator_of : callable
         ``integrator_of(modes)`` gives the integrator for it.
-    times, duration, initial, inputs, parameters
-        As :func:`simulate` takes them.
+    given : mapping
+        `times`, `duration`, `initial`, `inputs` and `parameters` as :func:`simulate` takes them.
 
     Attributes
     ----------
@@ -60,38 +62,25 @@ class PhasedRun:
         events: Sequence[Event],
         modes_of: Callable[[Setup, Sequence[Event]], Modes],
         integrator_of: Callable[[Modes], Integrator],
+        given: dict[str, Any],
         *,
         progress: bool = False,
-        times: Any = None,
-        duration: float | None = None,
-        initial: Any = (),
-        inputs: Any = None,
-        parameters: Any = None,
     ):
         self.events, self._modes_of, self._integrator_of = tuple(events), modes_of, integrator_of
         self._progress = progress
         self.mechanisms = list(dict.fromkeys([mechanism, *(e.becomes for e in events if e.becomes is not None)]))
         self.whole = union_of(self.mechanisms)
         self._refuse_unwatched()
-        self._inputs = inputs
-        given = carried_by(initial, self.whole)["parameters"] | dict(pairs_of(parameters, "parameters="))
+        self._inputs = given["inputs"]
+        parameters = carried_by(given["initial"], self.whole)["parameters"]
         self._p = np.array([p.value for p in self.whole.parameters])
-        for key, value in given.items():
+        for key, value in (parameters | dict(pairs_of(given["parameters"], "parameters="))).items():
             self._p[position_in(self.whole.parameters, key, "parameters=")] = value
         self._check_inputs()
-        self._first = Setup(
-            mechanism,
-            "simulate",
-            times=times,
-            duration=duration,
-            initial=initial,
-            inputs=self._inputs_of(mechanism),
-            parameters=self._parameters_of(mechanism),
-            takes_controller=True,
-        )
+        self._first = self._setup(mechanism, given)
         self.runs: list[Run] = []
         self._kept: dict[Any, Run] = {}
-        self._last: dict[Event, float] = {}
+        self._accumulation = Accumulation(HOLDING)
         self._parts: list[Trajectory] = []
         self._values: list[np.ndarray] = []
         self._occurrences: list[EventOccurrence] = []
@@ -138,22 +127,19 @@ class PhasedRun:
     def _parameters_of(self, mechanism: Mechanism) -> list[tuple[Any, float]]:
         return pairs_with(mechanism.parameters, zip(self.whole.parameters, self._p.tolist(), strict=True))
 
+    def _setup(self, mechanism: Mechanism, given: dict[str, Any]) -> Setup:
+        """What a mechanism is given, at the present values of the parameters."""
+        own = {"inputs": self._inputs_of(mechanism), "parameters": self._parameters_of(mechanism)}
+        return Setup(mechanism, "simulate", **(given | own), takes_controller=True)
+
     def _run_in(self, mechanism: Mechanism) -> Run:
         """The run in a mechanism at the present values of the parameters, made once."""
-        parameters = self._parameters_of(mechanism)
-        key = mechanism, tuple(value for _, value in parameters)
+        key = mechanism, tuple(value for _, value in self._parameters_of(mechanism))
         if key in self._kept:
             return self._kept[key]
         setup = self._first
         if mechanism is not setup.mechanism or self._kept:
-            setup = Setup(
-                mechanism,
-                "simulate",
-                times=self._first.grid,
-                inputs=self._inputs_of(mechanism),
-                parameters=parameters,
-                takes_controller=True,
-            )
+            setup = self._setup(mechanism, {"times": self._first.grid})
         watched = [event for event in self.events if event.is_watched_in(mechanism)]
         modes = self._modes_of(setup, watched)
         run = Run(setup, modes, watched, self._integrator_of(modes), progress=self._progress)
@@ -217,7 +203,7 @@ class PhasedRun:
         assert run.reached is not None
         before = in_whole(run.reached, self.whole, self._p)
         chain = self._chain(run.changing, run.reached, run.instant)
-        self._refuse_accumulation(chain, before.t, run.instant)
+        self._accumulation.refuse(chain, before.t, run.instant)
         target = chain[-1].becomes
         assert target is not None
         self._set_parameters(chain, before)
@@ -228,8 +214,7 @@ class PhasedRun:
         ended = run.stops or any(event.terminal for event in chain)
         part = following.only_start(entry) if ended else following.run(entry, chain)
         first = part.initial
-        own = (first.q, first.v, first.a, first.z, first.lam, first.inputs, first.parameters)
-        after = in_whole(State(target, first.t, *own, first.obstacle, impulses), self.whole, self._p)
+        after = in_whole(State(target, *first.arguments, first.obstacle, impulses), self.whole, self._p)
         self._occurrences += [EventOccurrence(event.name, before.t, before, after) for event in chain]
         self._take(part)
         if not ended:
@@ -266,18 +251,6 @@ class PhasedRun:
                 time=state.t,
             )
         return max(chains, key=len)
-
-    def _refuse_accumulation(self, events: Sequence[Event], time: float, instant: float) -> None:
-        for event in events:
-            before = self._last.get(event)
-            self._last[event] = time
-            if before is not None and time - before < 10 * instant:
-                raise SimulationError(
-                    f"event '{event.name}' takes place ever faster: at t = {before:.12g} s and again "
-                    f"{time - before:.3g} s later; let it become a mechanism in which the joint holds, or model the "
-                    "contact by a force (Contact, EndStop)",
-                    time=time,
-                )
 
     def _refuse_pressed_through(self, run: Run, state: State) -> None:
         """Raise for an event that stands at its zero in the new mechanism, and that the forces press through."""

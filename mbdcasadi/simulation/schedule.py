@@ -100,27 +100,12 @@ class Piece:
         stops = stops[(stops > self.start) & (stops < self.times[-1])]
         if not stops.size:
             return self
-        before = self.times <= stops[-1]
-        times = np.r_[self.times[before], stops]
-        wanted = np.r_[self.wanted[before], np.zeros(stops.size, bool)]
-        times, first = np.unique(times, return_index=True)  # of equal times the one of the run
-        own = np.isin(times, np.r_[self.times[self.stops], stops])
-        return replace(self, times=times, wanted=wanted[first], stops=own, ends_at_jump=False)
+        part = self.refined(np.union1d(self.times[self.times <= stops[-1]], stops))
+        return replace(part, stops=part.stops | np.isin(part.times, stops))
 
     def until(self, time: float) -> Piece:
         """The part of it up to a time between its start and its end."""
-        if np.any(self.times == time):
-            count = int(np.searchsorted(self.times, time, side="right"))
-            parts = {name: getattr(self, name)[:count] for name in ("times", "wanted", "stops")}
-            return replace(self, **parts, ends_at_jump=self.ends_at_jump and count == self.times.size)
-        count = int(np.searchsorted(self.times, time))
-        return replace(
-            self,
-            times=np.r_[self.times[:count], time],
-            wanted=np.r_[self.wanted[:count], False],
-            stops=np.r_[self.stops[:count], False],
-            ends_at_jump=False,
-        )
+        return self.refined(np.r_[self.times[self.times < time], time])
 
 
 class Schedule:
@@ -267,13 +252,7 @@ class Schedule:
 
     def stretch(self, start: float, first: int, end: float) -> Piece:
         """Return the piece from a time to another one that need not be among the times of the run."""
-        last = self.index_after(end)
-        times = self.times[first:last]
-        if times.size and times[-1] == end:
-            return self.piece(start, first, last - 1)
-        count = times.size
-        wanted, stops = np.r_[self.wanted[first:last], False], np.zeros(count + 1, bool)
-        return Piece(start, np.r_[times, end], wanted, stops)
+        return self.piece(start, first, max(first, int(np.searchsorted(self.times, end)))).until(end)
 
 
 def samples_of(grid: np.ndarray, period: float) -> np.ndarray:

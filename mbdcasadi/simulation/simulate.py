@@ -128,26 +128,15 @@ def simulate(
     True
     """
     found: list[Trajectory] = []
+    given: dict[str, Any] = dict(times=times, duration=duration, initial=initial, inputs=inputs, parameters=parameters)
+    chosen: dict[str, Any] = dict(reltol=reltol, abstol=abstol, jit=jit, options=options)
     with keyboard_interrupts("simulate", lambda: found[-1] if found else None) as interruption:
         read = read_events(events)
         if any(event.becomes is not None for event in read):
-            chosen = dict(reltol=reltol, abstol=abstol, jit=jit, options=options)
-            given = dict(times=times, duration=duration, initial=initial, inputs=inputs, parameters=parameters)
             return _through_phases(mechanism, read, method, chosen, given, progress=bool(progress))
-        setup = Setup(
-            mechanism,
-            "simulate",
-            times=times,
-            duration=duration,
-            initial=initial,
-            inputs=inputs,
-            parameters=parameters,
-            takes_controller=True,
-        )
+        setup = Setup(mechanism, "simulate", **given, takes_controller=True)
         modes = _modes(setup, read)
-        asked = chosen_integrator(
-            method, modes, reltol=reltol, abstol=abstol, jit=jit, options=options, analysis="simulate"
-        )
+        asked = chosen_integrator(method, modes, **chosen, analysis="simulate")
         integrator = suited_to_friction(asked, modes.numeric(modes.free))
         run = Run(setup, modes, read, integrator, progress=bool(progress), interruption=interruption)
         found.append(run.run())
@@ -178,7 +167,7 @@ def _through_phases(
         asked = chosen_integrator(method, modes, **chosen, analysis="simulate")
         return suited_to_friction(asked, modes.numeric(modes.free))
 
-    run = PhasedRun(mechanism, events, _modes, integrator_of, progress=progress, **given)
+    run = PhasedRun(mechanism, events, _modes, integrator_of, given, progress=progress)
     motion = run.run()
     notes = motion.statistics.notes
     for part in motion.phases:
@@ -224,17 +213,8 @@ def _modes(setup: Setup, events: Sequence[Event]) -> Modes:
     return modes
 
 
-def chosen_integrator(
-    method: Any,
-    modes: Modes,
-    *,
-    reltol: float | None,
-    abstol: float | None,
-    jit: bool = False,
-    options: Any = None,
-    analysis: str,
-) -> Integrator:
-    """The integrator that ``method=`` asks for; "auto" decides by the motion at the start."""
+def chosen_integrator(method: Any, modes: Modes, *, analysis: str, options: Any = None, **settings: Any) -> Integrator:
+    """The integrator that ``method=`` asks for, with its settings; "auto" decides by the motion at the start."""
     if options is not None and not isinstance(options, dict):
         raise SimulationError(f"{analysis}: options= takes a dict for the integrator, got {options!r}")
     if method == "auto":
@@ -243,7 +223,7 @@ def chosen_integrator(
         whole = analysis == "simulate" and not options and not setup.has_redundant_rows
         method = "idas" if stiff else "dop853" if whole else "erk"
         method = "bdf" if whole and has_many_contacts(numeric) else method
-    return as_integrator(method, reltol, abstol, jit=jit, options=options, besides=("auto",))
+    return as_integrator(method, **settings, options=options, besides=("auto",))
 
 
 def _is_stiff(numeric: NumericEquations, start: State, grid: np.ndarray, redundant: bool) -> bool:

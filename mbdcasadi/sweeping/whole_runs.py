@@ -163,7 +163,7 @@ class WholeParcel:
         runner = self._free.borrow("runner", self._runner)
         self._running.append(runner)
         if self._stopped.is_set():  # while this thread was still waiting for its runner
-            runner.halt()
+            runner.run.halt()
         found = self._run(runner, cases)
         self._running.remove(runner)
         if not self._stopped.is_set():
@@ -174,7 +174,7 @@ class WholeParcel:
         """Stop the runs in all threads, and any later ones."""
         self._stopped.set()
         for runner in list(self._running):
-            runner.halt()
+            runner.run.halt()
 
     def _run(self, runner: ExplicitRunner, cases: Cases) -> tuple[np.ndarray, list[str]]:
         """Outputs of cases in one thread, and why some have none."""
@@ -247,6 +247,6 @@ class WholeParcel:
         kept = wanted[reached.index]
         grid, states = np.r_[self._start, reached.times[kept]], np.vstack([case.x, reached.x[kept]])
         held = np.vstack([case.channels[:1], case.channels[wanted]])  # the first output takes the first interval
-        a, lam, u = runner.complete(grid, states, held, case.p, case.levels)
+        a, lam, u = runner.run.complete(grid, states, held, case.p, case.levels)
         n = a.shape[1]
         return grid[None, :], states[:, :n].T, states[:, n : 2 * n].T, a.T, states[:, 2 * n :].T, lam.T, u.T

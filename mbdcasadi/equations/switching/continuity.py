@@ -9,6 +9,7 @@ not zero in a random point.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -32,23 +33,12 @@ FEWEST_HITS = 4
 PARALLEL = 1e-9
 
 
-def continuous_switches(
-    held: Sequence[ca.SX],
-    switches: Sequence[Switch],
-    symbols: ca.SX,
-    centre: np.ndarray,
-    size: np.ndarray,
-    known: ca.SX,
-    values: np.ndarray,
-) -> set[int]:
-    """Find the switches over which expressions are continuous.
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Values about which it is seen if expressions are continuous.
 
-    Parameters
+    Attributes
     ----------
-    held : sequence of casadi.SX
-        Expressions with all their switches held.
-    switches : sequence of Switch
-        These switches.
     symbols : casadi.SX
         Quantities that vary (k,).
     centre, size : numpy.ndarray
@@ -57,6 +47,26 @@ def continuous_switches(
         Symbols whose values are known.
     values : numpy.ndarray
         Their values.
+    """
+
+    symbols: ca.SX
+    centre: np.ndarray
+    size: np.ndarray
+    known: ca.SX
+    values: np.ndarray
+
+
+def continuous_switches(held: Sequence[ca.SX], switches: Sequence[Switch], around: Surroundings) -> set[int]:
+    """Find the switches over which expressions are continuous.
+
+    Parameters
+    ----------
+    held : sequence of casadi.SX
+        Expressions with all their switches held.
+    switches : sequence of Switch
+        These switches.
+    around : Surroundings
+        Values about which they are looked at.
 
     Returns
     -------
@@ -65,16 +75,15 @@ def continuous_switches(
     """
     if not switches:
         return set()
-    given = switches, symbols, centre, size, known, values
     sides = {switch.side.element_hash(): switch.node for switch in switches}
-    continuous = _Trial(held, *given).continuous()
+    continuous = _Trial(held, switches, around).continuous()
     while True:
         # a switch jumps where its quantity passes the border, and where that jumps, as in fmod(t, T) < s
         jumping = [switch.quantity for switch in switches if switch.node not in continuous]
         inside = {sides.get(symbol.element_hash()) for symbol in ca.symvar(ca.veccat(ca.SX(0, 1), *jumping))}
         if not inside & continuous:
             return continuous
-        found = continuous & _Trial([*held, *jumping], *given).continuous()
+        found = continuous & _Trial([*held, *jumping], switches, around).continuous()
         if found == continuous:
             return found
         continuous = found
@@ -83,24 +92,15 @@ def continuous_switches(
 class _Trial:
     """Points on the borders of the switches of some expressions."""
 
-    def __init__(
-        self,
-        held: Sequence[ca.SX],
-        switches: Sequence[Switch],
-        symbols: ca.SX,
-        centre: np.ndarray,
-        size: np.ndarray,
-        known: ca.SX,
-        values: np.ndarray,
-    ):
+    def __init__(self, held: Sequence[ca.SX], switches: Sequence[Switch], around: Surroundings):
         column = ca.densify(ca.veccat(*held))
         quantities = ca.densify(ca.vertcat(*[s.natural for s in switches]))
         sides = ca.vertcat(*[s.side for s in switches])
-        used = np.flatnonzero(ca.which_depends(ca.vertcat(column, quantities), symbols)).tolist()
-        free = symbols[used]
-        self._switches, self._values = switches, values
+        used = np.flatnonzero(ca.which_depends(ca.vertcat(column, quantities), around.symbols)).tolist()
+        free, known = around.symbols[used], around.known
+        self._switches, self._values = switches, around.values
         self._whole = np.array([s.whole for s in switches])
-        self._centre, self._size = centre[used][:, None], size[used][:, None]
+        self._centre, self._size = around.centre[used][:, None], around.size[used][:, None]
         self._quantities = ca.Function("quantities", [free, known], [quantities])
         self._slopes = ca.Function("slopes", [free, known], [ca.densify(ca.jacobian(quantities, free))])
         self._held = ca.Function("held", [free, known, sides], [column])

@@ -194,23 +194,18 @@ class ExplicitTime:
         if not any(np.any(group.order < 2) for group in groups) or not end > start:
             return []
         for level, place, functions in self._rows:
-            times = functions.breaks(p, start - margin, end + margin).times
-            if times.size:
-                jumps += self._row_jumps(level, place, functions, p, times, (start, end), margin)
+            jumps += self._row_jumps(level, place, functions, p, (start, end))
         return sorted(jumps, key=lambda jump: jump.time)
 
     def _row_jumps(
-        self,
-        level: str,
-        place: int,
-        row: TimeFunctions,
-        p: np.ndarray,
-        times: np.ndarray,
-        interval: tuple[float, float],
-        margin: float,
+        self, level: str, place: int, row: TimeFunctions, p: np.ndarray, interval: tuple[float, float]
     ) -> list[ConstraintJump]:
         eom = self._eom
         start, end = interval
+        margin = 4 * resolution(start, end)
+        times = row.breaks(p, start - margin, end + margin).times
+        if not times.size:
+            return []
         left, right, rounding = row.sides(p, start - margin, times, end + margin)
         for side, edge, at in ((left, start, times <= start + margin), (right, end, times >= end - margin)):
             if np.any(at):

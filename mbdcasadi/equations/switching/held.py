@@ -11,7 +11,7 @@ import numpy as np
 from ...model.symbols import Parameter
 from ..derivation import Equations
 from ..numeric import NumericEquations
-from .continuity import continuous_switches
+from .continuity import Surroundings, continuous_switches
 from .switches import Switch, hold, jumps_anywhere
 
 #: Typical sizes of velocities, accelerations and first-order states, of multipliers and inputs, and of times.
@@ -87,7 +87,7 @@ def part_of(
     size = np.r_[sizes, np.full(len(others), LOADS)]
     # positions do not jump in the state: a row that does, as by the angle of a direction, is one turn off
     jumping = held[1:] if kind == "rows" else held
-    continuous = continuous_switches(jumping, switches, symbols, centre, size, eom.p, numeric.p)
+    continuous = continuous_switches(jumping, switches, Surroundings(symbols, centre, size, eom.p, numeric.p))
     nodes = frozenset(switch.node for switch in switches)
     return [JumpingPart(kind, place, expressions, description, nodes, frozenset(continuous))]
 

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
+from ...numerics.graph import operands, operations
+
 #: Functions that switch when their operands compare: ``a - b`` is zero.
 _COMPARE = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_FMIN, ca.OP_FMAX)
 #: Functions that switch, or have no derivative, when their operand is zero.
@@ -38,31 +40,22 @@ _IN_STATE = frozenset((*_COMPARE, *_INTEGERS, ca.OP_FABS, ca.OP_SIGN, ca.OP_COPY
 _OF_GEOMETRY = (ca.OP_SQRT, ca.OP_CONST, ca.OP_HYPOT) if hasattr(ca, "OP_HYPOT") else (ca.OP_SQRT, ca.OP_CONST)
 
 
-def time_switches(parts: ca.SX, t: ca.SX, p: ca.SX) -> tuple[list[ca.SX], list[ca.SX], list[ca.SX]]:
+def time_switches(parts: ca.SX, t: ca.SX) -> tuple[list[ca.SX], list[ca.SX], list[ca.SX]]:
     """Functions that switch at zero, that switch at integers, and that cause a transient."""
-    function = ca.Function("parts", [t, p], [parts])
-    nodes = function.instructions_sx()
     zeros: list[ca.SX] = []
     integers: list[ca.SX] = []
     transients: list[ca.SX] = []
-    for k, op in enumerate(map(function.instruction_id, range(function.n_instructions()))):
-        if op not in _SWITCHING and op not in _TRANSIENT:
-            continue
-        a, b = _operands(nodes[k])
+    for op, node in operations(parts, _SWITCHING | _TRANSIENT):
         if op in _SWITCHING:
-            (integers if op in _INTEGERS else zeros).append(_switch(op, a, b))
+            (integers if op in _INTEGERS else zeros).append(_switch(op, node))
         if op in _TRANSIENT:
-            transients += _of_transient(op, a, b)
+            transients += _of_transient(op, node)
     return depending_on_time(zeros, t), depending_on_time(integers, t), depending_on_time(transients, t)
 
 
-def _operands(node: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """First and last operand of an operation."""
-    return node.dep(0), node.dep(node.n_dep() - 1)
-
-
-def _switch(op: int, a: ca.SX, b: ca.SX) -> ca.SX:
+def _switch(op: int, node: ca.SX) -> ca.SX:
     """The function that is zero, or of :data:`_INTEGERS` a whole number, where an operation switches."""
+    a, *_, b = 2 * operands(node)
     if op in _COMPARE:
         return a - b
     if op in (ca.OP_COPYSIGN, ca.OP_DIV):
@@ -92,24 +85,19 @@ def state_switches(expressions: ca.SX, state: ca.SX, unknown: ca.SX) -> tuple[li
     >>> state_switches(ca.if_else(x > 2, ca.exp(-(x**2)), 0), x, ca.SX(0, 1))
     ([SX((2-x))], [SX((-sq(x)))])
     """
-    symbols = ca.vertcat(ca.SX(0, 1), *ca.symvar(expressions))
-    function = ca.Function("expressions", [symbols], [ca.vec(ca.densify(expressions))])
-    nodes = function.instructions_sx()
     switches, transients = [], []
-    for k, op in enumerate(map(function.instruction_id, range(function.n_instructions()))):
-        if op not in _IN_STATE and op not in _TRANSIENT:
-            continue
-        a, b = _operands(nodes[k])
+    for op, node in operations(expressions, _IN_STATE | _TRANSIENT):
         if op in _IN_STATE:
-            switch = _switch(op, a, b)
+            switch = _switch(op, node)
             switches.append(ca.sin(np.pi * switch) if op in _INTEGERS else switch)
         else:
-            transients += [x for x in _of_transient(op, a, b) if x.op() not in _OF_GEOMETRY]
+            transients += [x for x in _of_transient(op, node) if x.op() not in _OF_GEOMETRY]
     return _moving(switches, state, unknown), _moving(transients, state, unknown)
 
 
-def _of_transient(op: int, a: ca.SX, b: ca.SX) -> list[ca.SX]:
+def _of_transient(op: int, node: ca.SX) -> list[ca.SX]:
     """Operand of an operation that may cause a short transient; of powers only if they may divide."""
+    a, *_, b = 2 * operands(node)
     if op == ca.OP_DIV:
         return [b]
     grows = op in (ca.OP_POW, ca.OP_CONSTPOW) and b.is_constant() and float(b) >= 0
@@ -130,11 +118,8 @@ def _moving(functions: list[ca.SX], state: ca.SX, unknown: ca.SX) -> list[ca.SX]
 def divisors_among(rest: ca.SX, names: Sequence[ca.SX], parts: Sequence[ca.SX]) -> list[ca.SX]:
     """Those of the parts by which other expressions are divided."""
     known = {name.element_hash(): part for name, part in zip(names, parts, strict=True)}
-    function = ca.Function("rest", ca.symvar(rest), [rest])
-    nodes = function.instructions_sx()
-    operations = map(function.instruction_id, range(function.n_instructions()))
-    divisors = [nodes[k].dep(1) for k, op in enumerate(operations) if op == ca.OP_DIV]
-    return [known[node.element_hash()] for node in divisors if node.element_hash() in known]
+    divisors = (node.dep(1).element_hash() for _, node in operations(rest, (ca.OP_DIV,)))
+    return [known[divisor] for divisor in divisors if divisor in known]
 
 
 def depending_on_time(functions: list[ca.SX], t: ca.SX) -> list[ca.SX]:
@@ -148,22 +133,11 @@ def distinct(functions: list[ca.SX]) -> list[ca.SX]:
     return list({f.element_hash(): f for f in functions}.values())
 
 
-def nesting_depths(column: ca.SX, t: ca.SX, p: ca.SX) -> np.ndarray:
+def nesting_depths(column: ca.SX) -> np.ndarray:
     """Number of operations that switch, nested in each of the functions (k,)."""
-    function = ca.Function("depths", [t, p], [column])
-    operations = list(map(function.instruction_id, range(function.n_instructions())))
-    level = np.zeros(column.numel(), int)
-    if not set(operations) & _SWITCHING:
-        return level
-    work: dict[int, int] = {}
-    for k, op in enumerate(operations):
-        places, to = function.instruction_input(k), function.instruction_output(k)
-        if op in (ca.OP_INPUT, ca.OP_CONST):
-            work[to[0]] = 0
-        elif op == ca.OP_OUTPUT:
-            level[to[1]] = work[places[0]]
-        else:
-            # the quotient that passes whole numbers divides: it is one level above the operands, its remainder another
-            added = 2 if op in (ca.OP_FMOD, ca.OP_REMAINDER) else int(op in _SWITCHING)
-            work[to[0]] = max(work[place] for place in places) + added
-    return level
+    depths: dict[int, int] = {}
+    for op, node in operations(column) if any(operations(column, _SWITCHING)) else ():
+        # the quotient that passes whole numbers divides: it is one level above the operands, its remainder another
+        added = 2 if op in (ca.OP_FMOD, ca.OP_REMAINDER) else int(op in _SWITCHING)
+        depths[node.element_hash()] = added + max((depths.get(x.element_hash(), 0) for x in operands(node)), default=0)
+    return np.array([depths.get(function.element_hash(), 0) for function in ca.vertsplit(column)])

@@ -10,13 +10,12 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
+from ...numerics.roots import bracketed_roots, sign_changes
 from ...numerics.scattered import scattered
 from .switch_functions import nesting_depths
 
 #: Samples at first, and at most, on which a function of time that is not affine is looked over for roots.
 FEWEST_SAMPLES, MOST_SAMPLES = 512, 2**18
-#: Steps in which a bracketed root is found to the last bit: by halving alone in the worst case.
-_MOST_STEPS = 60
 
 
 class SwitchTimes:
@@ -29,7 +28,7 @@ class SwitchTimes:
         if not functions:
             return
         column = ca.densify(ca.vertcat(*functions))
-        level = nesting_depths(column, t, p)
+        level = nesting_depths(column)
         self.depth = int(np.max(level))
         slope = ca.densify(ca.jacobian(column, t))
         curvature = ca.jacobian(slope, t)
@@ -75,141 +74,119 @@ class SwitchTimes:
         """Roots of other functions: samples are made denser until no more of them appear."""
         count, known = FEWEST_SAMPLES, [-1, -2]
         while True:
-            points = _samples(borders, count)
-            value, slope = (x.full() for x in function(points[None, :], p))
-            rows = [SampledRoots(function, g, p, points, value[g], slope[g], self.integer) for g in range(len(value))]
-            known.append(sum(row.count for row in rows))
+            roots = SampledRoots(function, p, _samples(borders, count), integer=self.integer)
+            known.append(roots.count)
             if known[-1] == known[-2] == known[-3] or count >= MOST_SAMPLES:
-                return np.concatenate([row.roots() for row in rows])
+                return roots.roots()
             count *= 2
 
     def transients(self, p: np.ndarray, borders: np.ndarray) -> np.ndarray:
         """Instants at which a function is zero, largest or smallest, and how long it takes to change by one (k, 2)."""
         if not self.count:
             return np.zeros((0, 2))
-        points = _samples(borders, FEWEST_SAMPLES)
-        value, slope, bend = (x.full() for x in self._curved(points[None, :], p))
-        transients = [np.zeros((0, 2))]
-        for g in range(self.count):
-            for level, samples, rates in ((0, value[g], slope[g]), (1, slope[g], bend[g])):
-                places = SampledRoots(self._curved, g, p, points, samples, rates, level=level).crossings()
-                if places.size:
-                    rate = np.abs(self._curved(places[None, :], p)[level + 1].full()[g])
-                    with np.errstate(divide="ignore"):
-                        transients.append(np.column_stack([places, ((level + 1) / rate) ** (1 / (level + 1))]))
+        points, transients = _samples(borders, FEWEST_SAMPLES), [np.zeros((0, 2))]
+        for level in (0, 1):
+            rows, places = SampledRoots(self._curved, p, points, level=level).crossings()
+            if places.size:
+                rate = np.abs(_evaluated(self._curved, p, rows, places)[level + 1])
+                with np.errstate(divide="ignore"):
+                    transients.append(np.column_stack([places, ((level + 1) / rate) ** (1 / (level + 1))]))
         return np.vstack(transients)
 
 
 class SampledRoots:
-    """One row of a compiled column of functions and their derivatives, sampled over time.
+    """Roots of a compiled column of functions, or of their derivatives, sampled over time.
 
     Parameters
     ----------
     function : casadi.Function
         ``(t, p) -> (values, first derivatives, …)``.
-    row : int
-        Index of the function.
     p : numpy.ndarray
         Values of the known symbols.
-    points, value, slope : numpy.ndarray
-        Samples (k,).
+    points : numpy.ndarray
+        Times of the samples (k,).
     integer : bool
         True to look for integer values instead of zeros.
     level : int
-        Derivative of the function that is meant.
+        Derivative of the functions that is meant.
     """
 
     def __init__(
-        self,
-        function: ca.Function,
-        row: int,
-        p: np.ndarray,
-        points: np.ndarray,
-        value: np.ndarray,
-        slope: np.ndarray,
-        integer: bool = False,
-        level: int = 0,
+        self, function: ca.Function, p: np.ndarray, points: np.ndarray, *, integer: bool = False, level: int = 0
     ):
-        self._function, self._row, self._p, self._level = function, row, p, level
-        self._points, self._value, self._integer = points, value, integer
+        self._function, self._p, self._points, self._integer, self._level = function, p, points, integer, level
+        value, slope = (x.full() for x in function(points[None, :], p)[level : level + 2])
+        self._value = value
+        self._dips = np.nonzero(np.zeros((0, 0)))
         with np.errstate(invalid="ignore", over="ignore"):
             if integer:
-                self._passed = np.flatnonzero(np.abs(np.diff(np.floor(value))) > 0)
-                self._dips = np.zeros(0, int)
+                self._passed, self._zeros = np.nonzero(np.abs(np.diff(np.floor(value))) > 0), self._dips
             else:
-                sign = np.sign(value)
-                self._passed = np.flatnonzero(sign[:-1] * sign[1:] < 0)
-                dips = (sign[:-1] * sign[1:] > 0) & (slope[:-1] * value[:-1] < 0) & (slope[1:] * value[1:] > 0)
-                self._dips = np.flatnonzero(dips)
+                self._passed, self._zeros = sign_changes(value)
+                same = np.sign(value[:, :-1]) * np.sign(value[:, 1:]) > 0
+                falls, rises = (slope * value)[:, :-1] < 0, (slope * value)[:, 1:] > 0
+                self._dips = np.nonzero(same & falls & rises)
 
     @property
     def count(self) -> int:
         """Number of roots that the samples show."""
-        return self._passed.size + self._dips.size
+        return self._passed[0].size + self._dips[0].size
 
     def roots(self) -> np.ndarray:
         """Roots at which the sign changes, and at which zero is only touched."""
-        return np.concatenate([self.crossings(), self._touching()])
+        return np.concatenate([self.crossings()[1], self._touching()])
 
-    def crossings(self) -> np.ndarray:
-        """Points at which the value changes its sign, or passes integers."""
-        points, value, k = self._points, self._value, self._passed
-        if not self._integer:
-            inside = slice(1, -1)
-            exact = points[inside][value[inside] == 0] if np.any(value) else np.zeros(0)
-            return np.r_[exact, self._root(points[k], points[k + 1], value[k])]
-        steps = np.floor(value)
-        ends = [np.sort(steps[[i, i + 1]]) for i in k]
-        integers = [np.arange(first + 1, last + 1) for first, last in ends]
-        owner = np.repeat(k, [each.size for each in integers])
-        target = np.concatenate([np.zeros(0), *integers])
-        return self._root(points[owner], points[owner + 1], value[owner] - target, target)
+    def crossings(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and times at which values change their sign, or pass integers (k,)."""
+        (rows, k), (zero_rows, zeros) = self._passed, self._zeros
+        target = np.zeros(k.size)
+        if self._integer:
+            steps = np.floor(self._value)
+            ends = np.sort([steps[rows, k], steps[rows, k + 1]], axis=0)
+            owner = np.repeat(np.arange(k.size), (ends[1] - ends[0]).astype(int))
+            target = np.concatenate([np.zeros(0), *(np.arange(first + 1, last + 1) for first, last in ends.T)])
+            rows, k = rows[owner], k[owner]
+        found = self._root(rows, self._points[k], self._points[k + 1], self._value[rows, k] - target, target)
+        return np.r_[zero_rows, rows], np.r_[self._points[zeros], found]
 
     def _touching(self) -> np.ndarray:
-        """Points at which the value reaches zero between two samples without a change of sign at these."""
-        points, value, k = self._points, self._value, self._dips
+        """Points at which values reach zero between two samples without a change of sign at these."""
+        points, (rows, k), level = self._points, self._dips, self._level
         if not k.size:
             return np.zeros(0)
-        low, high = points[k], points[k + 1]
-        at_low, at_high = (self._evaluated(ends)[self._level + 1] for ends in (low, high))
-        places = self._root(low, high, at_low, level=self._level + 1)
-        there = self._evaluated(places)[self._level]
+        low, high, before = points[k], points[k + 1], self._value[rows, k]
+        at_low, at_high = (_evaluated(self._function, self._p, rows, ends)[level + 1] for ends in (low, high))
+        places = self._root(rows, low, high, at_low, level=level + 1)
+        there = _evaluated(self._function, self._p, rows, places)[level]
         curvature = np.abs(at_high - at_low) / (high - low)
         touched = np.abs(there) <= 1e-12 * curvature * (points[-1] - points[0]) ** 2
-        through = ~touched & (there * value[k] < 0)
-        before = self._root(low[through], places[through], value[k][through])
-        behind = self._root(places[through], high[through], there[through])
-        return np.r_[places[touched], before, behind]
-
-    def _evaluated(self, points: np.ndarray) -> list[np.ndarray]:
-        return [x.full()[self._row] for x in self._function(points[None, :], self._p)]
+        through = ~touched & (there * before < 0)
+        ahead = self._root(rows[through], low[through], places[through], before[through])
+        behind = self._root(rows[through], places[through], high[through], there[through])
+        return np.r_[places[touched], ahead, behind]
 
     def _root(
         self,
+        rows: np.ndarray,
         low: np.ndarray,
         high: np.ndarray,
         at_low: np.ndarray,
         target: np.ndarray | float = 0.0,
         level: int | None = None,
     ) -> np.ndarray:
-        """Roots in brackets, all at once, by Newton steps that stay inside, and halving (k,)."""
+        """Roots of a derivative less a target in brackets (k,)."""
         level = self._level if level is None else level
-        low, high, x = low.copy(), high.copy(), (low + high) / 2
-        for _ in range(_MOST_STEPS if low.size else 0):
-            values = self._evaluated(x)
-            value = values[level] - target
-            same = np.sign(value) == np.sign(at_low)
-            low, high = np.where(same, x, low), np.where(same, high, x)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                step = value / values[level + 1] if len(values) > level + 1 else np.full(x.size, np.nan)
-                aimed = x - step
-            inside = (aimed > low) & (aimed < high)
-            done = (value == 0) | (high - low <= 2 * np.spacing(np.abs(high)))
-            done |= inside & (np.abs(step) <= np.spacing(np.abs(x)))
-            if np.all(done):
-                break
-            x = np.where(done, x, np.where(inside, aimed, (low + high) / 2))
-        return x
+
+        def function(x: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+            value, *slope = _evaluated(self._function, self._p, rows, x)[level : level + 2]
+            return value - target, slope[0] if slope else None
+
+        return bracketed_roots(function, low, high, at_low)
+
+
+def _evaluated(function: ca.Function, p: np.ndarray, rows: np.ndarray, points: np.ndarray) -> list[np.ndarray]:
+    """One row of each result of a function at each of some points (k,)."""
+    return [x.full()[rows, np.arange(points.size)] for x in function(points[None, :], p)]
 
 
 def _samples(borders: np.ndarray, count: int) -> np.ndarray:

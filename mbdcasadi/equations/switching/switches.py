@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from ...numerics.graph import operands, operations
+
 #: Operations whose value jumps where a quantity passes zero, or a whole number. Of equalities nothing remains but
 #: instants; absolute values, minima and maxima bend without a jump.
 JUMPING = frozenset(
@@ -54,8 +56,7 @@ class Switch:
 
 def jumps_anywhere(expressions: Sequence[ca.SX]) -> bool:
     """True if expressions contain an operation whose value jumps."""
-    function = _function(expressions)
-    return any(function.instruction_id(k) in JUMPING for k in range(function.n_instructions()))
+    return any(operations(expressions, JUMPING))
 
 
 def hold(
@@ -92,36 +93,23 @@ def hold(
     >>> ca.symvar(held[0]), switches[0].quantity
     ([SX(side 0)], SX((x-2)))
     """
-    function = _function(expressions)
-    nodes, symbols = function.instructions_sx(), ca.symvar(ca.veccat(*expressions))
-    work: dict[int, ca.SX] = {}
-    changed: dict[int, bool] = {}
-    results = [[ca.SX(0)] * e.nnz() for e in expressions]
+    replaced: dict[int, ca.SX] = {}
     switches: list[Switch] = []
-    for k, op in enumerate(map(function.instruction_id, range(function.n_instructions()))):
-        places, to = function.instruction_input(k), function.instruction_output(k)
-        if op == ca.OP_OUTPUT:
-            results[to[0]][to[1]] = work[places[0]]
-            continue
-        if op == ca.OP_INPUT:
-            value, new = symbols[places[1]], False
-        elif op == ca.OP_CONST:
-            value, new = ca.SX(function.instruction_constant(k)), False
-        else:
-            operands = [work[place] for place in places]
-            node, new = nodes[k], any(changed[place] for place in places)
-            if op in JUMPING and node.element_hash() not in free:
-                side, quantity = symbol(f"side {len(switches)}"), _quantity(op, operands)
-                natural = _quantity(op, [node.dep(i) for i in range(node.n_dep())])
-                whole = op in _AT_WHOLE_NUMBERS
-                switches.append(Switch(node.element_hash(), side, quantity, natural, whole, description))
-                value, new = _held(op, operands, side), True
-            elif new:
-                value = _operation(op, operands)
-            else:
-                value = node
-        work[to[0]], changed[to[0]] = value, new
-    held = [ca.SX(e.sparsity(), ca.vertcat(ca.SX(0, 1), *r)) for e, r in zip(expressions, results, strict=True)]
+
+    def now(nodes: Sequence[ca.SX]) -> list[ca.SX]:
+        return [replaced.get(node.element_hash(), node) for node in nodes]
+
+    for op, node in list(operations(expressions)):
+        key, before = node.element_hash(), operands(node)
+        if op in JUMPING and key not in free:
+            side, whole = symbol(f"side {len(switches)}"), op in _AT_WHOLE_NUMBERS
+            quantity, natural = _quantity(op, now(before)), _quantity(op, before)
+            switches.append(Switch(key, side, quantity, natural, whole, description))
+            replaced[key] = _held(op, now(before), side)
+        elif any(x.element_hash() in replaced for x in before):
+            replaced[key] = _operation(op, now(before))
+    entries = [now([e.nz[k] for k in range(e.nnz())]) for e in expressions]
+    held = [ca.SX(e.sparsity(), ca.vertcat(ca.SX(0, 1), *new)) for e, new in zip(expressions, entries, strict=True)]
     return held, switches
 
 
@@ -144,10 +132,6 @@ def margin_rates_of(values: np.ndarray, rates: np.ndarray, sides: np.ndarray, wh
     sides, whole = sides.reshape(shape), whole.reshape(shape)
     towards_above = np.where(whole, values - sides < 0.5, sides > 0)
     return np.where(towards_above, rates, -rates)
-
-
-def _function(expressions: Sequence[ca.SX]) -> ca.Function:
-    return ca.Function("expressions", [ca.vertcat(ca.SX(0, 1), *ca.symvar(ca.veccat(*expressions)))], list(expressions))
 
 
 def _quantity(op: int, operands: Sequence[ca.SX]) -> ca.SX:

@@ -109,7 +109,7 @@ class TimeFunctions:
         timed = np.flatnonzero(ca.which_depends(column, t, 1, True)) if column.numel() else np.zeros(0, int)
         #: maximal subexpressions in time and known symbols alone
         self.parts = column[timed.tolist()] if timed.size else ca.SX(0, 1)
-        zeros, integers, transients = time_switches(self.parts, t, p) if timed.size else ([], [], [])
+        zeros, integers, transients = time_switches(self.parts, t) if timed.size else ([], [], [])
         # a quotient whose numerator depends on other symbols is no part, but has its poles in time
         divisors = depending_on_time(divisors_among(rest, names, parts), t) if timed.size else []
         zeros, transients = distinct([*zeros, *divisors]), distinct([*transients, *divisors])

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import SimulationError
 from ...model.cache import Cache
-from ..base import Integrator
+from ..base import Integrator, tightened
 from ..compiled import CompiledIntegrator, InitialValueProblem
 from ..native.runner import Run, Runner
 from ..native.stretch import ExplicitSystem, Progress, Status, Stretch
@@ -102,13 +102,8 @@ class NativeIntegrator(CompiledIntegrator):
             problem.p[:parameters],
             problem.p[parameters : parameters + levels],
             np.ones(system.coordinates),
-            _tightened(self.integrator.reltol),
-            _tightened(self.integrator.abstol),
+            tightened(self.integrator.reltol, TIGHTER, TIGHTEST),
+            tightened(self.integrator.abstol, TIGHTER, TIGHTEST),
             min(limits, default=np.inf),
             self._runner.slice(),
         )
-
-
-def _tightened(tolerance: float) -> float:
-    """Local tolerance of the multistep method, whose global error is well above it."""
-    return max(tolerance / TIGHTER, min(tolerance, TIGHTEST))

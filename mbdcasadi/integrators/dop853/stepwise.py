@@ -227,9 +227,6 @@ class _StretchRun:
         self._f.dense.evaluate()
         self.evaluations += 3
 
-    def _dense_output(self, part: float) -> np.ndarray:
-        return interpolated(self._f.y, self._f.coefficients, part)
-
     # --- switches ------------------------------------------------------------------------------
     def _switches(self, t: float, y: np.ndarray) -> np.ndarray:
         """Quantities at whose zeros the equations switch."""
@@ -314,7 +311,9 @@ class _StretchRun:
         found = 0
         for k in range(1, samples + 2):
             part = k / (samples + 1)
-            time, state = (t + part * h, self._dense_output(part)) if k <= samples else (arrival, self._f.next)
+            time, state = arrival, self._f.next
+            if k <= samples:
+                time, state = t + part * h, interpolated(self._f.y, self._f.coefficients, part)
             found |= self._look(time, self._values(time, state))
         return found
 
@@ -338,15 +337,9 @@ class _StretchRun:
         s, progress, record = self.s, self.progress, self.recording
         began, t = clock.perf_counter(), s.start
         f, times, count = self._f, record.times, s.times.size
-        f.y[: self.n_x], f.y[self.n_x :] = s.x, 0.0
-        f.k0[:] = self._rate(t, f.y)
-        if not np.all(np.isfinite(f.k0[: self.n_x])):
-            self.status = Status.NOT_FINITE
+        if not self._begin(t):
             return self._returned()
-        if self._event is not None:
-            self._watch_from(t)
-        self._now = self._switches(t, f.y)
-        step, stop, self._near_steps = progress.step, 0, 0
+        step, stop = progress.step, 0
         while record.reached < count:
             while stop < count - 1 and (stop < record.reached or not s.stops[stop]):
                 stop += 1
@@ -376,6 +369,19 @@ class _StretchRun:
         progress.step, progress.across, progress.passed = step, self._across, self._passed
         return self._returned()
 
+    def _begin(self, t: float) -> bool:
+        """Evaluate all at the start; False if it has no rate."""
+        f = self._f
+        f.y[: self.n_x], f.y[self.n_x :] = self.s.x, 0.0
+        f.k0[:] = self._rate(t, f.y)
+        if not np.all(np.isfinite(f.k0[: self.n_x])):
+            self.status = Status.NOT_FINITE
+            return False
+        if self._event is not None:
+            self._watch_from(t)
+        self._now, self._near_steps = self._switches(t, f.y), 0
+        return True
+
     def _look_for_pause(self, began: float) -> None:
         """Take note of a reason to come back between two steps."""
         s = self.s
@@ -386,14 +392,8 @@ class _StretchRun:
 
     def _step(self, t: float, end: float, step: float) -> tuple[float, float, float] | None:
         """Take a step: its length, its end and the length of the next one; None if it goes no further."""
-        clipped = repeated = False
-        at = _Bracket(self._now, self._now, self._now)
-        h, arrival = step, t + step
-        if t + 1.01 * h >= end:
-            h, arrival, clipped = end - t, end, True
-        elif t + 2.0 * h > end:
-            h, clipped = (end - t) / 2.0, True
-            arrival = t + h
+        repeated, at = False, _Bracket(self._now, self._now, self._now)
+        h, arrival, clipped = _clipped(t, end, step)
         while True:
             self._hint = np.inf
             at.error = self._attempt(t, h)
@@ -476,6 +476,15 @@ class _StretchRun:
         if (self._near_steps and not near) or self._near_steps >= NEAR_STEPS:
             self.status = Status.SINGULAR
         return int(near)
+
+
+def _clipped(t: float, end: float, step: float) -> tuple[float, float, bool]:
+    """Length and end of a step that does not go beyond a time, nor leave a tiny one to it; True if it was cut."""
+    if t + 1.01 * step >= end:
+        return end - t, end, True
+    if t + 2.0 * step > end:
+        return (end - t) / 2.0, t + (end - t) / 2.0, True
+    return step, t + step, False
 
 
 def _may_touch(t0: float, f0: np.ndarray, t1: float, f1: np.ndarray, t2: float, f2: np.ndarray) -> np.ndarray:

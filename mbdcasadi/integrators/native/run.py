@@ -56,7 +56,10 @@ _TYPES = {"double": c_double, "integer": c_longlong, "int": c_int, "code_t": c_v
 
 @cache
 def _structure(name: str) -> type[ctypes.Structure]:
-    """Structure of the engine under its name in C, laid out as it is declared there."""
+    """Structure of the engine under its name in C, laid out as it is declared there; first used by :func:`engine`.
+
+    That holds a lock: threads must not make two classes of one name.
+    """
     source = (_shipped("run.c") + _shipped("cases.c")).replace("const ", "").replace("volatile ", "")
     declared = re.sub(r"/\*.*?\*/", "", source, flags=re.DOTALL).split(f"}} {name};")[0].rsplit("{", 1)[1]
     fields: list[tuple[str, Any]] = []

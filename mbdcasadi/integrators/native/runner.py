@@ -59,6 +59,8 @@ class Runner(ABC):
     ----------
     method : str
         Name of the method.
+    run : Run
+        What runs it now: another one once compiled code is there.
     said : str
         Code that runs, and the reason, in words.
     """
@@ -72,7 +74,7 @@ class Runner(ABC):
         self._borrowed: tuple[tuple[object, ...], Run] | None = None
         self._using = build.compiler()
         self.said = ""
-        self._run: Run = self._made(self._using)
+        self.run: Run = self._made(self._using)
 
     @staticmethod
     @abstractmethod
@@ -176,9 +178,9 @@ class Runner(ABC):
     def advance(self, s: Stretch, progress: Progress) -> Reached:
         """Integrate over a stretch, or a part of it."""
         if self._using is None or not self.is_interpreted:
-            return self._run.advance(s, progress)
+            return self.run.advance(s, progress)
         began = time.perf_counter()
-        reached = self._run.advance(s, progress)
+        reached = self.run.advance(s, progress)
         seconds = time.perf_counter() - began
         total = sum(code.size for code in self._codes) or 1
         for code in self._codes:
@@ -186,36 +188,26 @@ class Runner(ABC):
         end = float(s.times[-1])
         done = (float(reached.times[-1]) - s.start) / (end - s.start) if reached.times.size else 0.0
         self._compile(self._using, seconds * (1 - done) / done if done > 0 else 0.0)
-        if not self._run.is_current:
-            self._run = self._native()
+        if not self.run.is_current:
+            self.run = self._native()
         self._describe()
         return reached
 
     def run_cases(self, cases: Cases, common: Stretch, output: ca.Function, values: np.ndarray) -> Any:
         """Run cases one after the other in C; see :meth:`NativeRun.run_cases`. None without C."""
-        if self._using is None or not isinstance(self._run, NativeRun):
+        if self._using is None or not isinstance(self.run, NativeRun):
             return None
         code = self._cache.get_or_create(("code", output), lambda: Code((output,)))
         code.look_for_library(self._using)
         try:
             if self._compiles and code.pays(np.inf):
                 code.compile(self._using)
-            return self._run.run_cases(cases, common, code, values)
+            return self.run.run_cases(cases, common, code, values)
         except UnsupportedOperation as error:
             self._describe()
             self.said += f"; the outputs of each case by CasADi: {error}"
             return None
 
-    def halt(self) -> None:
-        """Stop a run in another thread."""
-        self._run.halt()
-
     def slice(self) -> float:
         """Time after which the next call is to come back, s."""
         return FIRST_SLICE if self.is_interpreted else SLICE
-
-    def complete(
-        self, times: np.ndarray, x: np.ndarray, channels: np.ndarray, p: np.ndarray, levels: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Accelerations, multipliers and inputs at states by row."""
-        return self._run.complete(times, x, channels, p, levels)

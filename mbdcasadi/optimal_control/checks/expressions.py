@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
-from ...equations.switching.continuity import continuous_switches
+from ...equations.switching.continuity import Surroundings, continuous_switches
 from ...equations.switching.switches import Switch, hold
+from ...numerics.graph import operations
 from ...printing import to_text
 from ..phase import Phase
 from ..placeholders import placeholders_in
@@ -32,13 +33,12 @@ def kinks_in(expression: ca.SX) -> list[str]:
     """
     whole = ca.vertcat(expression, *[p.expression for p in placeholders_in(expression)])
     symbols = ca.vertcat(ca.SX(0, 1), *ca.symvar(whole))
-    function = ca.Function("f", [symbols], [whole])
-    instructions = function.instructions_sx()
-    nodes = [(function.instruction_id(k), instructions[k]) for k in range(function.n_instructions())]
+    nodes = list(operations(whole, (*_BENDING, ca.OP_ATAN2)))
     angles = [node.element_hash() for op, node in nodes if op == ca.OP_ATAN2]  # they jump at ±π alone
     held, switches = hold([whole, ca.jacobian(whole, symbols)], free=angles)
     count = symbols.numel()
-    smooth = continuous_switches(held, switches, symbols, np.zeros(count), np.ones(count), ca.SX(0, 1), np.zeros(0))
+    around = Surroundings(symbols, np.zeros(count), np.ones(count), ca.SX(0, 1), np.zeros(0))
+    smooth = continuous_switches(held, switches, around)
     sharp = [switch for switch in switches if switch.node not in smooth]
     return _named(sharp, [node for op, node in nodes if op in _BENDING], symbols)
 

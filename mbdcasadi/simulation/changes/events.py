@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ...equations import Equations
-from ...errors import ExpressionError, ModelError, warn
+from ...errors import ExpressionError, ModelError, SimulationError, warn
 from ...integrators.native.stretch import Watched
 from ...model.events import Event
 from ...model.rates import time_derivative
@@ -50,6 +50,39 @@ class Crossing:
     time: float
     x: np.ndarray
     interval: int
+
+
+class Accumulation:
+    """Refuses events that take place ever faster, as the impacts of a ball that comes to rest.
+
+    Parameters
+    ----------
+    remedy : str
+        What to do instead, in words.
+    answers : int
+        Times in a row that an event may take place again at once if others take place between.
+    """
+
+    def __init__(self, remedy: str, answers: int = 0):
+        self._remedy, self._answers = remedy, answers
+        self._last: dict[Event, float] = {}
+        self._in_a_row: dict[Event, int] = {}
+        self._latest: set[Event] = set()
+
+    def refuse(self, events: Sequence[Event], time: float, instant: float) -> None:
+        """Take note of events that take place together; raise if one of them accumulates."""
+        alone, self._latest = set(events) == self._latest, set(events)
+        for event in events:
+            before = self._last.get(event, -np.inf)
+            self._last[event] = time
+            at_once = time - before < 10 * instant
+            self._in_a_row[event] = self._in_a_row.get(event, 0) + 1 if at_once else 0
+            if at_once and (alone or self._in_a_row[event] > self._answers):
+                raise SimulationError(
+                    f"event '{event.name}' takes place ever faster: at t = {before:.12g} s and again "
+                    f"{time - before:.3g} s later; {self._remedy}",
+                    time=time,
+                )
 
 
 class _Terms:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -15,7 +15,7 @@ from ...model.events import Event
 from ...model.symbols import StateVariable
 from ...numerics.least_squares import largest
 from ...results.state import State
-from .events import EventWatch
+from .events import Accumulation, EventWatch
 
 #: Fraction of the velocities by which a reset may miss what it asks for.
 RESET_TOLERANCE = 1e-9
@@ -23,8 +23,13 @@ RESET_TOLERANCE = 1e-9
 INSTANT = 1e-10
 #: Distance beyond the zero of an event, relative to the coordinates, that a rounded start explains.
 BEYOND_BY_ROUNDING = 1e-5
-#: Times in a row that an event may take place again at once as others answer it, before it does so without end.
+#: Times in a row that an event may take place again at once as others answer it: that comes to an end after a few.
 ANSWERS = 20
+#: Remedy for resets that take place ever faster.
+REST = (
+    "its resets come to rest, which a reset cannot hold: make the event terminal, or model the contact by a force "
+    "(Contact, EndStop)"
+)
 #: Rounds of impacts at one instant after which the events drive each other without end.
 ROUNDS = 1000
 
@@ -64,11 +69,9 @@ class Impacts:
 
     numeric: NumericEquations
     watch: EventWatch
-    _last: dict[str, float] = field(default_factory=dict)
-    _in_a_row: dict[str, int] = field(default_factory=dict)
-    _latest: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
+        self._accumulation = Accumulation(REST, ANSWERS)
         for event in self.watch.events:
             for pair in event.reset:  # refused before anything is run
                 try:
@@ -107,7 +110,7 @@ class Impacts:
             if not active:
                 return impacts
             if not impacts:
-                self._refuse_accumulation(active, state.t)
+                self._accumulation.refuse(active, state.t, self.watch.instant)
             v, z, impulses = self._jump(active, state)
             impacts.append(Impact(tuple(active), state, v, z, impulses))
             state = _with_velocities(state, v, z)
@@ -203,25 +206,6 @@ class Impacts:
                 "force (Contact, EndStop)",
                 time=state.t,
             )
-
-    def _refuse_accumulation(self, events: Sequence[Event], time: float) -> None:
-        names = {event.name for event in events}
-        alone, self._latest = names == self._latest, names
-        for event in events:
-            before = self._last.get(event.name)
-            self._last[event.name] = time
-            if before is None or time - before >= 10 * self.watch.instant:
-                self._in_a_row[event.name] = 0
-                continue
-            self._in_a_row[event.name] = self._in_a_row.get(event.name, 0) + 1
-            # an impact that another one answers comes to an end after a few of them
-            if alone or self._in_a_row[event.name] > ANSWERS:
-                raise SimulationError(
-                    f"event '{event.name}' takes place ever faster: at t = {before:.12g} s and again "
-                    f"{time - before:.3g} s later; its resets come to rest, which a reset cannot hold: make the event "
-                    "terminal, or model the contact by a force (Contact, EndStop)",
-                    time=time,
-                )
 
     def _jump(self, events: Sequence[Event], state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Velocities, first-order states and impulses of the joints just after events that take place together."""

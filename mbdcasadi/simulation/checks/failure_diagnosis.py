@@ -18,14 +18,7 @@ NARROW_FRICTION = 1e-6
 
 
 def cause_of_failure(
-    numeric: NumericEquations,
-    t: float,
-    q: np.ndarray,
-    v: np.ndarray,
-    z: np.ndarray,
-    flag: str,
-    ahead: float,
-    method: str = "",
+    numeric: NumericEquations, t: float, x: np.ndarray, flag: str, ahead: float, method: str = ""
 ) -> str:
     """Likely cause of a failure after the state that was reached last.
 
@@ -33,8 +26,8 @@ def cause_of_failure(
     ----------
     t : float
         Time of the last state.
-    q, v, z : numpy.ndarray
-        The last state, each (1, k).
+    x : numpy.ndarray
+        The last state ``(q, v, z)``.
     flag : str
         The integrator's own word.
     ahead : float
@@ -42,30 +35,29 @@ def cause_of_failure(
     method : str, optional
         Name of the integrator, which is not advised again.
     """
-    eom = numeric.eom
-    said = in_words(flag)
-    remarks = "".join(f"; {sentence}" for sentence in broken_at_pose(numeric, t, q[0]))
-    for time, pose in ((t, q[0]), (t + ahead, q[0] + ahead * v[0])):
-        broken = numeric.forces_not_finite(time, pose, v[0], z[0], numeric.eom.input_values)
+    eom, n = numeric.eom, numeric.eom.q.numel()
+    (q, v, z), said = np.split(x, [n, 2 * n]), in_words(flag)
+    remarks = "".join(f"; {sentence}" for sentence in broken_at_pose(numeric, t, q))
+    for time, pose in ((t, q), (t + ahead, q + ahead * v)):
+        broken = numeric.forces_not_finite(time, pose, v, z, numeric.eom.input_values)
         if broken:
             return (
                 f"{', '.join(broken)} is not finite there: data of a spline that are left, a division by zero, "
                 f"or a root of a negative number ({said}){remarks}"
             )
-    values = numeric.rank(t, q[0]).singular_values
+    values = numeric.rank(t, q).singular_values
     if values.size and values[-1] < NEAR_SINGULAR * values[0]:
-        pose = describe_singularity(numeric, t, q[0])
-        return f"the pose is singular or nearly so, {pose.text} ({said})"
+        return f"the pose is singular or nearly so, {describe_singularity(numeric, t, q).text} ({said})"
     if flag.startswith("the constraints"):
         return said + remarks
     narrow = narrowest_friction(numeric)
     if narrow is not None and narrow[0] < NARROW_FRICTION:
         remarks += f"; or {narrow[1].description} is too steep: {narrow[2]} is very narrow, widen it"
-    fastest = int(np.argmax(np.abs(v[0])))
+    fastest = int(np.argmax(np.abs(v)))
     advice = "events at the jumps" if method == "rosenbrock" else "method='rosenbrock', or events at the jumps,"
     return (
         f"{said}; a force may jump there, grow without bound or have no slope, as a root at zero (fastest coordinate: "
-        f"{eom.coordinate_names[fastest]} at {v[0][fastest]:.3g} per second); {advice} may help{remarks}"
+        f"{eom.coordinate_names[fastest]} at {v[fastest]:.3g} per second); {advice} may help{remarks}"
     )
 
 

@@ -21,6 +21,7 @@ from ...equations.switching.switch_functions import state_switches
 from ...integrators.compiled import IntegrationFailure
 from ...model.symbols import as_sx
 from ...numerics.evaluation import Evaluator
+from ...numerics.roots import sign_changes
 from ..contact.watched_terms import has_gap
 from ..path import Path, hermite_states
 from ..stepper import Stepper
@@ -192,10 +193,9 @@ class UnseenLoads:
 
     def _zeros(self, path: Path, times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Quantities and instants at which their values, at points of a path, pass zero or are zero (k,)."""
-        rows, places = np.nonzero(np.sign(values[:, :-1]) * np.sign(values[:, 1:]) < 0)
+        (rows, places), (rows_at, places_at) = sign_changes(values)
         roots = self._roots(path, rows, times[places], times[places + 1], values[rows, places])
-        rows_at, places_at = np.nonzero((values[:, 1:-1] == 0) & np.any(values != 0, axis=1)[:, None])
-        return np.r_[rows, rows_at], np.r_[roots, times[1:-1][places_at]]
+        return np.r_[rows, rows_at], np.r_[roots, times[places_at]]
 
     def _turns(
         self, path: Path, times: np.ndarray, values: np.ndarray, longest: float
@@ -355,10 +355,7 @@ def meets_loads(eom: Equations, signals: Signals) -> bool:
 
 def _quantities(eom: Equations, signals: Signals) -> _Quantities:
     """Quantities of a motion that are watched; kept for a mechanism."""
-    found: _Quantities = eom.mechanism.cache.get_or_create(
-        ("state quantities", signals.structure), lambda: _Quantities(eom, signals), bounded=True
-    )
-    return found
+    return signals.kept(eom, ("state quantities",), lambda: _Quantities(eom, signals), bounded=True)
 
 
 def _duration(load: np.ndarray, spacing: float) -> float:
@@ -382,8 +379,6 @@ class _Quantities:
     """
 
     def __init__(self, eom: Equations, signals: Signals):
-        # kept with the functions that are made of it: a hash in the structure is unique only while the node lives
-        self._expressions = signals.parametrised
         switches, transients = state_quantities(eom, signals)
         column = ca.vertcat(ca.SX(0, 1), *switches, *transients)
         self.switches, self.number = len(switches), column.numel()

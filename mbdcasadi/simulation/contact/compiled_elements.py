@@ -9,7 +9,6 @@ code is as long as one of them.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -86,15 +85,42 @@ class RepeatedElements:
         arguments = [eom.t, eom.q, eom.v, eom.z, eom.lam, eom.u, eom.p]
         return ca.Function("rest_of_forces", arguments, [ca.densify(eom.generalised_forces(others))])
 
-    @cached_property
-    def loops(self) -> tuple[str, int]:
-        """Functions of a run in C, and the length of their work array."""
-        return _common(self.terms, self._kinds, outputs=True)
-
     @property
     def size(self) -> int:
         """Instructions of one element of each kind; those of its quantities watched at outputs are as many again."""
         return sum(2 * kind.size for kind in self._kinds)
+
+    def loops(self, *, outputs: bool) -> tuple[str, int]:
+        """Functions of a run in C, forces and rates of all kinds, and the length of their work array.
+
+        With `outputs` also the quantities watched at outputs: a method that returns all its steps has many of these.
+        """
+        terms = self.terms
+        text = ["#include <math.h>\n"]
+        sizes = {"forces": terms.eom.q.numel(), "rates": terms.size}
+        sizes |= {"gaps": 3 * len(terms.owners), "courses": 2 * len(terms.smoothings)} if outputs else {}
+        loops = {name: _Loops() for name in sizes}
+        for kind in self._kinds:
+            number, batch = kind.number, kind.batch
+            text.append(constant_table("int", f"places_{number}", batch.places.flat))
+            text.append(constant_table("int", f"rate_places_{number}", batch.rate_places.flat))
+            text.append(constant_table("double", f"constants_{number}", batch.constants.ravel().tolist()))
+            if kind.apart is not None:
+                text += [f"static inline int {kind.apart.name}({SIGNATURE});", kind.apart.as_c]
+            for name in sizes:
+                if name == "forces" and not kind.has_forces:
+                    continue
+                tape, rows = kind.results(name)
+                text += [tape.as_c, constant_table("int", f"{name}_places_{number}", rows.flat)]
+                is_gap = name == "gaps"  # gaps are needed of elements that are apart too
+                loops[name].add(
+                    kind, tape, rows, f"{name}_places_{number}", rates=is_gap or name == "rates", all_of_them=is_gap
+                )
+        work = max(loop.work for loop in loops.values())
+        for name, size in sizes.items():
+            text.append(loops[name].function(name, size))
+            text.append(definitions(interface(name, {"values": (terms.values.size, 1)}, {name: (size, 1)}, work)))
+        return "\n".join(text), work
 
     @cached_property
     def slopes(self) -> tuple[str, np.ndarray, np.ndarray, int]:
@@ -102,7 +128,29 @@ class RepeatedElements:
 
         Besides the code the rows and columns of what it returns (k,), and the length of its work array.
         """
-        return _slopes(self.terms, self._kinds)
+        n, slopes = self.terms.eom.q.numel(), _Loops()
+        text: list[str] = []
+        acting = [(kind, *kind.slopes()) for kind in self._kinds if kind.has_forces]
+        entries = [columns * n + rows for _, _, rows, columns in acting]
+        pattern = np.unique(np.concatenate([np.zeros(0, int), *(part.ravel() for part in entries)]))
+        for (kind, tape, *_), entry_places in zip(acting, entries, strict=True):
+            table, into = f"slope_places_{kind.number}", np.searchsorted(pattern, entry_places)
+            # slopes are long code that is evaluated seldom: optimising it costs more time than it saves
+            text += ['#pragma GCC push_options\n#pragma GCC optimize ("O0")\n', tape.as_c, "#pragma GCC pop_options\n"]
+            text.append(constant_table("int", table, into.flat))
+            slopes.add(kind, tape, into, table)
+        columns, rows = np.divmod(pattern, n)
+        text.append(slopes.function("jac_forces", pattern.size))
+        return "\n".join(text), rows, columns, slopes.work
+
+    def _source(self) -> str:
+        """The library of IDAS: what a run needs, and ``jac_forces``, the Jacobian of the forces."""
+        n, size = self.terms.eom.q.numel(), self.terms.values.size
+        slopes, rows, columns, work = self.slopes
+        sparsity = ca.Sparsity.triplet(n, size, rows.tolist(), columns.tolist())
+        arguments = {"values": (size, 1), "out_forces": (n, 1)}
+        around = definitions(interface("jac_forces", arguments, {"jac_forces_values": sparsity}, work))
+        return "\n".join([self.loops(outputs=False)[0], slopes, around])
 
     def watch_by(self, library: str) -> None:
         """Evaluate the quantities watched at outputs by a library with the loops."""
@@ -117,7 +165,7 @@ class RepeatedElements:
                 None,
                 "no C compiler was found: these contacts are interpreted, and a run with so many is faster compiled",
             )
-        source = _source(self.terms, self._kinds)
+        source = self._source()
         key = build.key_of(FORMAT, using.identity, OPTIMISATION, *build.FLAGS, source)
         began, library = time.perf_counter(), build.find(key)
         remark = "compiled contacts, kept from before"
@@ -167,6 +215,7 @@ class _Kind:
 
     def __init__(self, terms: WatchedTerms, number: int):
         self._terms, self.number, self.batch = terms, number, terms.batches[number]
+        self._results: dict[str, tuple[Tape, np.ndarray]] = {}
         batch = self.batch
         apart = batch.parts[APART]
         self.apart = self._tape("apart", apart) if apart.numel() else None
@@ -190,20 +239,16 @@ class _Kind:
     def results(self, name: str) -> tuple[Tape, np.ndarray]:
         """Tape of what one of the functions needs of an element, and entries of the result to which it adds (n, k)."""
         if name not in self._results:
-            self._results[name] = self._found(name)
+            self._results[name] = self._result(name)
         return self._results[name]
 
-    @cached_property
-    def _results(self) -> dict[str, tuple[Tape, np.ndarray]]:
-        return {}
-
-    def _found(self, name: str) -> tuple[Tape, np.ndarray]:
+    def _result(self, name: str) -> tuple[Tape, np.ndarray]:
         terms, k, batch = self._terms, self.number, self.batch
         arguments = [batch.symbols, batch.rates, batch.parameters]
         if name == "forces":
             return self._tape(name, self._force), self._coordinates
         if name == "rates":
-            return self._tape(name, terms.rates_of(k).call(arguments)[0]), terms.rate_places[k]
+            return self._tape(name, terms.rate_functions[k].call(arguments)[0]), terms.rate_places[k]
         if name == "gaps":
             return self._tape(name, terms.bounded_gaps[k].call(arguments)[0]), terms.gap_places[k]
         numbers = terms.numbered(COURSES)[k]
@@ -282,62 +327,3 @@ class _Loops:
 
 def _gathered(name: str, places: str, count: int) -> str:
     return f"for (int i = 0; i < {count}; ++i) {name}[i] = values[{places}[e * {count} + i]];"
-
-
-def _common(terms: WatchedTerms, kinds: Sequence[_Kind], *, outputs: bool) -> tuple[str, int]:
-    """Code of the functions of a run, forces and rates of all kinds, and the length of their work array.
-
-    With `outputs` also the quantities watched at outputs: a method that returns each of its steps has many of these.
-    """
-    text = ["#include <math.h>\n"]
-    sizes = {"forces": terms.eom.q.numel(), "rates": terms.size}
-    sizes |= {"gaps": 3 * len(terms.owners), "courses": 2 * len(terms.smoothings)} if outputs else {}
-    loops = {name: _Loops() for name in sizes}
-    for kind in kinds:
-        number, batch = kind.number, kind.batch
-        text.append(constant_table("int", f"places_{number}", batch.places.flat))
-        text.append(constant_table("int", f"rate_places_{number}", batch.rate_places.flat))
-        text.append(constant_table("double", f"constants_{number}", batch.constants.ravel().tolist()))
-        if kind.apart is not None:
-            text += [f"static inline int {kind.apart.name}({SIGNATURE});", kind.apart.as_c]
-        for name in sizes:
-            if name == "forces" and not kind.has_forces:
-                continue
-            tape, rows = kind.results(name)
-            text += [tape.as_c, constant_table("int", f"{name}_places_{number}", rows.flat)]
-            is_gap = name == "gaps"  # gaps are needed of elements that are apart too
-            loops[name].add(
-                kind, tape, rows, f"{name}_places_{number}", rates=is_gap or name == "rates", all_of_them=is_gap
-            )
-    work = max(loop.work for loop in loops.values())
-    for name, size in sizes.items():
-        text.append(loops[name].function(name, size))
-        text.append(definitions(interface(name, {"values": (terms.values.size, 1)}, {name: (size, 1)}, work)))
-    return "\n".join(text), work
-
-
-def _source(terms: WatchedTerms, kinds: Sequence[_Kind]) -> str:
-    """The library of IDAS: what a run needs, and ``jac_forces``, the Jacobian of the forces."""
-    n, size = terms.eom.q.numel(), terms.values.size
-    slopes, rows, columns, work = _slopes(terms, kinds)
-    sparsity = ca.Sparsity.triplet(n, size, rows.tolist(), columns.tolist())
-    arguments = {"values": (size, 1), "out_forces": (n, 1)}
-    around = definitions(interface("jac_forces", arguments, {"jac_forces_values": sparsity}, work))
-    return "\n".join([_common(terms, kinds, outputs=False)[0], slopes, around])
-
-
-def _slopes(terms: WatchedTerms, kinds: Sequence[_Kind]) -> tuple[str, np.ndarray, np.ndarray, int]:
-    n, slopes = terms.eom.q.numel(), _Loops()
-    text: list[str] = []
-    acting = [(kind, *kind.slopes()) for kind in kinds if kind.has_forces]
-    entries = [columns * n + rows for _, _, rows, columns in acting]
-    pattern = np.unique(np.concatenate([np.zeros(0, int), *(part.ravel() for part in entries)]))
-    for (kind, tape, *_), entry_places in zip(acting, entries, strict=True):
-        table, into = f"slope_places_{kind.number}", np.searchsorted(pattern, entry_places)
-        # slopes are long code that is evaluated seldom: optimising it costs more time than it saves
-        text += ['#pragma GCC push_options\n#pragma GCC optimize ("O0")\n', tape.as_c, "#pragma GCC pop_options\n"]
-        text.append(constant_table("int", table, into.flat))
-        slopes.add(kind, tape, into, table)
-    columns, rows = np.divmod(pattern, n)
-    text.append(slopes.function("jac_forces", pattern.size))
-    return "\n".join(text), rows, columns, slopes.work

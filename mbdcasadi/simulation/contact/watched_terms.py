@@ -42,6 +42,8 @@ class WatchedTerms:
         Places of the symbols in the column that the functions take.
     batches : list of Batch
         Elements of one kind.
+    rate_functions : list of casadi.Function
+        Rates of each batch.
     size : int
         Number of the rates that an integrator is to integrate along.
     """
@@ -64,7 +66,7 @@ class WatchedTerms:
         self.validity = [c for _, conditions in self._offered.values() for c in conditions]
         self.size = 2 * len(self.smoothings) + len(self.owners) + len(self.validity)
         self.batches = batches_of(eom, self.values, self.elements, self._parts)
-        self._rates = [self._rates_of(batch) for batch in self.batches]
+        self.rate_functions = [self._rates_of(batch) for batch in self.batches]
         self._compiled: tuple[ca.Function, ca.Function] | None = None
 
     def use_compiled(self, gaps: ca.Function, courses: ca.Function) -> None:
@@ -127,14 +129,10 @@ class WatchedTerms:
         starts = np.cumsum(counts) - counts
         return [starts[b.numbers][:, None] + np.arange(b.parts[part].numel()) for b in self.batches]
 
-    def rates_of(self, number: int) -> ca.Function:
-        """Function of a batch for its rates."""
-        return self._rates[number]
-
     @cached_property
     def rates(self) -> ca.SX:
         """All rates as expressions (size,)."""
-        return self._expressions(self._rates, self.rate_places, self.size, self.eom.z_rate)
+        return self._expressions(self.rate_functions, self.rate_places, self.size, self.eom.z_rate)
 
     def _expressions(self, functions: list[ca.Function], places: list[np.ndarray], size: int, z_rate: ca.SX) -> ca.SX:
         """Results of functions of the batches as expressions (size,), at their places (n, rows)."""

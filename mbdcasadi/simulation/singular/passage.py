@@ -11,7 +11,7 @@ accelerations of the polynomial must be those of the equations of motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -350,3 +350,14 @@ class Trail:
                 return float(times[k]), x[k]
         times, x = self._parts[0]
         return float(times[0]), x[0]
+
+
+def notes_on_passages(times: Sequence[float]) -> list[str]:
+    """Sentence on the singular poses that a motion has passed at some times; none without any."""
+    if not times:
+        return []
+    poses = "1 singular pose" if len(times) == 1 else f"{len(times)} singular poses"
+    return [
+        f"passes {poses}, the first at t = {times[0]:.6g} s, in which the mechanism could fold; the motion is "
+        "continued smoothly"
+    ]

@@ -158,18 +158,15 @@ def switching_of(eom: Equations, signals: Signals, *, with_gaps: bool) -> ca.Fun
         False to leave gaps to the error test, as of elements that are many of a kind: steps would end at each of them.
     """
 
-    def make() -> tuple[ca.Function, ca.SX]:
+    def make() -> ca.Function:
         unknown = ca.vertcat(eom.a, eom.lam, eom.u)
         gaps = [ca.vec(ca.SX(getattr(e, "gaps", e.gap))) for e in eom.mechanism.elements if with_gaps and has_gap(e)]
         known_gaps = [gap for gap in gaps if not ca.depends_on(gap, unknown)]
         content = ca.vertcat(ca.SX(0, 1), *known_gaps, *compared_quantities(eom, signals))
         known = [eom.t, eom.q, eom.v, eom.z, eom.p]
-        # a hash in the structure is unique only while the node lives
-        return ca.Function("switching", known, [ca.densify(content)]), signals.parametrised
+        return ca.Function("switching", known, [ca.densify(content)])
 
-    key = ("what switches", signals.structure, with_gaps)
-    function: ca.Function = eom.mechanism.cache.get_or_create(key, make, bounded=True)[0]
-    return function
+    return signals.kept(eom, ("what switches", with_gaps), make, bounded=True)
 
 
 def _slopes_of(numeric: NumericEquations, signals: Signals, repeated: RepeatedElements | None) -> ca.Function:
@@ -180,7 +177,7 @@ def _slopes_of(numeric: NumericEquations, signals: Signals, repeated: RepeatedEl
     """
     eom = numeric.eom
 
-    def make() -> tuple[ca.Function, ca.SX]:
+    def make() -> ca.Function:
         force, x = ca.SX.sym("Q", eom.q.numel()), ca.vertcat(eom.q, eom.v, eom.z)
         u = signals.parametrised if ca.depends_on(signals.parametrised, x) else eom.u
         known = [eom.t, eom.q, eom.v, eom.z, u, eom.p]
@@ -194,10 +191,9 @@ def _slopes_of(numeric: NumericEquations, signals: Signals, repeated: RepeatedEl
         results = [ca.jacobian(rates, x)]
         if repeated is not None:
             arguments, results = [*arguments, force], [*results, ca.jacobian(rates, force)]
-        return ca.Function("slopes", arguments, results), signals.parametrised
+        return ca.Function("slopes", arguments, results)
 
-    key = ("explicit slopes", numeric.light_key, signals.structure, repeated is None)
-    return eom.mechanism.cache.get_or_create(key, make)[0]
+    return signals.kept(eom, ("explicit slopes", numeric.light_key, repeated is None), make)
 
 
 def _solution(numeric: NumericEquations) -> ca.Function:
@@ -211,13 +207,9 @@ def _solution(numeric: NumericEquations) -> ca.Function:
 def _with_loops(numeric: NumericEquations, repeated: RepeatedElements, slopes: ca.Function | None) -> Written:
     """Dynamics and quadrature in C, with loops over elements that are many of a kind; and slopes, if they are asked."""
     eom, values = numeric.eom, repeated.terms.values
-    functions = [
-        _solution(numeric),
-        repeated.rest,
-        ca.Function("rates_of_states", list(eom.symbols), [ca.densify(eom.z_rate)]),
-    ]
-    tapes = [tape_of(simplified(function)) for function in functions]
-    loops, work = repeated.loops
+    z_rate = ca.Function("rates_of_states", list(eom.symbols), [ca.densify(eom.z_rate)])
+    tapes = [tape_of(simplified(function)) for function in (_solution(numeric), repeated.rest, z_rate)]
+    loops, work = repeated.loops(outputs=True)
     work = max(work, *(tape.work_in_c for tape in tapes))
     n, size, states = eom.q.numel(), values.size, eom.z.numel()
     shared = "\n".join([loops, *(tape.as_c for tape in tapes)])

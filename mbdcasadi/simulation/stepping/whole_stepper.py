@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -112,22 +113,24 @@ class WholeStepper(Stepper):
         self._runner.release()
 
     # --- integrating -------------------------------------------------------------------------
-    def _stretch(self, piece: Piece, x: np.ndarray) -> Stretch:
+    def _stretch(
+        self, start: float, x: np.ndarray, times: np.ndarray, stops: np.ndarray, begins: np.ndarray, **settings: Any
+    ) -> Stretch:
+        """The task from a state on, with the inputs of the intervals that begin at some times."""
+        settings = {"reltol": self.integrator.reltol, "abstol": self.integrator.abstol} | settings
+        channels, p, weights = self.signals.columns_from(begins), self.numeric.p, self.numeric.projection_weights
+        return Stretch(start, x, times, stops, channels, p, self.levels, weights, max_step=self._longest, **settings)
+
+    def _of_piece(self, piece: Piece, x: np.ndarray) -> Stretch:
         start, times = piece.inside
         offset, band, side = self._watch.levels(x)
-        return Stretch(
+        return self._stretch(
             start,
             x,
             times,
             piece.stops,
-            self.signals.columns_from(piece.begins),
-            self.numeric.p,
-            self.levels,
-            self.numeric.projection_weights,
-            self.integrator.reltol,
-            self.integrator.abstol,
-            self._longest,
-            self._runner.slice(),
+            piece.begins,
+            seconds=self._runner.slice(),
             every_step=bool(offset.size or self._rates or self._may_fold),
             keep_samples=self._keeps_samples,
             spacing=self._spacing if offset.size or self._keeps_samples else np.inf,
@@ -147,7 +150,7 @@ class WholeStepper(Stepper):
             self._progress = Progress(regularity=self._progress.regularity)
             self._starts += 1
         self._last_start = piece.start
-        reached = self._runner.advance(self._stretch(piece, x), self._progress)
+        reached = self._runner.advance(self._of_piece(piece, x), self._progress)
         self._steps = reached.steps
         self._all_steps += reached.steps
         if interruption.requested:
@@ -189,7 +192,6 @@ class WholeStepper(Stepper):
 
     def way_from(self, start: float, x: np.ndarray, *, precise: bool = False) -> Way:
         reltol, abstol = PRECISE if precise else self.integrator.tolerances
-        column = self.signals.columns_from(np.array([start]))
         offset, band, side = self._watch.levels(x)
 
         def integrated(times: np.ndarray) -> np.ndarray:
@@ -197,18 +199,14 @@ class WholeStepper(Stepper):
             rows: list[np.ndarray] = []
             while len(rows) < times.size:
                 left = times[len(rows) :]
-                stretch = Stretch(
+                stretch = self._stretch(
                     now,
                     state,
                     left,
                     np.ones(left.size, bool),
-                    np.tile(column, (left.size, 1)),
-                    self.numeric.p,
-                    self.levels,
-                    self.numeric.projection_weights,
-                    reltol,
-                    abstol,
-                    self._longest,
+                    np.full(left.size, start),
+                    reltol=reltol,
+                    abstol=abstol,
                     most_steps=WAY_STEPS,
                     offset=offset,
                     band=np.full(band.size, np.inf),  # no event counts on this way
@@ -236,5 +234,5 @@ class WholeOutputs(Outputs):
     def block(self, times: np.ndarray, x: np.ndarray, since: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
         q, v, z = self.split(x)
         columns = self.signals.columns_from(times if since is None else since)
-        a, lam, u = self._runner.complete(times, x, columns, self.numeric.p, self._levels)
+        a, lam, u = self._runner.run.complete(times, x, columns, self.numeric.p, self._levels)
         return times, q, v, a, z, lam, u
