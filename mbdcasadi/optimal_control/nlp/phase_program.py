@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from ...model.conditions import Condition, stacked
-from ...model.symbols import Symbol, place_of
+from ...model.symbols import Symbol
 from ...numerics.lazy import cached_property
 from ...results.state import State
 from ..checks.consistency import own_limits
@@ -149,7 +149,7 @@ class PhaseProgram:
         free = ca.SX.sym("f", self.free_scale.size) if free is None else free
         data = ca.SX.sym("d", 2)
         before, after = (ca.DM(self.point_scale) * x for x in (first, last))
-        p, extra = self._parameters(ca.DM(self.free_scale) * free)
+        p, extra = self.phase.with_free(self.p, self._free, ca.DM(self.free_scale) * free)
         start, length = data[0], data[1]
         if times_count:
             segment = self.scales.time * (times[1] - times[0])
@@ -158,17 +158,6 @@ class PhaseProgram:
         interval = Interval(before[:plain], ca.DM(self.inner_scale) * inner, after[:plain], start, length, p)
         variables = ca.vertcat(first, inner, last, times)
         return Unknowns(variables, free, data, interval, before[plain:], after[plain:], extra)
-
-    def _parameters(self, free: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Parameters of the mechanism with the free ones substituted, and free parameters that it does not have."""
-        p, extra = ca.SX(self.p), []
-        for k, symbol in enumerate(self._free):
-            place = place_of(symbol, self.phase.mechanism.parameters)
-            if place is None:
-                extra.append(free[k])
-            else:
-                p[place] = free[k]
-        return p, ca.vertcat(ca.SX(0, 1), *extra)
 
     @cached_property
     def limit_owners(self) -> dict[Condition, tuple[Symbol, int]]:
