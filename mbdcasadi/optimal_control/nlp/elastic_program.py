@@ -24,19 +24,17 @@ class ElasticProgram:
 
     def __init__(self, program: CollocationProgram, bounds: Bounds):
         self.program, self._bounds = program, bounds
-        sides = LimitSides(program, conditions=True).sides
-        self.labels = list(sides)
-        n, m, count = program.size, program.lower.size, len(sides)
+        sides = LimitSides(program, conditions=True)
+        self.labels = list(sides.sides)
+        n, m, count = program.size, sides.row_count, len(self.labels)
+        places = [sides.places(label, sign) for sign in (1, -1) for label in self.labels]
+        bounded = np.unique(np.concatenate([*places, []])).astype(int)
         #: variables whose bounds yield: they become rows
-        self._yielding = np.unique(
-            np.concatenate([np.r_[s.above, s.below].astype(int) for s in sides.values()] or [[]])
-        )
-        self._yielding = self._yielding.astype(int)
-        row_of = {int(place): m + k for k, place in enumerate(self._yielding)}
+        self._yielding = bounded[bounded >= m] - m
         pattern = np.zeros((m + self._yielding.size, 2 * count))
-        for k, side in enumerate(sides.values()):
-            pattern[[*side.rows_above, *(row_of[j] for j in side.above)], k] = 1.0
-            pattern[[*side.rows_below, *(row_of[j] for j in side.below)], count + k] = -1.0
+        for k, own in enumerate(places):
+            rows = [place if place < m else m + int(np.searchsorted(self._yielding, place - m)) for place in own]
+            pattern[rows, k] = 1.0 if k < count else -1.0
         self._slacks = ca.sparsify(ca.DM(pattern))
         self._n, self._m, self._count = n, m, 2 * count
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...numerics.real import stretches
 from ..nlp.scaling import SMALLEST_SHARE
 
 if TYPE_CHECKING:
@@ -69,12 +70,6 @@ def unresolved_inputs(part: PhaseSolution, tolerance: float) -> np.ndarray:
         if np.sum(np.diff(part.mesh_times)[run]) <= part.duration * np.sqrt(tolerance):
             errors[run] = 0.0
     return np.where(errors > tolerance, errors, 0.0)
-
-
-def stretches(mask: np.ndarray) -> list[slice]:
-    """Return the stretches in which a mask is true."""
-    edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(int)))
-    return [slice(begin, end) for begin, end in edges.reshape(-1, 2).tolist()]
 
 
 def _product(points: np.ndarray, taus: np.ndarray) -> np.ndarray:

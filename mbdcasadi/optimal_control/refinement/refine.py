@@ -11,13 +11,14 @@ import numpy as np
 
 from ...errors import warn
 from ...numerics.console import interruptible
+from ...numerics.real import stretches
 from ..checks.failure import OptimizationError
 from ..guess.guess import Guess
 from ..nlp.held_limits import passed_limits, shares_by_interval
 from ..nlp.solver import Solver, together
 from ..nlp.statistics import Pass
 from ..solution import Solution
-from .input_error import input_order, stretches, unresolved_inputs
+from .input_error import input_order, unresolved_inputs
 from .local_error import COARSE_ERROR, coarseness, scaled_errors, state_coarseness
 from .mesh import Mesh
 from .switches import unresolved_switches
