@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -99,9 +100,11 @@ class OptimizationError(MechanismError):
     reached: Any = None
     conflict: tuple[Violation, ...] = ()
 
-    def __init__(self, message: str, *, largest_violations: list[Violation], partial: Any, time: float | None):
+    def __init__(
+        self, message: str, *, partial: Any, largest_violations: Sequence[Violation] = (), time: float | None = None
+    ):
         super().__init__(message, time=time, partial=partial)
-        self.largest_violations = largest_violations
+        self.largest_violations = list(largest_violations)
 
 
 def explain_failure(solution: Solution, status: str) -> OptimizationError:
@@ -148,9 +151,7 @@ def infeasible(
         f"the problem is infeasible: the least violation of its demands, from {starts} starts, is not zero; violated "
         f"then: {listed}; {_without_message(failure)}"
     )
-    error = OptimizationError(
-        text, largest_violations=failure.largest_violations, partial=failure.partial, time=failure.time
-    )
+    error = _instead_of(failure, text)
     error.conflict = conflict
     return error
 
@@ -161,6 +162,11 @@ def not_found(failure: OptimizationError, stages: list[str]) -> OptimizationErro
         f"no solution was found, and the problem may still have one (tried: {'; '.join(stages)}); starts= and guess= "
         f"look elsewhere; {_without_message(failure)}"
     )
+    return _instead_of(failure, text)
+
+
+def _instead_of(failure: OptimizationError, text: str) -> OptimizationError:
+    """The same failure with another message."""
     return OptimizationError(
         text, largest_violations=failure.largest_violations, partial=failure.partial, time=failure.time
     )

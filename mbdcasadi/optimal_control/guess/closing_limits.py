@@ -15,8 +15,8 @@ from dataclasses import replace
 from ...numerics.homotopy import Step, follow
 from ..checks.expressions import kinks_in_costs, kinks_in_path
 from ..checks.failure import OptimizationError, infeasible, not_found
-from ..nlp.solver import Solver, together
-from ..nlp.statistics import SolveStatistics, Stage
+from ..nlp.solver import Solver
+from ..nlp.statistics import Stage
 from ..refinement.mesh import Mesh
 from ..refinement.refine import FRESH_PASSES, is_lost
 from ..solution import Solution
@@ -99,7 +99,7 @@ class LimitSearch:
             After Ctrl-C.
         """
         failed = failure.partial.statistics
-        self._note(failure.partial, failure.partial.statistics.status, "all limits")
+        self._note(failure.partial, "all limits")
         closed, nearest = self._close_in()
         lost = nearest is self._guess  # without limits, too: then what is said to be in conflict comes first
         for search in (self._by_violation, self._by_detours) if lost else (self._by_detours, self._by_violation):
@@ -107,16 +107,16 @@ class LimitSearch:
         if closed is None:
             raise not_found(failure, [stage.description for stage in self._stages]) from None
         closed.statistics = replace(
-            together(failed, closed.statistics),
+            closed.statistics.after(failed),
             iterations=sum(stage.iterations for stage in self._stages),
             seconds=sum(stage.seconds for stage in self._stages),
             stages=self._stages,
         )
         return closed
 
-    def _note(self, solution: Solution, status: str, description: str) -> None:
-        s: SolveStatistics = solution.statistics
-        self._stages.append(Stage(description, s.iterations, status, s.seconds))
+    def _note(self, solution: Solution, description: str) -> None:
+        s = solution.statistics
+        self._stages.append(Stage(description, s.iterations, s.status, s.seconds))
 
     # --- limits that close in -----------------------------------------------------------------
     def _close_in(self) -> tuple[Solution | None, Guess]:
@@ -133,7 +133,7 @@ class LimitSearch:
                 return self._solved(guess, "all limits, closed in")
             loose = {label: remaining * amount for label, amount in excess.items()}
             solution, _, reached = solver.solve_loosened(self._meshes, guess, loose, CLOSING_ITERATIONS)
-            self._note(solution, solution.statistics.status, f"limits loosened by {remaining:.2g} of their excess")
+            self._note(solution, f"limits loosened by {remaining:.2g} of their excess")
             return Step(solution) if reached else None
 
         end = follow(free, closer, smallest=SMALLEST_STEP)
@@ -144,7 +144,7 @@ class LimitSearch:
         for _ in range(FRESH_PASSES + 1):
             found = self._solver.solve_loosened(self._meshes, self._guess, None, FREE_ITERATIONS)
             free, _, succeeded = found
-            self._note(free, free.statistics.status, "no limits")
+            self._note(free, "no limits")
             if not (self._refined and succeeded and is_lost(free)):
                 break
             self._meshes = [mesh.split(2) for mesh in self._meshes]
@@ -163,9 +163,9 @@ class LimitSearch:
         try:
             solution = self._solver.solve(self._meshes, guess, warm=limit is None, limit=limit)
         except OptimizationError as error:
-            self._note(error.partial, error.partial.statistics.status, description)
+            self._note(error.partial, description)
             return None
-        self._note(solution, solution.statistics.status, description)
+        self._note(solution, description)
         return Step(solution)
 
     # --- the least violation --------------------------------------------------------------------
@@ -182,7 +182,7 @@ class LimitSearch:
         for guess in (nearest, self._second):
             solution, slacks, succeeded = self._solver.least_violation(self._meshes, guess, VIOLATION_ITERATIONS)
             total = sum(slacks.values())
-            self._note(solution, solution.statistics.status, f"least violation, {total:.2g} in all")
+            self._note(solution, f"least violation, {total:.2g} in all")
             if total <= FEASIBLE:
                 feasible = _without_multipliers(solution.as_guess(self._solver.problem))
                 solved = self._solved(feasible, "all limits, from a motion that meets them")

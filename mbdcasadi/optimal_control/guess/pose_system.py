@@ -57,7 +57,7 @@ class PoseSystem:
         rows, problem = [], self._problem
 
         def value(mark: Placeholder) -> ca.SX:
-            return self.value(mark.expression, place_of_end(problem.phase_of(mark), mark.kind == "at_end"))
+            return self.value(mark.expression, place_of_end(problem.phases_of(mark)[0], mark.kind == "at_end"))
 
         for condition in problem.boundary:
             marks = placeholders_in(condition.expression)

@@ -15,7 +15,7 @@ from ...numerics.real import stretches
 from ..checks.failure import OptimizationError
 from ..guess.guess import Guess
 from ..nlp.held_limits import passed_limits, shares_by_interval
-from ..nlp.solver import Solver, together
+from ..nlp.solver import Solver
 from ..nlp.statistics import Pass
 from ..solution import Solution
 from .input_error import input_order, unresolved_inputs
@@ -215,9 +215,7 @@ class _Refinement:
         raise OptimizationError(
             f"the mesh was refined to {_count(self.solution.meshes)} intervals and the local error is still "
             f"{self.error:.2g}, above the tolerance {self.tolerance:g}: {reason}; the last solution is in .partial",
-            largest_violations=[],
             partial=self.solution,
-            time=None,
         )
 
 
@@ -234,12 +232,9 @@ def refine_or_repeat(solver: Solver, solution: Solution, guess: Guess) -> tuple[
     for _ in range(FRESH_PASSES):
         if not is_lost(solution):
             break
-        solver.best.new_stage()
-        try:
-            finer = solver.solve([mesh.split(2) for mesh in solution.meshes], guess)
-        except OptimizationError:
+        finer = solver.solve_further(solution, [mesh.split(2) for mesh in solution.meshes], guess)
+        if finer is None:
             break
-        finer.statistics = together(solution.statistics, finer.statistics)
         solution = finer
     return refine_if_coarse(solver, solution)
 
@@ -268,12 +263,9 @@ def refine_if_coarse(solver: Solver, solution: Solution) -> tuple[Solution, bool
             meshes = [_split_where_coarse(solution, part) for part in solution.phases]
         if _count(meshes) == _count(solution.meshes):
             break
-        solver.best.new_stage()
-        try:
-            finer = solver.solve(meshes, solution.as_guess(solver.problem), warm=True)
-        except OptimizationError:
+        finer = solver.solve_further(solution, meshes)
+        if finer is None:
             break
-        finer.statistics = together(solution.statistics, finer.statistics)
         solution, before, error = finer, error, _largest_coarseness(finer)
         stalled = not error < max(COARSE_ERROR, before / 2)  # infinite if an interval cannot be integrated
     return solution, error <= COARSE_ERROR
