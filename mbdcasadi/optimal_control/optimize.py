@@ -5,7 +5,6 @@ from __future__ import annotations
 from concurrent.futures import Executor
 from typing import Any
 
-from ..arguments.values import pairs_of
 from ..errors import ModelError
 from ..model.symbols import number
 from ..numerics.console import keyboard_interrupts
@@ -13,9 +12,10 @@ from ..numerics.symbolic import LOCK
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity, validity_conditions
 from .checks.closings import warn_of_closings
-from .guess.parameter_continuation import by_continuation, read_continuation
+from .guess.parameter_continuation import read_continuation
 from .nlp.best_so_far import BestSoFar
 from .nlp.held_limits import warn_of_passed_limits
+from .nlp.setup import Settings
 from .problem import OptimalControlProblem
 from .refinement.local_error import warn_of_coarse_mesh
 from .search import Search
@@ -127,31 +127,29 @@ def optimize(
     best = BestSoFar()
     try:
         with LOCK, keyboard_interrupts("optimize"):
-            search = Search(
-                problem, intervals, initial, (transcription, degree, control, options, progress, solver), best, executor
-            )
             accuracy = None if tolerance is None else _tolerance(tolerance)
+            settings = Settings.read(transcription, degree, control, options, progress, solver)
+            search = Search(problem, intervals, initial, settings, best, executor)
             if continuation is None:
                 solution = search.solve(parameters, guess, starts, accuracy)
             else:
                 steps = read_continuation(problem, continuation, parameters)
-
-                def solve(values: dict[Any, float], near: Any, *, first: bool, last: bool) -> Solution:
-                    pairs = [*pairs_of(parameters, "parameters="), *values.items()]
-                    several, within = starts if first else None, accuracy if last else None
-                    return search.solve(pairs, near, several, within, goes_on=first)
-
-                solution = by_continuation(steps, solve, guess)
+                solution = search.solve_in_turn(steps, parameters, guess, starts, accuracy)
             if accuracy is None and not search.is_known(guess):
                 warn_of_coarse_mesh(solution)
-            warn_of_passed_limits(solution)
-            warn_of_closings(solution)
-            for part in solution.phases:
-                if validity_conditions(part.phase.mechanism):
-                    report_validity(part.trajectory)
+            _warn_of_limits(solution)
     except KeyboardInterrupt:
         raise best.interrupted() from None
     return solution
+
+
+def _warn_of_limits(solution: Solution) -> None:
+    """Warn of limits that are passed, closings that cannot be, and elements outside of their range of validity."""
+    warn_of_passed_limits(solution)
+    warn_of_closings(solution)
+    for part in solution.phases:
+        if validity_conditions(part.phase.mechanism):
+            report_validity(part.trajectory)
 
 
 def _tolerance(value: Any) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from .collocation_program import CollocationProgram
 from .limit_sides import LimitSides
 from .solvers.base import Bounds
+from .sparse_program import derivatives_for_ipopt
 
 #: Weight of the distance from the guess, which leaves one of many motions without violation.
 NEARNESS = 1e-4
@@ -63,14 +64,7 @@ class ElasticProgram:
         slopes = ca.horzcat(ca.vertcat(jacobian, picked), -self._slacks)
         hessian = derivatives["hess_lag"](x, data, 0.0, lam_g[: self._m]) + lam_f * NEARNESS * ca.DM.eye(n)
         hessian = ca.diagcat(hessian, ca.MX(self._count, self._count))
-        names = ["x", "p"]
-        functions = {
-            "grad_f": ca.Function("nlp_grad_f", [y, p], [cost, gradient], names, ["f", "grad_f_x"]),
-            "jac_g": ca.Function("nlp_jac_g", [y, p], [rows, slopes], names, ["g", "jac_g_x"]),
-            "hess_lag": ca.Function(
-                "nlp_hess_l", [y, p, lam_f, lam_g], [hessian], [*names, "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
-            ),
-        }
+        functions = derivatives_for_ipopt((y, p, lam_f, lam_g), (cost, gradient), (rows, slopes), hessian)
         return ca.nlpsol("violation", "ipopt", {"x": y, "p": p, "f": cost, "g": rows}, functions | options)
 
     @property
