@@ -120,14 +120,12 @@ def optimize(
     """
     if not isinstance(problem, OptimalControlProblem):
         raise ModelError(f"optimize takes an OptimalControlProblem, got {problem!r}")
-    if executor is not None and not hasattr(executor, "submit"):
-        raise ModelError(f"optimize: executor= takes a concurrent.futures executor, got {executor!r}")
-    if executor is not None and starts is None:
-        raise ModelError("optimize: executor= solves from several starts at a time; give starts=, too")
+    if executor is not None:
+        _check_executor(executor, starts)
     best = BestSoFar()
     try:
         with LOCK, keyboard_interrupts("optimize"):
-            accuracy = None if tolerance is None else _tolerance(tolerance)
+            accuracy = _tolerance(tolerance)
             settings = Settings.read(transcription, degree, control, options, progress, solver)
             search = Search(problem, intervals, initial, settings, best, executor)
             if continuation is None:
@@ -143,6 +141,13 @@ def optimize(
     return solution
 
 
+def _check_executor(executor: Any, starts: Any) -> None:
+    if not hasattr(executor, "submit"):
+        raise ModelError(f"optimize: executor= takes a concurrent.futures executor, got {executor!r}")
+    if starts is None:
+        raise ModelError("optimize: executor= solves from several starts at a time; give starts=, too")
+
+
 def _warn_of_limits(solution: Solution) -> None:
     """Warn of limits that are passed, closings that cannot be, and elements outside of their range of validity."""
     warn_of_passed_limits(solution)
@@ -152,7 +157,9 @@ def _warn_of_limits(solution: Solution) -> None:
             report_validity(part.trajectory)
 
 
-def _tolerance(value: Any) -> float:
+def _tolerance(value: Any) -> float | None:
+    if value is None:
+        return None
     tolerance = number(value, "optimize", "tolerance")
     if tolerance <= 0:
         raise ModelError(f"optimize: tolerance must be positive, got {value!r}")

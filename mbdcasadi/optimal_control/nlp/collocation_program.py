@@ -19,7 +19,7 @@ from .blocks import Block, Edge, block_of_edges
 from .change import Change, ChangeSetup
 from .compiled import OPTION_SETS, SolverPool
 from .instant_program import InstantProgram
-from .phase_program import PhaseProgram
+from .phase_program import PhasePlace, PhaseProgram
 from .rows import Row, condition_rows, violations
 from .setup import PhaseSetup
 from .sparse_program import SparseProgram
@@ -91,7 +91,8 @@ class CollocationProgram:
             kind = InstantProgram if setup.phase.is_instant else PhaseProgram
             here = [x for x in integrals if setup.phase in problem.phases_of(x)]
             points = [(label, tau) for of, label, tau in self.held if of == number]
-            phases.append(kind(problem, setup, mesh, here, number, first, begins, points, timed=timed))
+            place = PhasePlace(number, first, begins, timed)
+            phases.append(kind(problem, setup, mesh, place, here, points))
             first += phases[-1].size
             low, high = setup.phase.span
             begins = begins[0] + low, begins[1] + high

@@ -41,10 +41,10 @@ def sides_of(program: CollocationProgram) -> Iterator[Side]:
     """Iterate over all places at which conditions and limits of the user hold."""
     for k, row in enumerate(program.rows):
         if row.condition:
-            stands = row.size, row.unit, row.phase, (row.interval,), row.tau, row.repeated, row.equality
-            yield Side(row.label, 1, k, 0.0, *stands)
+            on_row = row.size, row.unit, row.phase, (row.interval,), row.tau, row.repeated, row.equality
+            yield Side(row.label, 1, k, 0.0, *on_row)
             if row.opposite:
-                yield Side(row.opposite, -1, k, row.lower, *stands)
+                yield Side(row.opposite, -1, k, row.lower, *on_row)
     for phase in program.phases:
         for condition, (symbol, sign) in phase.limit_owners.items() if phase.count else ():
             limit = symbol.upper if sign > 0 else symbol.lower

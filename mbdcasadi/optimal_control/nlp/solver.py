@@ -140,7 +140,7 @@ class Solver:
         self._take(poses, numerics)
         if not isinstance(self.initial, State):
             self.start = first_state(problem, phase, numerics[0], self.initial, signals, poses)
-        steered = path(poses_at=poses.poses)
+        steered = path(poses=dict(enumerate(poses.poses)))
         return steered if steered.complete else path()
 
     def _set_up_phases(self, numerics: list[NumericEquations]) -> None:
@@ -177,7 +177,7 @@ class Solver:
         if phase.is_instant:
             return KinematicPath(np.array(span), np.array(span[:1]), end[None, :])
         times = span[0] + phase.segment_times(span[1] - span[0])
-        return kinematic_path(self.problem, phase, numeric, start, times, end)
+        return kinematic_path(self.problem, phase, numeric, start, times, poses={times.size - 1: end})
 
     def _other_start(self, initial: Any) -> State | tuple[Condition, ...]:
         """A start in place of the problem's own, checked as that is."""

@@ -199,10 +199,10 @@ def _closing(part: PhaseSolution, change: Change, p: np.ndarray) -> Event | None
 def _until(motion: Trajectory, end: State) -> Trajectory:
     """The motion up to a state."""
     count = int(np.searchsorted(motion.t, end.t))
-    names = ("q", "v", "a", "z", "lam", "inputs")
-    arrays = [np.vstack([getattr(motion, name)[:count], getattr(end, name)]) for name in names]
-    t, more = np.r_[motion.t[:count], end.t], {"statistics": motion.statistics, "refine": motion._refine}
-    return Trajectory(motion.mechanism, t, *arrays, motion.parameters, **more)
+    t, names = np.r_[motion.t[:count], end.t], ("q", "v", "a", "z", "lam", "inputs")
+    q, v, a, z, lam, u = (np.vstack([getattr(motion, name)[:count], getattr(end, name)]) for name in names)
+    p, statistics = motion.parameters, motion.statistics
+    return Trajectory(motion.mechanism, t, q, v, a, z, lam, u, p, statistics=statistics, refine=motion._refine)
 
 
 def _moved(polynomial: PiecewisePolynomial, late: float, beyond: float) -> PiecewisePolynomial:
