@@ -228,7 +228,7 @@ class Solver:
             if not more:
                 break
             before, self.held = self.held, tuple(sorted({*self.held, *more}))
-            held = _further(solution, partial(self._solve, meshes, solution.as_guess(self.problem), warm=True))
+            held = _further(solution, partial(self._solve, solution.meshes, solution.as_guess(self.problem), warm=True))
             share = np.inf if held is None else largest_share(held)
             if held is None or share > 0.8 * passed:  # what is passed is the error of the mesh: more points do not help
                 self.held = before
