@@ -22,8 +22,10 @@ MOST = 6
 #: with two angles and more the solver lost its way in nine of them, in all coordinates in one; of ninety pendulums and
 #: cart-poles, with one angle, the same were solved, in half the time.
 CURVED = 1
-#: The same for open chains in angles alone. With guesses at rest, and residuals of the equations of motion in plain
-#: loads, chains of two and three links took a third of the time that they take in all coordinates; five took as long.
+#: The same for open chains in angles alone, or as many as there are inputs. With guesses at rest, and residuals of the
+#: equations of motion in plain loads, chains of two and three links took a third of the time that they take in all
+#: coordinates; chains of five with one motor took as long, of five and ten with a motor in every joint half of it, to
+#: optima that were no dearer.
 ANGLES = 3
 #: A row is solved for a coordinate whose factor is at least this share of its largest one; less is rounding.
 LEAST = 1e-3
@@ -54,7 +56,7 @@ class _Row:
 
     def is_short(self, curved: int) -> bool:
         """Return True if few coordinates occur, and at most so many otherwise than linearly."""
-        return len(self.coordinates) <= MOST and len(self.curved) <= curved
+        return len(self.coordinates) <= max(MOST, curved) and len(self.curved) <= curved
 
     def solved_for(self, k: int) -> _Row:
         """A coordinate in terms of the others."""
@@ -102,7 +104,7 @@ def explicit_rows(eom: Equations, *, curved: bool = True, angles: bool = False) 
     rows = _rows(eom)
     positions = [rows[int(k)] for k in eom.position_rows]
     if angles and curved:
-        solved_rows = _solve(positions, set(), ANGLES)
+        solved_rows = _solve(positions, set(), max(ANGLES, eom.u.numel()))
         if len(solved_rows) == len(rows):
             return solved_rows
     if not curved:

@@ -176,6 +176,13 @@ class Phase(Immutable):
         return self.span == (0.0, 0.0)
 
     @cached_property
+    def symbol_hashes(self) -> frozenset[int]:
+        """Hashes of the symbols that expressions of the phase may contain, free parameters and impulses left out."""
+        eom = self.equations
+        groups = (eom.t, eom.q, eom.v, eom.z, eom.p) if self.is_instant else (*eom.symbols, self.input_rates)
+        return frozenset(s.element_hash() for group in groups for s in ca.vertsplit(group))
+
+    @cached_property
     def law(self) -> ImpactLaw:
         """The law by which velocities jump at the change into the phase."""
         return ImpactLaw(self.equations, self.restitution)

@@ -15,6 +15,7 @@ from ..numerics.symbolic import symbolic
 from ..results.state import State
 from ..results.trajectory import Statistics, Trajectory
 from .guess.guess import PhaseGuess, guess_from_motion
+from .nlp.held_limits import excess_of_motion
 from .nlp.phase_program import PhaseProgram
 from .phase import Phase
 from .refinement.local_error import end_errors, scaled_errors
@@ -68,6 +69,11 @@ class PhaseSolution:
         function = ca.Function("values", self.program.arguments, [ca.densify(e) for e in expressions])
         points = [x.T for x in self.polynomials.at(intervals, taus)]
         return [values.full() for values in function.call([*points, self.numeric.p, self.extra])]
+
+    @cached_property
+    def excess_of_motion(self) -> list[tuple[Condition, np.ndarray, np.ndarray, np.ndarray]]:
+        """Limits that the motion comes near, as :func:`~.nlp.held_limits.excess_of_motion` finds them."""
+        return list(excess_of_motion(self))
 
     @property
     def duration(self) -> float:

@@ -202,17 +202,14 @@ class OptimalControlProblem(Immutable):
         self._check_expressions(phase, expressions, impulses=impulses)
 
     def _check_expressions(self, phase: Phase, expressions: dict[str, ca.SX], *, impulses: bool = False) -> None:
-        eom = phase.equations
-        known_at_instant = (eom.t, eom.q, eom.v, eom.z, eom.p)
-        groups = known_at_instant if phase.is_instant else (*eom.symbols, phase.input_rates)
-        groups = (*groups, *self.extra_parameters(phase), *([phase.law.impulses] if impulses else []))
-        known = {s.element_hash() for group in groups for s in ca.vertsplit(ca.SX(group))}
+        further = (*self.extra_parameters(phase), *([phase.law.impulses] if impulses else []))
+        known = phase.symbol_hashes.union(s.element_hash() for group in further for s in ca.vertsplit(group))
         for where, expression in expressions.items():
-            for misplaced in placeholders_in(expression):
-                place = "a cost" if misplaced.kind in PARTS else "boundary= or terminal_cost="
-                raise ExpressionError(f"{where} contains {misplaced.label}, which belongs in {place}")
             for symbol in symbols_of(expression):
                 if symbol.element_hash() not in known:
+                    for misplaced in placeholders_in(expression):
+                        place = "a cost" if misplaced.kind in PARTS else "boundary= or terminal_cost="
+                        raise ExpressionError(f"{where} contains {misplaced.label}, which belongs in {place}")
                     role = role_of(symbol)
                     is_parameter = role is not None and role.kind == "parameter"
                     hint = "; list it in free_parameters= or in the mechanism" if is_parameter else ""

@@ -73,6 +73,38 @@ def test_longer_chains_and_loops_keep_their_pins():
     assert loop.row_names == ("crank pin.x", "crank pin.y", "piston pin.x", "piston pin.y")
 
 
+def five_links(motors):
+    """A chain of uniform bars, and torques on the first ones."""
+    bars = [mbd.Body(f"bar {k}", mass=1.0, inertia=0.1) for k in range(5)]
+    torques = [mbd.Input(f"torque {k}") for k in range(motors)]
+    joints = [mbd.Revolute("foot", mbd.ground.at(0, 0), bars[0].at(-0.5, 0))]
+    joints += [mbd.Revolute(f"pin {k}", bars[k - 1].at(0.5, 0), bars[k].at(-0.5, 0)) for k in range(1, 5)]
+    forces = [mbd.Gravity(), *(mbd.Torque(f"motor {k}", bars[k], torque) for k, torque in enumerate(torques))]
+    return mbd.equations(mbd.Mechanism(bars, joints, forces=forces, inputs=torques))
+
+
+def test_a_longer_chain_is_left_with_its_angles_if_every_joint_is_driven():
+    """Their accelerations are those of ``M a + Phi_q^T lam = Q`` with ``Phi_q a = gamma`` in all coordinates."""
+    eom = five_links(5)
+    reduced = reduced_equations(eom, angles=True)
+    assert reduced.is_chain and len(reduced.independent) == 5
+    w, rate, u = np.random.default_rng(0).uniform(-1, 1, (3, 5))
+    system = ca.Function("system", [*reduced.symbols], [ca.jacobian(reduced.motion, reduced.a), reduced.motion])
+    masses, load = (x.full() for x in system(0, w, rate, np.zeros(5), [], [], u, []))
+    a = np.linalg.solve(masses, -load).ravel()
+    q, v, accelerations, _ = (x.full().ravel() for x in reduced.expansion(0, w, rate, a, [], [], u, []))
+    whole = ca.Function("whole", [*eom.symbols], [eom.Phi_q, eom.mass_diagonal, eom.Q, eom.gamma])
+    arguments = (0, q, v, np.zeros(15), [], np.zeros(10), u, [])
+    jacobian, diagonal, forces, gamma = (x.full() for x in whole(*arguments))
+    saddle = np.block([[np.diag(diagonal.ravel()), jacobian.T], [jacobian, np.zeros((10, 10))]])
+    expected = np.linalg.solve(saddle, np.vstack([forces, gamma]))[:15].ravel()
+    np.testing.assert_allclose(accelerations, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_a_longer_chain_with_a_free_joint_keeps_its_pins():
+    assert len(reduced_equations(five_links(4), angles=True).rows) == 10
+
+
 def test_linear_rows_alone_on_demand():
     reduced = reduced_equations(mbd.equations(cart_with_pendulum()), curved=False)
     assert [reduced.whole.row_names[k] for k in reduced.explicit] == ["rail.angle", "rail.normal"]

@@ -159,19 +159,27 @@ class ConditionRank:
         """Return True if conditions and constraints together decide the whole state, but for the branch."""
         return any(len(self.span(state, conditions)) >= self._unknowns for state in self.states)
 
-    def value_under(self, limit: Condition, rows: Sequence[Condition]) -> float | None:
-        """Value of an expression if a row is met that differs from it by a factor and a constant; else None."""
-        values, factors = [], []
-        for state in self.states:
-            (value,), (slope,) = self._evaluated([limit], state)
-            row_values, slopes = self._evaluated(rows, state)
-            k = int(np.argmax(np.abs(unit_rows(slopes) @ slope)))
-            factors.append(float(slopes[k] @ slope / max(slopes[k] @ slopes[k], np.finfo(float).tiny)))
-            if np.max(np.abs(slope - factors[-1] * slopes[k])) > CONSTANCY_TOLERANCE * np.max(np.abs(slope)):
-                return None
-            values.append(value - factors[-1] * row_values[k])
-        constant = all(np.ptp(x) <= CONSTANCY_TOLERANCE * (1 + np.max(np.abs(x))) for x in (values, factors) if x)
-        return float(values[0]) if values and constant else None
+    def values_under(self, limits: Sequence[Condition], rows: Sequence[Condition]) -> list[float | None]:
+        """Values of expressions if a row is met that differs from them by a factor and a constant; else None."""
+        if not limits:
+            return []
+        places = [(*self._evaluated(limits, state), *self._evaluated(rows, state)) for state in self.states]
+        return [
+            _value_under([(values[k], slopes[k], *row) for values, slopes, *row in places]) for k in range(len(limits))
+        ]
+
+
+def _value_under(places: Sequence[tuple[float, np.ndarray, np.ndarray, np.ndarray]]) -> float | None:
+    """Value of an expression from its value and gradient, and those of the rows, at each of some states."""
+    constants, factors = [], []
+    for value, slope, row_values, slopes in places:
+        k = int(np.argmax(np.abs(unit_rows(slopes) @ slope)))
+        factors.append(float(slopes[k] @ slope / max(slopes[k] @ slopes[k], np.finfo(float).tiny)))
+        if np.max(np.abs(slope - factors[-1] * slopes[k])) > CONSTANCY_TOLERANCE * np.max(np.abs(slope)):
+            return None
+        constants.append(value - factors[-1] * row_values[k])
+    constant = all(np.ptp(x) <= CONSTANCY_TOLERANCE * (1 + np.max(np.abs(x))) for x in (constants, factors) if x)
+    return float(constants[0]) if constants and constant else None
 
 
 def _scattered_states(numeric: NumericEquations) -> list[Place]:

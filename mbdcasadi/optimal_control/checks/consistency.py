@@ -106,7 +106,7 @@ def check_end(
     limits = [c for c, fixed in zip(limits, ranks.fixed(limits, rows), strict=True) if fixed]
     contradiction = ranks.count(rows) < len(rows)
     if not contradiction:
-        known = {limit: ranks.value_under(limit, rows) for limit in limits}
+        known = dict(zip(limits, ranks.values_under(limits, rows), strict=True))
         _refuse_broken(name, {limit: (value, 1.0) for limit, value in known.items() if value is not None})
         limits = [limit for limit in limits if known[limit] is None]
         if not limits:

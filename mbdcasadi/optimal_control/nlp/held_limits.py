@@ -62,7 +62,7 @@ def passed_limits(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> lis
     """Return the limits that the motion of a solution passes by more than a share of their sizes."""
     found = []
     for number, part in enumerate(solution.phases):
-        for limit, _, times, values in _excess_of_motion(part):
+        for limit, _, times, values in part.excess_of_motion:
             worst = np.unravel_index(int(np.argmax(values)), values.shape)
             time, amount = float(times[worst]), float(values[worst])
             share = amount / _size(part, limit, time) if amount > 0 else 0.0
@@ -74,7 +74,7 @@ def passed_limits(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> lis
 def shares_by_interval(part: PhaseSolution) -> np.ndarray:
     """Return the largest shares of their sizes by which limits are passed in each interval (N,)."""
     shares = np.zeros(part.mesh.count)
-    for limit, intervals, times, values in _excess_of_motion(part):
+    for limit, intervals, times, values in part.excess_of_motion:
         most = np.argmax(values, axis=1)[:, None]
         amounts, at = (np.take_along_axis(x, most, axis=1).ravel() for x in (values, times))
         passed = [a / _size(part, limit, float(t)) if a > 0 else 0.0 for a, t in zip(amounts, at, strict=True)]
@@ -82,7 +82,7 @@ def shares_by_interval(part: PhaseSolution) -> np.ndarray:
     return shares
 
 
-def _excess_of_motion(part: PhaseSolution) -> Iterator[tuple[Condition, np.ndarray, np.ndarray, np.ndarray]]:
+def excess_of_motion(part: PhaseSolution) -> Iterator[tuple[Condition, np.ndarray, np.ndarray, np.ndarray]]:
     """Limits, intervals whose polynomials come near one, times in these, and values there, above zero if passed."""
     if not part.mesh.count:  # a phase of no duration
         return
