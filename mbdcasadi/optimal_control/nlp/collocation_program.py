@@ -50,9 +50,8 @@ class CollocationProgram:
         placeholders = list(nodes.values())
         integrals = [p for p in placeholders if p.kind == "integral"]
         self.phases = self._phases(problem, setups, meshes, integrals)
-        by_phase = dict(zip(problem.phases, self.phases, strict=True))
         # not the problem itself: it holds the program
-        self._owners = {key: by_phase[problem.phases_of(x)[0]] for key, x in nodes.items()}
+        self._owners = {key: self._owner(problem, x) for key, x in nodes.items()}
         first = sum(phase.size for phase in self.phases)
         self.changes: list[Change] = []
         for change, before, after in zip(changes, self.phases, self.phases[1:], strict=False):
@@ -108,6 +107,11 @@ class CollocationProgram:
         if not terminal.is_zero():
             size += last.sizes.of_values(with_values(terminal, self._typical_value))
         return size or 1.0
+
+    def _owner(self, problem: OptimalControlProblem, placeholder: Placeholder) -> PhaseProgram:
+        phase = problem.phases_of(placeholder)[0]
+        own = [program for program in self.phases if program.phase is phase]
+        return own[-1 if placeholder.kind == "at_end" else 0]
 
     def _phase_of(self, placeholder: Placeholder) -> PhaseProgram:
         """The phase that a placeholder means; for an integral over several, the first one."""
