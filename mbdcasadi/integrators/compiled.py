@@ -20,6 +20,7 @@ import numpy as np
 
 from ..errors import SimulationError
 from ..numerics.console import quiet
+from ..numerics.evaluation import Evaluator
 from .base import Integrator
 from .failures import flag_of, last_line
 
@@ -52,6 +53,22 @@ class Clock:
 
 
 @dataclass(frozen=True)
+class PartOfState:
+    """States that are integrated, of a larger state that they give.
+
+    Attributes
+    ----------
+    places : list of int
+        Of the integrated states among all.
+    whole : casadi.Function
+        ``(x, p) ->`` all states.
+    """
+
+    places: list[int]
+    whole: ca.Function
+
+
+@dataclass(frozen=True)
 class Dae:
     """A semi-explicit index-1 system over a piece.
 
@@ -65,6 +82,8 @@ class Dae:
         Rates by time, and residuals.
     quad : casadi.SX or casadi.MX
         Rates of integrals that take no part in the error test.
+    part : PartOfState, optional
+        The states `x` among those that an :class:`InitialValueProblem` begins with, if they are not all.
     """
 
     clock: Clock
@@ -75,6 +94,7 @@ class Dae:
     ode: Any
     alg: Any
     quad: Any = field(default_factory=lambda: ca.SX(0, 1))
+    part: PartOfState | None = None
 
 
 class IntegrationFailure(Exception):
@@ -179,6 +199,7 @@ class CompiledIntegrator:
             self._system["quad"] = self._quad_scale * length * quad
         self._options = integrator.plugin_options(algebraic=bool(dae.z.numel()))
         self._functions: OrderedDict[tuple[Any, ...], ca.Function] = OrderedDict()
+        self._whole = None if dae.part is None else Evaluator(dae.part.whole)
         self.restart_counting()
 
     def restart_counting(self) -> None:
@@ -290,7 +311,8 @@ class CompiledIntegrator:
         given = self.inputs(problem.u, problem.stops, times.size)
         least_steps = self.least_steps(length, problem.max_step)
         function = self.function(fractions, groups=given["groups"], steps=steps, least_steps=least_steps)
-        arguments: dict[str, Any] = {"x0": np.r_[problem.x, 0.0], "p": np.r_[start, length, problem.p]}
+        x = problem.x if self.dae.part is None else problem.x[self.dae.part.places]
+        arguments: dict[str, Any] = {"x0": np.r_[x, 0.0], "p": np.r_[start, length, problem.p]}
         arguments |= {"z0": problem.z} if problem.z.size else {}
         arguments |= {"u": given["u"]} if given["u"] is not None else {}
         try:
@@ -306,7 +328,8 @@ class CompiledIntegrator:
         if not np.all(on_time) or not np.all(np.isfinite(states)):
             return "the step size became too small, or a value was not finite"
         self.integrals = result["qf"].full().T / self._quad_scale
-        return states[:, :-1], result["zf"].full().T
+        found = states[:, :-1] if self._whole is None else self._whole.rows(states[:, :-1], problem.p)[0]
+        return found, result["zf"].full().T
 
     def reach(self, problem: InitialValueProblem, flag: str) -> IntegrationFailure:
         """Repeat a piece that failed in parts of it, halved where they fail: the failure with the outputs reached."""

@@ -10,8 +10,9 @@ import casadi as ca
 
 from ...arguments.inputs import Signals
 from ...equations.numeric import NumericEquations
+from ...equations.tree import TreeCoordinates, tree_coordinates
 from ...integrators import Integrator
-from ...integrators.compiled import Clock, Dae
+from ...integrators.compiled import Clock, Dae, PartOfState
 from ..contact.compiled_elements import CompiledElements
 
 #: Arguments of the equations of a piece: ``t, q, v, z, u, p`` and the rate at which drift decays.
@@ -63,12 +64,18 @@ class Formulation(ABC):
             At which drift decays, 1/s.
         """
 
+    def takes_tree(self, numeric: NumericEquations, tree: TreeCoordinates) -> bool:
+        """Return True if the coordinates that a tree of joints gives are better left out of the states."""
+        return False
+
     def dae(
         self,
         numeric: NumericEquations,
         signals: Signals,
         integrands: ca.SX | None = None,
         quadratures: ca.SX | None = None,
+        *,
+        in_tree: bool = False,
     ) -> Dae:
         """Return the system of the integrator over a piece.
 
@@ -81,25 +88,40 @@ class Formulation(ABC):
             Expressions whose integrals are states of their own.
         quadratures : casadi.SX, optional
             Expressions that are integrated outside the state and its error test.
+        in_tree : bool
+            True to leave coordinates that a tree of joints gives out of what is integrated, if that pays.
         """
         eom, clock, none = numeric.eom, Clock(), ca.SX(0, 1)
-        u = ca.substitute(signals.parametrised, eom.t, clock.t)
+        tree = tree_coordinates(eom) if in_tree else None
+        tree = tree if tree is not None and tree.dependent and self.takes_tree(numeric, tree) else None
+        q, v = (eom.q, eom.v) if tree is None else (tree.q, tree.v)
+        (u,) = ca.substitute([signals.parametrised], [eom.t, eom.q, eom.v], [clock.t, q, v])
         rate = ca.SX.sym("rate")
         integrands = none if integrands is None else integrands
-        a, lam, residual = self.accelerations(numeric, (clock.t, eom.q, eom.v, eom.z, u, eom.p, rate))
+        a, lam, residual = self.accelerations(numeric, (clock.t, q, v, eom.z, u, eom.p, rate))
         rates = ca.Function(
             "rates", [*eom.symbols], [ca.vertcat(eom.z_rate, integrands), none if quadratures is None else quadratures]
         )
-        z_rate, quad = rates(clock.t, eom.q, eom.v, a, eom.z, lam, u, eom.p)
+        z_rate, quad = rates(clock.t, q, v, a, eom.z, lam, u, eom.p)
+        x, part = ca.vertcat(eom.q, eom.v, eom.z, ca.SX.sym("integrals", integrands.numel())), None
+        ode = ca.vertcat(v, a, z_rate)
+        p = ca.vertcat(eom.p, signals.levels, rate)
+        if tree is not None:
+            given = {*tree.dependent, *(eom.q.numel() + k for k in tree.dependent)}
+            places = [k for k in range(x.numel()) if k not in given]
+            states = ca.vertcat(q, v, x[2 * eom.q.numel() :])
+            x, ode = x[places], ode[places]
+            part = PartOfState(places, ca.Function("whole", [x, p], [states]))
         return Dae(
             clock,
-            x=ca.vertcat(eom.q, eom.v, eom.z, ca.SX.sym("integrals", integrands.numel())),
+            x=x,
             z=ca.vertcat(a, lam) if self.is_algebraic else none,
-            p=ca.vertcat(eom.p, signals.levels, rate),
+            p=p,
             u=signals.channel,
-            ode=ca.vertcat(eom.v, a, z_rate),
+            ode=ode,
             alg=residual,
             quad=quad,
+            part=part,
         )
 
     def compiled_dae(self, numeric: NumericEquations, signals: Signals, elements: CompiledElements) -> Dae:

@@ -8,6 +8,7 @@ import casadi as ca
 
 from ...equations.numeric import NumericEquations
 from ...equations.saddle import saddle_point_solution
+from ...equations.tree import TreeCoordinates
 from ...integrators import Integrator
 from .base import Arguments, Formulation
 
@@ -28,6 +29,9 @@ class Explicit(Formulation):
         # without constraints nothing is eliminated, and algebraic unknowns would only make the system larger
         many = len(eom.mechanism.bodies) > EXPLICIT_BODIES and eom.lam.numel() > 0
         return not integrator.solves_algebraic or not (numeric.massless or many)
+
+    def takes_tree(self, numeric: NumericEquations, tree: TreeCoordinates) -> bool:
+        return True
 
     def accelerations(self, numeric: NumericEquations, arguments: Arguments) -> tuple[ca.SX, ca.SX, ca.SX]:
         a, lam = numeric.forward_dynamics(redundant=False)(*arguments[:-1])

@@ -7,6 +7,7 @@ from typing import ClassVar
 import casadi as ca
 
 from ...equations.numeric import NumericEquations
+from ...equations.tree import TreeCoordinates
 from ...integrators import Integrator
 from .base import Arguments, Formulation
 
@@ -20,6 +21,12 @@ class KKT(Formulation):
     @classmethod
     def suits(cls, numeric: NumericEquations, integrator: Integrator, *, redundant: bool) -> bool:
         return integrator.solves_algebraic and not redundant
+
+    def takes_tree(self, numeric: NumericEquations, tree: TreeCoordinates) -> bool:
+        # positions of bodies in terms of all angles before them would make the sparse equations dense
+        eom = numeric.eom
+        given = ca.vertcat(eom.q[tree.dependent], eom.v[tree.dependent])
+        return not ca.depends_on(ca.vertcat(self._residual(numeric, eom.Q), eom.z_rate), given)
 
     def accelerations(self, numeric: NumericEquations, arguments: Arguments) -> tuple[ca.SX, ca.SX, ca.SX]:
         eom = numeric.eom

@@ -142,7 +142,7 @@ class SingularPassage:
     def _entries(self, path: Path) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Times of a path, places at which it is near to a singular pose, and the largest pivots at its end."""
         self._take_regular()
-        times, values = self._regularity.along(path)
+        times, values = self._regularity.along(path, largest=self._largest)
         running = np.maximum.accumulate(np.r_[self._largest, values])[1:]
         recent = np.maximum.accumulate(np.r_[self._recent, values])[1:]
         # a path that begins near to a pose leaves it, until its pivot falls again

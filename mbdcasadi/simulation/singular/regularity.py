@@ -16,6 +16,13 @@ from ..path import Path, hermite_states
 ENTRY = 0.01
 #: Turn of a body between two poses at which the pivot is looked at, rad.
 PIVOT_TURN = 0.05
+#: Fall of the pivot, relative to the largest one seen, from which the poses are looked at closely. As its root changes
+#: at some rate, poses that are three times as far apart show such a fall wherever close ones would show an entry.
+FALL = 0.1
+#: Turn between two of these poses, rad.
+COARSE_TURN = 3 * PIVOT_TURN
+#: Poses between two times of a path, at most.
+MOST_POSES = 400
 
 
 class Regularity:
@@ -48,20 +55,44 @@ class Regularity:
         pivots = self._function.rows(times[:, None], q, self.numeric.p, self.numeric.scale.columns)[0].ravel()
         return np.where(np.isfinite(pivots), pivots, 0.0)
 
-    def along(self, path: Path) -> tuple[np.ndarray, np.ndarray]:
-        """Times of a path between which no body turns far, and the smallest relative pivot at them."""
-        n, times = self.numeric.eom.q.numel(), finer_times(path, self.numeric.eom)
-        return times, self.at(times, hermite_states(path, times, n)[:, :n])
+    def along(self, path: Path, *, largest: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
+        """Times of a path between which no body turns far, and the smallest relative pivot at them.
+
+        Parameters
+        ----------
+        largest : float
+            Largest pivot that was seen: as long as pivots stay well above its fall, fewer poses are enough.
+        """
+        n = self.numeric.eom.q.numel()
+        times, values = np.zeros(0), np.zeros(0)
+        for look in (coarse_times, finer_times) if np.isfinite(largest) else (finer_times,):
+            times = look(path, self.numeric.eom)
+            values = self.at(times, hermite_states(path, times, n)[:, :n])
+            if np.min(values) > FALL * max(largest, float(np.max(values))):
+                break
+        return times, values
+
+
+def coarse_times(path: Path, eom: Equations) -> np.ndarray:
+    """Times of a path with the turn between them by which falls of the pivot are noticed."""
+    way = np.r_[0.0, np.cumsum(np.minimum(_turns(path, eom), MOST_POSES * PIVOT_TURN))]
+    inside = np.interp(np.arange(COARSE_TURN, way[-1], COARSE_TURN), way, path.times)
+    return np.r_[path.times[0], inside, path.times[-1]]
 
 
 def finer_times(path: Path, eom: Equations) -> np.ndarray:
-    """Times of a path between which no body turns far."""
-    turned = np.abs(np.diff(path.x[:, np.flatnonzero(eom.angles)], axis=0)).max(axis=1, initial=0.0)
-    parts = np.clip(np.ceil(turned / PIVOT_TURN), 1, 400).astype(int)
+    """Times of a path between which no body turns far, with its own."""
+    parts = np.clip(np.ceil(_turns(path, eom) / PIVOT_TURN), 1, MOST_POSES).astype(int)
     owner, last = np.repeat(np.arange(parts.size), parts), np.cumsum(parts)
     share = 1.0 - (last[owner] - 1 - np.arange(owner.size)) / parts[owner]
     inside = path.times[owner] + share * np.diff(path.times)[owner]
     return np.r_[path.times[0], np.where(share == 1.0, path.times[owner + 1], inside)]
+
+
+def _turns(path: Path, eom: Equations) -> np.ndarray:
+    """Largest turn of a body between two times of a path, rad."""
+    turns: np.ndarray = np.abs(np.diff(path.x[:, np.flatnonzero(eom.angles)], axis=0)).max(axis=1, initial=0.0)
+    return turns
 
 
 def singular_time(numeric: NumericEquations, path: Path) -> float | None:
