@@ -58,8 +58,8 @@ def optimize(
     tolerance : float, optional
         Refine the mesh until the local error of every interval is below it, path limits are passed by less than this
         share of their sizes, and the estimated errors of polynomial inputs are below this share of their largest
-        values. Stretches around switches and kinks, in which inputs may be off by more, are shorter than its root as
-        a share of the duration, so that their effect on the cost is as small.
+        values. Stretches around switches and kinks, in which inputs may be off by more, are shorter than its root, or
+        at kinks than a hundredth, as a share of the duration, so that their effect on the cost is as small.
     guess : Solution or Trajectory, optional
         Initial guess, on any mesh: another solution, a simulation, or an
         inverse dynamics of the same bodies with a driver in place of the input.
@@ -104,8 +104,8 @@ def optimize(
     OptimizationError
         If the solver does not succeed: its status in words,
         ``.largest_violations`` with labels, the last iterate in ``.partial``. Also if no mesh was found that meets
-        the `tolerance`, or if the mesh is so coarse that a linkage jumps to another branch within an interval; then
-        ``.partial`` is the solution on the last one.
+        the `tolerance`, or if the mesh is so coarse that a linkage jumps to another branch within an interval, or an
+        interval ends far off the motion, and finer ones do not help; then ``.partial`` is the solution on the last one.
     Interrupted
         After Ctrl-C: ``.partial`` is the best solution so far, or the last iterate if there is none yet.
 

@@ -94,7 +94,7 @@ class OptimizationError(MechanismError):
         The last solution of a continuation, or of a refinement of the mesh, that did not reach its end.
     conflict : tuple of Violation
         Demands that cannot be met together, and by how much they are violated where all violations together are
-        least; empty if the problem was not found to be infeasible.
+        least; empty if the problem does not seem infeasible.
     """
 
     reached: Any = None
@@ -139,7 +139,7 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
 def infeasible(
     failure: OptimizationError, solution: Solution, slacks: dict[str, float], starts: int, tolerance: float
 ) -> OptimizationError:
-    """Return the error for a problem whose least violation ends above zero.
+    """Return the error for a problem whose least violation ends above zero: strong evidence, but no proof.
 
     `failure` is that with which the search began, `solution` the motion of the least violation, with scaled violations
     `slacks` by label, found from so many starts; a demand counts as violated from the scaled `tolerance` on.
@@ -148,8 +148,8 @@ def infeasible(
     conflict = tuple(_conflicts(solution, {label: x for label, x in slacks.items() if x > least}))
     listed = ", ".join(map(str, conflict[:3])) + ("" if len(conflict) <= 3 else f" and {len(conflict) - 3} more")
     text = (
-        f"the problem is infeasible: the least violation of its demands, from {starts} starts, is not zero; violated "
-        f"then: {listed}; {_without_message(failure)}"
+        f"the problem seems infeasible: the least violation of its demands, from {starts} starts, is not zero; "
+        f"violated then: {listed}; {_without_message(failure)}"
     )
     error = _instead_of(failure, text)
     error.conflict = conflict

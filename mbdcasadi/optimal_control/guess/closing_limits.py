@@ -3,7 +3,7 @@
 A solver that stops at an infeasible point has found that no motion near that point meets all demands, and nothing
 else. So the problem is solved without its limits, and from that solution with limits that close in step by step. If
 these cannot be closed, detours are tried (a weak motor swings a pendulum up in several swings), and at last the sum
-of all violations is minimised from several starts. Only if that ends above zero is the problem called infeasible. If
+of all violations is minimised from several starts. Only if that ends above zero does the problem seem infeasible. If
 the problem is not solved without its limits either, the violations come first, and detours at last.
 """
 
@@ -41,8 +41,9 @@ CLOSING_POWER = 3
 FEASIBLE = 1e-6
 #: Detours that are tried, and iterations of each.
 DETOURS, DETOUR_ITERATIONS = 6, 200
-#: Starts from which a violation must stay above zero for a problem to be called infeasible.
-STARTS = 2
+#: Starts from which a violation must stay above zero, and none reach it, for a problem to seem infeasible; and starts
+#: with detours among those that are tried.
+STARTS, DETOURED_STARTS = 2, 3
 
 
 def may_go_on(error: OptimizationError, options: dict) -> bool:
@@ -94,7 +95,7 @@ class LimitSearch:
         Raises
         ------
         OptimizationError
-            The problem is infeasible, with what is in conflict, or no solution was found.
+            The problem seems infeasible, with what is in conflict, or no solution was found.
         Interrupted
             After Ctrl-C.
         """
@@ -178,21 +179,22 @@ class LimitSearch:
             If the least violation is not zero, unless the solve that failed had met all demands at its end.
         """
         conflicting: list[tuple[Solution, dict[str, float]]] = []
-        smooth = not kinks_in_path(self._solver.problem)
-        for guess in (nearest, self._second):
-            solution, slacks, succeeded = self._solver.least_violation(self._meshes, guess, VIOLATION_ITERATIONS)
+        arguable = bool(failure.largest_violations) and not kinks_in_path(self._solver.problem)
+        for start in (lambda: nearest, lambda: self._second, *[self._detour] * DETOURED_STARTS):
+            solution, slacks, succeeded = self._solver.least_violation(self._meshes, start(), VIOLATION_ITERATIONS)
             total = sum(slacks.values())
             self._note(solution, f"least violation, {total:.2g} in all")
             if total <= FEASIBLE:
+                arguable = False
                 feasible = _without_multipliers(solution.as_guess(self._solver.problem))
                 solved = self._solved(feasible, "all limits, from a motion that meets them")
                 if solved is not None:
                     return solved.point
-            elif succeeded and smooth and failure.largest_violations:
+            elif succeeded:
                 conflicting.append((solution, slacks))
-                if len(conflicting) == STARTS:
-                    least = min(conflicting, key=lambda pair: sum(pair[1].values()))
-                    raise infeasible(failure, *least, STARTS, FEASIBLE) from None
+        if arguable and len(conflicting) >= STARTS:
+            least = min(conflicting, key=lambda pair: sum(pair[1].values()))
+            raise infeasible(failure, *least, len(conflicting), FEASIBLE) from None
         return None
 
 

@@ -21,6 +21,7 @@ from ..solution import Solution
 from .input_error import input_order, unresolved_inputs
 from .local_error import COARSE_ERROR, coarseness, scaled_errors, state_coarseness
 from .mesh import Mesh
+from .singularity import close_to_singular
 from .switches import unresolved_switches
 
 if TYPE_CHECKING:
@@ -248,7 +249,7 @@ def refine_if_coarse(solver: Solver, solution: Solution) -> tuple[Solution, bool
     """Solve again with intervals split that are too coarse for the motion, or in which it passes a limit.
 
     A few times at most. If the largest error does not fall, since a fast motion moved on to the next coarse interval,
-    all intervals are halved.
+    all intervals are halved; unless free parameters lead to a singular pose there, which no mesh resolves.
 
     Returns
     -------
@@ -257,6 +258,8 @@ def refine_if_coarse(solver: Solver, solution: Solution) -> tuple[Solution, bool
     """
     error, stalled = _largest_coarseness(solution), False
     for _ in range(COARSE_PASSES):
+        if stalled and _tends_to_lock(solution):
+            break
         if stalled and _count(solution.meshes) <= HALVED_INTERVALS:
             meshes = [mesh.split(2) for mesh in solution.meshes]
         else:
@@ -269,6 +272,12 @@ def refine_if_coarse(solver: Solver, solution: Solution) -> tuple[Solution, bool
         solution, before, error = finer, error, _largest_coarseness(finer)
         stalled = not error < max(COARSE_ERROR, before / 2)  # infinite if an interval cannot be integrated
     return solution, error <= COARSE_ERROR
+
+
+def _tends_to_lock(solution: Solution) -> bool:
+    """True if dimensions are free and the linkage is close to a singular pose where the mesh is coarsest."""
+    parts = [part for part in solution.phases if part.mesh.count] if solution.problem.free_parameters else []
+    return any(close_to_singular(part, int(np.argmax(coarseness(part)))) for part in parts)
 
 
 def _split_where_coarse(solution: Solution, part: PhaseSolution) -> Mesh:
