@@ -30,3 +30,9 @@ def distinct(values: np.ndarray) -> np.ndarray:
     """
     ordered = np.sort(values)
     return ordered[np.append(True, ordered[1:] != ordered[:-1])] if ordered.size else ordered
+
+
+def stretches(mask: np.ndarray) -> list[slice]:
+    """Return the stretches in which a mask (k,) is true."""
+    edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(int)))
+    return [slice(begin, end) for begin, end in edges.reshape(-1, 2).tolist()]

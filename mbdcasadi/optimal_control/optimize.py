@@ -5,7 +5,6 @@ from __future__ import annotations
 from concurrent.futures import Executor
 from typing import Any
 
-from ..arguments.values import pairs_of
 from ..errors import ModelError
 from ..model.symbols import number
 from ..numerics.console import keyboard_interrupts
@@ -13,9 +12,10 @@ from ..numerics.symbolic import LOCK
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity, validity_conditions
 from .checks.closings import warn_of_closings
-from .guess.parameter_continuation import by_continuation, read_continuation
+from .guess.parameter_continuation import read_continuation
 from .nlp.best_so_far import BestSoFar
 from .nlp.held_limits import warn_of_passed_limits
+from .nlp.setup import Settings
 from .problem import OptimalControlProblem
 from .refinement.local_error import warn_of_coarse_mesh
 from .search import Search
@@ -58,8 +58,8 @@ def optimize(
     tolerance : float, optional
         Refine the mesh until the local error of every interval is below it, path limits are passed by less than this
         share of their sizes, and the estimated errors of polynomial inputs are below this share of their largest
-        values. Stretches around switches and kinks, in which inputs may be off by more, are shorter than its root as
-        a share of the duration, so that their effect on the cost is as small.
+        values. Stretches around switches and kinks, in which inputs may be off by more, are shorter than its root, or
+        at kinks than a hundredth, as a share of the duration, so that their effect on the cost is as small.
     guess : Solution or Trajectory, optional
         Initial guess, on any mesh: another solution, a simulation, or an
         inverse dynamics of the same bodies with a driver in place of the input.
@@ -104,8 +104,8 @@ def optimize(
     OptimizationError
         If the solver does not succeed: its status in words,
         ``.largest_violations`` with labels, the last iterate in ``.partial``. Also if no mesh was found that meets
-        the `tolerance`, or if the mesh is so coarse that a linkage jumps to another branch within an interval; then
-        ``.partial`` is the solution on the last one.
+        the `tolerance`, or if the mesh is so coarse that a linkage jumps to another branch within an interval, or an
+        interval ends far off the motion, and finer ones do not help; then ``.partial`` is the solution on the last one.
     Interrupted
         After Ctrl-C: ``.partial`` is the best solution so far, or the last iterate if there is none yet.
 
@@ -120,41 +120,46 @@ def optimize(
     """
     if not isinstance(problem, OptimalControlProblem):
         raise ModelError(f"optimize takes an OptimalControlProblem, got {problem!r}")
-    if executor is not None and not hasattr(executor, "submit"):
-        raise ModelError(f"optimize: executor= takes a concurrent.futures executor, got {executor!r}")
-    if executor is not None and starts is None:
-        raise ModelError("optimize: executor= solves from several starts at a time; give starts=, too")
+    if executor is not None:
+        _check_executor(executor, starts)
     best = BestSoFar()
     try:
         with LOCK, keyboard_interrupts("optimize"):
-            search = Search(
-                problem, intervals, initial, (transcription, degree, control, options, progress, solver), best, executor
-            )
-            accuracy = None if tolerance is None else _tolerance(tolerance)
+            accuracy = _tolerance(tolerance)
+            settings = Settings.read(transcription, degree, control, options, progress, solver)
+            search = Search(problem, intervals, initial, settings, best, executor)
             if continuation is None:
                 solution = search.solve(parameters, guess, starts, accuracy)
             else:
                 steps = read_continuation(problem, continuation, parameters)
-
-                def solve(values: dict[Any, float], near: Any, *, first: bool, last: bool) -> Solution:
-                    pairs = [*pairs_of(parameters, "parameters="), *values.items()]
-                    several, within = starts if first else None, accuracy if last else None
-                    return search.solve(pairs, near, several, within, goes_on=first)
-
-                solution = by_continuation(steps, solve, guess)
+                solution = search.solve_in_turn(steps, parameters, guess, starts, accuracy)
             if accuracy is None and not search.is_known(guess):
                 warn_of_coarse_mesh(solution)
-            warn_of_passed_limits(solution)
-            warn_of_closings(solution)
-            for part in solution.phases:
-                if validity_conditions(part.phase.mechanism):
-                    report_validity(part.trajectory)
+            _warn_of_limits(solution)
     except KeyboardInterrupt:
         raise best.interrupted() from None
     return solution
 
 
-def _tolerance(value: Any) -> float:
+def _check_executor(executor: Any, starts: Any) -> None:
+    if not hasattr(executor, "submit"):
+        raise ModelError(f"optimize: executor= takes a concurrent.futures executor, got {executor!r}")
+    if starts is None:
+        raise ModelError("optimize: executor= solves from several starts at a time; give starts=, too")
+
+
+def _warn_of_limits(solution: Solution) -> None:
+    """Warn of limits that are passed, closings that cannot be, and elements outside of their range of validity."""
+    warn_of_passed_limits(solution)
+    warn_of_closings(solution)
+    for part in solution.phases:
+        if validity_conditions(part.phase.mechanism):
+            report_validity(part.trajectory)
+
+
+def _tolerance(value: Any) -> float | None:
+    if value is None:
+        return None
     tolerance = number(value, "optimize", "tolerance")
     if tolerance <= 0:
         raise ModelError(f"optimize: tolerance must be positive, got {value!r}")

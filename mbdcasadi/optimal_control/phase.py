@@ -17,7 +17,7 @@ from ..model.immutable import Immutable
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries, is_relation, quantity
 from ..model.rates import time_derivative
-from ..model.symbols import Parameter, check_name, number, role_of, symbols_of
+from ..model.symbols import Parameter, check_name, number, place_of, role_of, symbols_of
 from ..model.symbols import t as time
 from ..numerics.lazy import cached_property
 from ..printing import to_text
@@ -233,6 +233,17 @@ class Phase(Immutable):
     def differentiated_path_constraints(self, free_parameters: Sequence[Parameter]) -> list[Condition]:
         """Path conditions that prescribe the motion; those with free parameters stay conditions at the stages."""
         return [c for c in self.path if _prescribes_motion(c) and not contains_any(c.expression, free_parameters)]
+
+    def with_free(self, p: ca.SX, parameters: Sequence[Parameter], values: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return parameters of the mechanism with those that are free substituted, and the others that are free."""
+        p, extra = ca.SX(p), []
+        for k, symbol in enumerate(parameters):
+            place = place_of(symbol, self.mechanism.parameters)
+            if place is None:
+                extra.append(values[k])
+            else:
+                p[place] = values[k]
+        return p, ca.vertcat(ca.SX(0, 1), *extra)
 
     def segment_times(self, duration: float) -> np.ndarray:
         """Return times of start, waypoints and end to begin with: free ones in the middle of their range."""

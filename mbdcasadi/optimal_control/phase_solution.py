@@ -80,6 +80,13 @@ class PhaseSolution:
         """Time of the phase, s."""
         return float(self.segment_times[-1] - self.segment_times[0])
 
+    def time_at(self, interval: int, tau: float) -> float:
+        """Return the time at a point of an interval, s."""
+        if self.mesh_times.size == 1:  # a phase of no duration
+            return float(self.mesh_times[0])
+        begin, end = self.mesh_times[interval], self.mesh_times[interval + 1]
+        return float(begin + tau * (end - begin))
+
     @cached_property
     def mesh_states(self) -> np.ndarray:
         """Coordinates, velocities and first-order states at the mesh points (N + 1, k)."""

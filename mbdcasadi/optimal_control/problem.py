@@ -162,13 +162,14 @@ class OptimalControlProblem(Immutable):
                 "there is nothing to optimise: the mechanism has no inputs and no parameter or time is free"
             )
 
-    def phase_of(self, placeholder: Placeholder) -> Phase:
-        """Return the phase whose symbols a placeholder contains; for an integral over all, one that has them."""
+    def phases_of(self, placeholder: Placeholder) -> tuple[Phase, ...]:
+        """Return the phase that a placeholder means; for an integral over the motion, those that have its symbols."""
         if placeholder.phase is not None:
-            return placeholder.phase
-        if placeholder.kind == "integral":
-            return next((p for p in self.phases if p.has(placeholder.expression)), self.phases[-1])
-        return self.phases[0 if placeholder.kind == "at_start" else -1]
+            return (placeholder.phase,)
+        if placeholder.kind != "integral":
+            return (self.phases[0 if placeholder.kind == "at_start" else -1],)
+        known = [phase for phase in self.phases if not phase.is_instant and phase.has(placeholder.expression)]
+        return tuple(known) or self.phases[-1:]
 
     def _check_placeholders(self, expressions: dict[str, ca.SX]) -> None:
         """Check the boundary conditions and the terminal cost: each placeholder in its phase, the rest at the end."""
@@ -176,7 +177,7 @@ class OptimalControlProblem(Immutable):
             for placeholder in placeholders_in(expression):
                 if placeholder.kind in PARTS:
                     raise ExpressionError(f"{where} contains {placeholder.label}, which belongs in a cost")
-                phase = self.phase_of(placeholder)
+                phase = self.phases_of(placeholder)[0]
                 if not any(phase is own for own in self.phases):
                     raise ExpressionError(
                         f"{where} contains {placeholder.label}, of a phase that does not belong to the problem"

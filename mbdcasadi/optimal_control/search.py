@@ -1,4 +1,17 @@
-"""Search for a solution at given parameter values: settings, meshes, guesses, and a second search after a failure."""
+"""Search for a solution: the attempts that are made, in their order.
+
+1. The problem is solved from every guess, see :func:`best_of`: an open chain in its angles alone, in which fewer
+   iterations are needed, and in all coordinates if that fails.
+2. If neither mesh nor tolerance was given, intervals that are too coarse are split before costs are compared, since a
+   coarse mesh may promise a cost that no motion has: :func:`refine_or_repeat`.
+3. If all of this fails: without limits, with limits that close in, from detours, and with least violation, see
+   :mod:`closing_limits`.
+4. With a tolerance the mesh is refined, see :func:`refine`; else a solution that jumps to another branch of the
+   linkage is solved again from other guesses, see :func:`as_motion`.
+
+Each single solve adds points at which path limits are held, see :meth:`Solver.solve`. In a continuation, step 3 is for
+the first values alone: later failures insert values in between, see :mod:`parameter_continuation`.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +23,14 @@ from typing import Any
 
 import numpy as np
 
+from ..arguments.values import pairs_of
 from ..errors import ModelError
 from ..numerics.lazy import cached_property
 from .checks.failure import OptimizationError
 from .guess.closing_limits import LimitSearch, may_go_on
 from .guess.guess import Guess
 from .guess.multistart import at_rest, best_of, guesses, random_detour
+from .guess.parameter_continuation import by_continuation
 from .nlp.best_so_far import BestSoFar
 from .nlp.setup import PhaseSetup, Settings, is_open_chain
 from .nlp.solver import Solver
@@ -34,15 +49,12 @@ DETOURS = 3
 
 @dataclass(frozen=True)
 class Search:
-    """Solves of one problem with the same settings, at any parameter values.
-
-    `settings` are transcription, degree, control, options, progress and solver, as ``optimize`` takes them.
-    """
+    """Solves of one problem with the same settings, at any parameter values."""
 
     problem: OptimalControlProblem
     intervals: Any
     initial: Any
-    settings: tuple[Any, ...]
+    settings: Settings
     best: BestSoFar
     executor: Executor | None = None
 
@@ -97,9 +109,21 @@ class Search:
             return refine(attempt.solver, solution, tolerance)
         return attempt.as_motion(solution) if checked else solution
 
+    def solve_in_turn(
+        self, steps: list[dict[Any, float]], parameters: Any, guess: Any, starts: Any, tolerance: float | None
+    ) -> Solution:
+        """Solve for the values of a continuation, and refine the last mesh if a tolerance is given."""
+
+        def solve(values: dict[Any, float], near: Any, *, first: bool, last: bool) -> Solution:
+            pairs = [*pairs_of(parameters, "parameters="), *values.items()]
+            several, within = starts if first else None, tolerance if last else None
+            return self.solve(pairs, near, several, within, goes_on=first)
+
+        return by_continuation(steps, solve, guess)
+
     def _settings(self, near: Any, starts: Any, tolerance: float | None) -> list[Settings]:
         """Settings that are tried in turn: an open chain in its angles, and then in all coordinates."""
-        settings = Settings.read(*self.settings)
+        settings = self.settings
         if tolerance is not None:
             settings = replace(settings, options=sharp_options(tolerance) | settings.options)
         if isinstance(near, Solution) and starts is None:

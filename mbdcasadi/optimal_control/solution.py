@@ -31,7 +31,6 @@ from .nlp.statistics import Answer, SolveStatistics
 from .phase_solution import InstantSolution, PhaseSolution
 from .problem import OptimalControlProblem
 from .refinement.mesh import Mesh
-from .refinement.phased_verification import phased_verification
 from .refinement.verification import Verification, verification
 from .return_map import Stability, stability_of_solution
 
@@ -224,8 +223,6 @@ class Solution:
         direction of approach and nearest to the planned time, and what follows is moved by the difference; what only
         opens does so after the planned duration.
         """
-        if len(self.phases) > 1:
-            return phased_verification(self, reltol, abstol)
         return verification(self, reltol, abstol)
 
     @symbolic

@@ -1,7 +1,9 @@
 """Jumps from one branch of a linkage to another between two mesh points."""
 
 import itertools
+import warnings
 
+import motions
 import numpy as np
 import pytest
 from motions import crank_rocker, half_turn
@@ -9,6 +11,8 @@ from motions import crank_rocker, half_turn
 import mbdcasadi as mbd
 from mbdcasadi.equations.numeric import NumericEquations
 from mbdcasadi.optimal_control.checks.branch import _changes_sign, branch_jump, refuse_branch_jump
+from mbdcasadi.optimal_control.refinement import refine, second_try
+from mbdcasadi.optimal_control.refinement.singularity import close_to_singular
 from mbdcasadi.optimal_control.solution import Solution
 
 
@@ -89,6 +93,31 @@ def test_a_solution_that_jumps_is_solved_again():
     assert solution.statistics.iterations == sum(stage.iterations for stage in stages)
     assert solution.cost == pytest.approx(straight.cost, rel=1e-5)
     assert solution.verify().final_error < 1e-3
+
+
+def test_an_interval_far_off_the_motion_is_refined_or_refused(monkeypatch):
+    """Whatever mesh was asked for; the last solution is kept."""
+    problem = half_turn(crank_rocker())
+    monkeypatch.setattr(second_try, "LARGEST_ERROR", 0.011)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        solution = mbd.optimize(problem, intervals=4)
+    assert [stage.description for stage in solution.statistics.stages][-1] == "refined mesh"
+    monkeypatch.setattr(refine, "COARSE_PASSES", 0)
+    with pytest.raises(
+        mbd.OptimizationError, match="no motion: the mesh of 4 intervals is too coarse.* t = "
+    ) as caught:
+        mbd.optimize(problem, intervals=4)
+    assert caught.value.partial.mesh.size == 5 and "transmission" not in str(caught.value)
+
+
+def test_a_linkage_close_to_a_change_point(monkeypatch):
+    """At the start, 5 mm from a pose in which all links lie on one line."""
+    monkeypatch.setattr(motions, "LENGTHS", (0.0711, 0.2379, 0.15, 0.164))
+    f = crank_rocker()
+    ends = {"initial": [f.crank.phi == 0, f.crank.omega == 6], "final": [f.crank.phi == 2]}
+    part = mbd.optimize(half_turn(f, **ends), intervals=20).phases[0]
+    assert "transmission angle" in close_to_singular(part, 0) and not close_to_singular(part, 19)
 
 
 def test_a_coarse_mesh_without_a_jump_is_not_refused():

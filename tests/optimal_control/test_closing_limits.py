@@ -104,8 +104,8 @@ def test_detours_if_there_is_no_solution_without_limits(monkeypatch):
     solution = mbd.optimize(problem)
     descriptions = [stage.description for stage in solution.statistics.stages]
     assert descriptions[1] == "no limits"
-    assert all(stage.startswith("least violation") for stage in descriptions[2:4])
-    assert all("detour" in stage for stage in descriptions[4:]) and len(descriptions) > 4
+    assert all(stage.startswith("least violation") for stage in descriptions[2:7])
+    assert all("detour" in stage for stage in descriptions[7:]) and len(descriptions) > 7
     assert np.max(np.abs(solution.trajectory[tau])) <= 2 + 1e-6
 
 
@@ -113,7 +113,7 @@ def test_detours_if_there_is_no_solution_without_limits(monkeypatch):
 def test_infeasible_from_several_starts():
     """Half a turn in 0.2 s by 0.1 N m: a tenth of the limit is in conflict with the end; both are named with sizes."""
     problem, *_ = swing_up(0.1, 0.2)
-    with pytest.raises(mbd.OptimizationError, match="the problem is infeasible: .* from 2 starts") as caught:
+    with pytest.raises(mbd.OptimizationError, match="the problem seems infeasible: .* from 5 starts") as caught:
         mbd.optimize(problem, intervals=10)
     conflict = caught.value.conflict
     assert conflict[0].label == "final: bob.phi == 3.14159" and conflict[0].time == pytest.approx(0.2)
@@ -147,8 +147,8 @@ def test_a_pose_out_of_reach():
 
 @pytest.mark.slow
 def test_what_was_not_proven_is_not_said(monkeypatch):
-    """If the least violation ends above zero from one start alone, the problem is not called infeasible."""
-    monkeypatch.setattr(closing_limits, "STARTS", 3)
+    """If the least violation ends above zero from too few starts, the problem is not called infeasible."""
+    monkeypatch.setattr(closing_limits, "STARTS", 6)
     problem, _, block = rest_to_rest(1.0, 1.0, lower=-8, upper=8)
     with pytest.raises(mbd.OptimizationError) as caught:
         mbd.optimize(problem.replace(waypoints=[mbd.Waypoint(0.25, [block.x == 3])]), intervals=8)

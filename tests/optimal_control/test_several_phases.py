@@ -327,3 +327,22 @@ def test_a_failure_names_the_phase():
     with pytest.raises(mbd.OptimizationError, match="phase '(reach|carry)'") as caught:
         mbd.optimize(mbd.OptimalControlProblem(phases=[reach, carry], terminal_cost=mbd.t), intervals=8)
     assert caught.value.largest_violations
+
+
+def test_an_integral_over_the_motion_passes_over_instants():
+    """A block of 1 kg that slides at 1 m/s and then is stopped within 1 s by least force costs 1 N²s."""
+    block, brake = mbd.Body("block", mass=1.0, inertia=1.0), mbd.Input("brake")
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), block.at(0, 0))
+    free = mbd.Mechanism(bodies=[block], joints=[rail])
+    braked = free.replace(forces=[mbd.Force("brake", block.at(0, 0), (brake, 0))], inputs=[brake])
+    problem = mbd.OptimalControlProblem(
+        phases=[
+            mbd.Phase("slide", free, 1.0, initial=[block.x == 0, block.vx == 1]),
+            mbd.Phase("touch", braked, 0.0),
+            mbd.Phase("stop", braked, 1.0, final=[block.vx == 0]),
+        ],
+        terminal_cost=mbd.integral(brake**2),
+    )
+    solution = mbd.optimize(problem, intervals=4)
+    assert solution.cost == pytest.approx(1.0, rel=1e-6)
+    assert solution.trajectory.final[block.x] == pytest.approx(1.5, abs=1e-6)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..refinement.local_error import COARSE_ERROR, coarseness, projection_steps
+from ..refinement.singularity import independent_jacobians
 from .failure import OptimizationError
 
 if TYPE_CHECKING:
@@ -51,21 +52,18 @@ def refuse_branch_jump(solution: Solution) -> None:
     if jump is not None:
         raise OptimizationError(
             f"the solution is no motion: {jump}; take more intervals=, tolerance=, another guess=, or starts=",
-            largest_violations=[],
             partial=solution,
             time=jump.begin,
         )
 
 
 def _jump(part: PhaseSolution) -> BranchJump | None:
-    scheme, numeric = part.program.scheme, part.numeric
+    scheme = part.program.scheme
     if not scheme.eom.rows or not part.mesh.count or not part.phase.equations.has_loops:
         return None
-    rows = [*scheme.eom.explicit, *(scheme.eom.rows[k] for k in scheme.rows)]
-    motion, points = part.trajectory, part.points_per_interval
+    points = part.points_per_interval
     for i in np.flatnonzero(coarseness(part) > COARSE_ERROR):
-        inside = range(i * points, (i + 1) * points + 1)
-        jacobians = [numeric.scaled_jacobian(float(motion.t[k]), motion.q[k])[rows] for k in inside]
+        jacobians = independent_jacobians(part, range(i * points, (i + 1) * points + 1))
         if any(_changes_sign(*pair) for pair in itertools.pairwise(jacobians)):
             return _described(part, int(i))
     return None

@@ -5,7 +5,6 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-import casadi as ca
 import numpy as np
 
 from ...errors import warn
@@ -47,9 +46,8 @@ def _guards_of(solution: Solution, change: Change) -> tuple[list[str], np.ndarra
     """Names of the rows that close at a change, times of the phase before, and values over them (n_t, k)."""
     before = solution.phases[change.before.number]
     times = np.linspace(before.mesh_times[0], before.mesh_times[-1], POINTS)
-    eom, p = change.setup.after.numeric.eom, solution.phases[change.after.number].numeric.p
-    rows = ca.vertcat(eom.Phi, change.law.momentary)[list(change.setup.guards)]
-    values = before.trajectory.at(times)[ca.substitute(rows, eom.p, ca.SX(ca.DM(p)))]
+    rows = change.guards_at(solution.phases[change.after.number].numeric.p)
+    values = before.trajectory.at(times)[rows]
     return change.guard_names, times, values.reshape(times.size, -1)
 
 

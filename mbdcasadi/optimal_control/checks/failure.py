@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import MechanismError
-from ..nlp.limit_sides import LimitSides
-from ..nlp.limits import time_of, variable_bounds
-from ..nlp.rows import OWN_UNIT, violations
+from ..nlp.limit_sides import LimitSides, Side
+from ..nlp.limits import label_of
+from ..nlp.rows import violations
 from .expressions import kinks_in_costs, kinks_in_path, not_finite
 
 if TYPE_CHECKING:
@@ -93,15 +94,17 @@ class OptimizationError(MechanismError):
         The last solution of a continuation, or of a refinement of the mesh, that did not reach its end.
     conflict : tuple of Violation
         Demands that cannot be met together, and by how much they are violated where all violations together are
-        least; empty if the problem was not found to be infeasible.
+        least; empty if the problem does not seem infeasible.
     """
 
     reached: Any = None
     conflict: tuple[Violation, ...] = ()
 
-    def __init__(self, message: str, *, largest_violations: list[Violation], partial: Any, time: float | None):
+    def __init__(
+        self, message: str, *, partial: Any, largest_violations: Sequence[Violation] = (), time: float | None = None
+    ):
         super().__init__(message, time=time, partial=partial)
-        self.largest_violations = largest_violations
+        self.largest_violations = list(largest_violations)
 
 
 def explain_failure(solution: Solution, status: str) -> OptimizationError:
@@ -136,7 +139,7 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
 def infeasible(
     failure: OptimizationError, solution: Solution, slacks: dict[str, float], starts: int, tolerance: float
 ) -> OptimizationError:
-    """Return the error for a problem whose least violation ends above zero.
+    """Return the error for a problem whose least violation ends above zero: strong evidence, but no proof.
 
     `failure` is that with which the search began, `solution` the motion of the least violation, with scaled violations
     `slacks` by label, found from so many starts; a demand counts as violated from the scaled `tolerance` on.
@@ -145,12 +148,10 @@ def infeasible(
     conflict = tuple(_conflicts(solution, {label: x for label, x in slacks.items() if x > least}))
     listed = ", ".join(map(str, conflict[:3])) + ("" if len(conflict) <= 3 else f" and {len(conflict) - 3} more")
     text = (
-        f"the problem is infeasible: the least violation of its demands, from {starts} starts, is not zero; violated "
-        f"then: {listed}; {_without_message(failure)}"
+        f"the problem seems infeasible: the least violation of its demands, from {starts} starts, is not zero; "
+        f"violated then: {listed}; {_without_message(failure)}"
     )
-    error = OptimizationError(
-        text, largest_violations=failure.largest_violations, partial=failure.partial, time=failure.time
-    )
+    error = _instead_of(failure, text)
     error.conflict = conflict
     return error
 
@@ -161,6 +162,11 @@ def not_found(failure: OptimizationError, stages: list[str]) -> OptimizationErro
         f"no solution was found, and the problem may still have one (tried: {'; '.join(stages)}); starts= and guess= "
         f"look elsewhere; {_without_message(failure)}"
     )
+    return _instead_of(failure, text)
+
+
+def _instead_of(failure: OptimizationError, text: str) -> OptimizationError:
+    """The same failure with another message."""
     return OptimizationError(
         text, largest_violations=failure.largest_violations, partial=failure.partial, time=failure.time
     )
@@ -175,33 +181,20 @@ def _without_message(failure: OptimizationError) -> str:
 
 def _conflicts(solution: Solution, slacks: dict[str, float]) -> list[Violation]:
     """Violations by label, the largest first; each where it is largest."""
-    program, rows = solution.program, solution.answer.rows
-    sides, violations = LimitSides(program, conditions=True).sides, []
+    sides = LimitSides(solution.program, conditions=True).sides
+    values = np.r_[solution.answer.rows, solution.variables / solution.program.scale]
+    violations = []
     for label, slack in slacks.items():
-        side = sides[label]
-        above, below = rows[side.rows_above], program.lower[side.rows_below] - rows[side.rows_below]
-        places = [*side.rows_above, *side.rows_below]
-        if places:
-            row = program.rows[places[int(np.argmax(np.r_[above, below]))]]
-            interval = row.interval if row.repeated else None
-            time = time_of(row, solution)
-            violations.append(Violation(label, slack * row.size, row.unit, time, interval, row.tau, slack))
-            continue
-        violations.append(_of_bound(solution, label, slack))
+
+        def excess(side: Side) -> float:
+            amount = values[side.place] - side.bound
+            return float(abs(amount) if side.equality else side.sign * amount)
+
+        side = max(sides[label], key=excess)
+        time = solution.phases[side.phase].time_at(side.intervals[0], side.tau)
+        interval = side.intervals[0] if side.repeated else None
+        violations.append(Violation(label, slack * side.size, side.unit, time, interval, side.tau, slack))
     return sorted(violations, key=lambda v: -v.scaled)
-
-
-def _of_bound(solution: Solution, label: str, slack: float) -> Violation:
-    """Violation of a limit that is the bound of variables."""
-    size, interval, time, most = 1.0, 0, 0.0, -np.inf
-    for part in solution.phases:
-        for bound in variable_bounds(part.program) if part.mesh.count else ():
-            excess = bound.sign * (solution.variables[bound.place] - bound.value)
-            scale = float(solution.program.scale[bound.place])
-            if bound.label == label and excess / scale > most:
-                most, size, interval = excess / scale, scale, bound.intervals[0]
-                time = float(part.mesh_times[interval])
-    return Violation(label, slack * size, OWN_UNIT, time, interval, 0.0, slack)
 
 
 def violations_of(solution: Solution) -> list[Violation]:
@@ -212,8 +205,7 @@ def violations_of(solution: Solution) -> list[Violation]:
     for k in np.flatnonzero(~(amounts <= VIOLATION_TOLERANCE)):
         row, scaled = program.rows[k], float(amounts[k])
         interval = row.interval if row.repeated else None
-        label, time = row.side(rows[k]), time_of(row, solution)
-        if len(solution.phases) > 1 and row.phase >= 0 and "phase '" not in label:
-            label += f" in phase '{solution.phases[row.phase].phase.name}'"
+        label = label_of(solution, row.phase, row.side(rows[k]))
+        time = solution.phases[row.phase].time_at(row.interval, row.tau)
         result.append(Violation(label, scaled * row.size, row.unit, time, interval, row.tau, scaled))
     return sorted(result, key=lambda v: -v.scaled)

@@ -3,7 +3,7 @@
 A solver that stops at an infeasible point has found that no motion near that point meets all demands, and nothing
 else. So the problem is solved without its limits, and from that solution with limits that close in step by step. If
 these cannot be closed, detours are tried (a weak motor swings a pendulum up in several swings), and at last the sum
-of all violations is minimised from several starts. Only if that ends above zero is the problem called infeasible. If
+of all violations is minimised from several starts. Only if that ends above zero does the problem seem infeasible. If
 the problem is not solved without its limits either, the violations come first, and detours at last.
 """
 
@@ -15,8 +15,8 @@ from dataclasses import replace
 from ...numerics.homotopy import Step, follow
 from ..checks.expressions import kinks_in_costs, kinks_in_path
 from ..checks.failure import OptimizationError, infeasible, not_found
-from ..nlp.solver import Solver, together
-from ..nlp.statistics import SolveStatistics, Stage
+from ..nlp.solver import Solver
+from ..nlp.statistics import Stage
 from ..refinement.mesh import Mesh
 from ..refinement.refine import FRESH_PASSES, is_lost
 from ..solution import Solution
@@ -41,8 +41,9 @@ CLOSING_POWER = 3
 FEASIBLE = 1e-6
 #: Detours that are tried, and iterations of each.
 DETOURS, DETOUR_ITERATIONS = 6, 200
-#: Starts from which a violation must stay above zero for a problem to be called infeasible.
-STARTS = 2
+#: Starts from which a violation must stay above zero, and none reach it, for a problem to seem infeasible; and starts
+#: with detours among those that are tried.
+STARTS, DETOURED_STARTS = 2, 3
 
 
 def may_go_on(error: OptimizationError, options: dict) -> bool:
@@ -94,12 +95,12 @@ class LimitSearch:
         Raises
         ------
         OptimizationError
-            The problem is infeasible, with what is in conflict, or no solution was found.
+            The problem seems infeasible, with what is in conflict, or no solution was found.
         Interrupted
             After Ctrl-C.
         """
         failed = failure.partial.statistics
-        self._note(failure.partial, failure.partial.statistics.status, "all limits")
+        self._note(failure.partial, "all limits")
         closed, nearest = self._close_in()
         lost = nearest is self._guess  # without limits, too: then what is said to be in conflict comes first
         for search in (self._by_violation, self._by_detours) if lost else (self._by_detours, self._by_violation):
@@ -107,16 +108,16 @@ class LimitSearch:
         if closed is None:
             raise not_found(failure, [stage.description for stage in self._stages]) from None
         closed.statistics = replace(
-            together(failed, closed.statistics),
+            closed.statistics.after(failed),
             iterations=sum(stage.iterations for stage in self._stages),
             seconds=sum(stage.seconds for stage in self._stages),
             stages=self._stages,
         )
         return closed
 
-    def _note(self, solution: Solution, status: str, description: str) -> None:
-        s: SolveStatistics = solution.statistics
-        self._stages.append(Stage(description, s.iterations, status, s.seconds))
+    def _note(self, solution: Solution, description: str) -> None:
+        s = solution.statistics
+        self._stages.append(Stage(description, s.iterations, s.status, s.seconds))
 
     # --- limits that close in -----------------------------------------------------------------
     def _close_in(self) -> tuple[Solution | None, Guess]:
@@ -133,7 +134,7 @@ class LimitSearch:
                 return self._solved(guess, "all limits, closed in")
             loose = {label: remaining * amount for label, amount in excess.items()}
             solution, _, reached = solver.solve_loosened(self._meshes, guess, loose, CLOSING_ITERATIONS)
-            self._note(solution, solution.statistics.status, f"limits loosened by {remaining:.2g} of their excess")
+            self._note(solution, f"limits loosened by {remaining:.2g} of their excess")
             return Step(solution) if reached else None
 
         end = follow(free, closer, smallest=SMALLEST_STEP)
@@ -144,7 +145,7 @@ class LimitSearch:
         for _ in range(FRESH_PASSES + 1):
             found = self._solver.solve_loosened(self._meshes, self._guess, None, FREE_ITERATIONS)
             free, _, succeeded = found
-            self._note(free, free.statistics.status, "no limits")
+            self._note(free, "no limits")
             if not (self._refined and succeeded and is_lost(free)):
                 break
             self._meshes = [mesh.split(2) for mesh in self._meshes]
@@ -163,9 +164,9 @@ class LimitSearch:
         try:
             solution = self._solver.solve(self._meshes, guess, warm=limit is None, limit=limit)
         except OptimizationError as error:
-            self._note(error.partial, error.partial.statistics.status, description)
+            self._note(error.partial, description)
             return None
-        self._note(solution, solution.statistics.status, description)
+        self._note(solution, description)
         return Step(solution)
 
     # --- the least violation --------------------------------------------------------------------
@@ -178,21 +179,22 @@ class LimitSearch:
             If the least violation is not zero, unless the solve that failed had met all demands at its end.
         """
         conflicting: list[tuple[Solution, dict[str, float]]] = []
-        smooth = not kinks_in_path(self._solver.problem)
-        for guess in (nearest, self._second):
-            solution, slacks, succeeded = self._solver.least_violation(self._meshes, guess, VIOLATION_ITERATIONS)
+        arguable = bool(failure.largest_violations) and not kinks_in_path(self._solver.problem)
+        for start in (lambda: nearest, lambda: self._second, *[self._detour] * DETOURED_STARTS):
+            solution, slacks, succeeded = self._solver.least_violation(self._meshes, start(), VIOLATION_ITERATIONS)
             total = sum(slacks.values())
-            self._note(solution, solution.statistics.status, f"least violation, {total:.2g} in all")
+            self._note(solution, f"least violation, {total:.2g} in all")
             if total <= FEASIBLE:
+                arguable = False
                 feasible = _without_multipliers(solution.as_guess(self._solver.problem))
                 solved = self._solved(feasible, "all limits, from a motion that meets them")
                 if solved is not None:
                     return solved.point
-            elif succeeded and smooth and failure.largest_violations:
+            elif succeeded:
                 conflicting.append((solution, slacks))
-                if len(conflicting) == STARTS:
-                    least = min(conflicting, key=lambda pair: sum(pair[1].values()))
-                    raise infeasible(failure, *least, STARTS, FEASIBLE) from None
+        if arguable and len(conflicting) >= STARTS:
+            least = min(conflicting, key=lambda pair: sum(pair[1].values()))
+            raise infeasible(failure, *least, len(conflicting), FEASIBLE) from None
         return None
 
 

@@ -59,48 +59,32 @@ def kinematic_path(
     numeric: NumericEquations,
     start: State,
     segment_times: np.ndarray,
-    target: np.ndarray | None = None,
     values: Mapping[Parameter, float] | None = None,
+    poses: Mapping[int, np.ndarray] | None = None,
     *,
     through: bool = True,
-    poses_at: np.ndarray | None = None,
 ) -> KinematicPath:
     """Return poses that meet the conditions of the places on the way, as far as they are equalities in positions.
 
-    `segment_times` are those of start, waypoints and end, s. A pose `target` may take the place of the conditions at
-    the end, poses `poses_at` (k, n) of those at start, waypoints and end, and `values` that of the free parameters'
-    own. Conditions of waypoints are met unless `through` is False.
+    `segment_times` are those of start, waypoints and end, s. `poses` by the index of these may take the place of
+    conditions, and `values` that of the free parameters' own. Conditions of waypoints are met unless `through` is
+    False.
     """
     own = {p: p.value for p in problem.extra_parameters(phase)}
     extra = own if values is None else {p: values[p] for p in own}
+    final, given, places = phase.final, poses or {}, list[list[Condition]]()
+    if not isinstance(final, State) and len(phase.waypoints) + 1 not in given:
+        final = (*final, *_periodic(problem, phase, start))
+    for k, stated in enumerate([*(w.conditions if through else () for w in phase.waypoints), final], start=1):
+        if k in given:
+            places.append(pose_conditions(numeric, float(segment_times[k]), given[k]))
+        elif isinstance(stated, State):
+            places.append(pose_conditions(numeric, stated.t, stated.q))
+        else:
+            places.append(_on_positions(stated, extra))
     prescribed = phase.differentiated_path_constraints(problem.free_parameters)
-    path = _on_positions(phase.path, extra)
     speeds = [c for c in prescribed if c.depends_on("velocity")]
-    places = [_on_positions(w.conditions if through else [], extra) for w in phase.waypoints]
-    final = phase.final
-    if target is not None:
-        places.append(pose_conditions(numeric, float(segment_times[-1]), target))
-    elif isinstance(final, State):
-        places.append(pose_conditions(numeric, final.t, final.q))
-    else:
-        places.append(_on_positions([*final, *_periodic(problem, phase, start)], extra))
-    if poses_at is not None:
-        later = zip(segment_times[1:].tolist(), poses_at[1:], strict=True)
-        places = [pose_conditions(numeric, t, pose) for t, pose in later]
-    begin = float(segment_times[0])
-    times, poses, complete = [np.array([begin])], [start.q], True
-    for k, conditions in enumerate(places):
-        if conditions or k == len(places) - 1:  # a place without conditions is passed on the way to the next one
-            span = np.linspace(begin, segment_times[k + 1], STEPS + 1)
-            times.append(span[1:])
-            if conditions or not (np.any(start.v) or speeds):
-                leg, reached = _leg(numeric, conditions, path, poses[-1], start.z, span)
-                poses += leg
-                complete = complete and reached
-            else:
-                poses += _coasting(numeric, path, speeds, start, poses[-1], span)
-            begin = float(segment_times[k + 1])
-    return KinematicPath(segment_times, np.concatenate(times), np.array(poses), complete)
+    return _Way(numeric, start, _on_positions(phase.path, extra), speeds).through(places, segment_times)
 
 
 def has_free_path(problem: OptimalControlProblem, phase: Phase) -> bool:
@@ -114,102 +98,103 @@ def has_free_path(problem: OptimalControlProblem, phase: Phase) -> bool:
     return not positions and not prescribed and not any(Condition(e, True, "").depends_on("position") for e in inner)
 
 
-def _leg(
-    numeric: NumericEquations,
-    conditions: list[Condition],
-    path: list[Condition],
-    q: np.ndarray,
-    z: np.ndarray,
-    span: np.ndarray,
-) -> tuple[list[np.ndarray], bool]:
-    """Poses from one place to the next, and whether this is reached; if not, the last pose is repeated."""
-    rows = [*conditions, *path]
-    if not rows and not numeric.eom.nu.numel():
-        return [q] * (span.size - 1), True
-    straight = None if path else straight_path(numeric, conditions, q, z, span)
-    if straight is not None:
-        return list(straight), True
-    place = PoseProblem(numeric, rows, float(span[0]), z)
-    poses = _steps(numeric, place, conditions, path, q, span)
-    if len(poses) == span.size - 1:
-        return poses, True
-    if not poses:  # if the path ends further on: whether it continues is for the solver to find out
-        poses = _to_assembled_pose(numeric, place, q, z, span)
-    missing = span.size - 1 - len(poses)
-    return poses + [poses[-1] if poses else q] * missing, not missing
+class _Way:
+    """The way from a start through places, on which path conditions on positions, and those on speeds, hold."""
 
+    def __init__(self, numeric: NumericEquations, start: State, path: list[Condition], speeds: list[Condition]):
+        self._numeric, self._start, self._path, self._speeds = numeric, start, path, speeds
 
-def _steps(
-    numeric: NumericEquations,
-    place: PoseProblem,
-    conditions: list[Condition],
-    path: list[Condition],
-    q: np.ndarray,
-    span: np.ndarray,
-) -> list[np.ndarray]:
-    """Poses at the times of a span after the first, with conditions moved evenly to zero, as far as they are found."""
-    first, poses = place.values(conditions, q), []
-    for k in range(1, span.size):
-        place.t = float(span[k])
-        offset = np.r_[(1 - k / (span.size - 1)) * first, np.zeros(len(path))]
-        rows = place.rows_with([*conditions, *path], offset)
-        outcome = solve(rows, q, numeric.weights, iterations=30, step_limit=numeric.typical_step)
-        if not outcome.converged:
-            break
-        q = outcome.x
-        poses.append(q)
-    return poses
+    def through(self, places: list[list[Condition]], segment_times: np.ndarray) -> KinematicPath:
+        """Poses through places with conditions, of which the last one is the end."""
+        begin = float(segment_times[0])
+        times, poses, complete = [np.array([begin])], [self._start.q], True
+        for k, conditions in enumerate(places):
+            if conditions or k == len(places) - 1:  # a place without conditions is passed on the way to the next one
+                span = np.linspace(begin, segment_times[k + 1], STEPS + 1)
+                times.append(span[1:])
+                if conditions or not (np.any(self._start.v) or self._speeds):
+                    leg, reached = self._leg(conditions, poses[-1], span)
+                    poses += leg
+                    complete = complete and reached
+                else:
+                    poses += self._coasting(poses[-1], span)
+                begin = float(segment_times[k + 1])
+        return KinematicPath(segment_times, np.concatenate(times), np.array(poses), complete)
 
+    def _place(self, conditions: list[Condition], time: float) -> PoseProblem:
+        return PoseProblem(self._numeric, conditions, float(time), self._start.z)
 
-def _to_assembled_pose(
-    numeric: NumericEquations, place: PoseProblem, q: np.ndarray, z: np.ndarray, span: np.ndarray
-) -> list[np.ndarray]:
-    """Poses to one that meets all conditions, steered by its coordinates; none if no such pose is found.
+    def _leg(self, conditions: list[Condition], q: np.ndarray, span: np.ndarray) -> tuple[list[np.ndarray], bool]:
+        """Poses from one place to the next, and whether this is reached; if not, the last pose is repeated."""
+        rows, numeric = [*conditions, *self._path], self._numeric
+        if not rows and not numeric.eom.nu.numel():
+            return [q] * (span.size - 1), True
+        straight = None if self._path else straight_path(numeric, conditions, q, self._start.z, span)
+        if straight is not None:
+            return list(straight), True
+        place = self._place(rows, span[0])
+        poses = self._steps(place, conditions, self._path, q, span)
+        if len(poses) == span.size - 1:
+            return poses, True
+        if not poses:  # if the path ends further on: whether it continues is for the solver to find out
+            poses = self._to_assembled_pose(place, q, span)
+        missing = span.size - 1 - len(poses)
+        return poses + [poses[-1] if poses else q] * missing, not missing
 
-    Conditions may be met together without a path on which each moves evenly:
-    both coordinates of a point on a circle.
-    """
-    place.t = float(span[-1])
-    try:
-        with without_warnings():
-            target = place.solve(q)
-    except AssemblyError:
-        return []
-    steering = pose_conditions(numeric, place.t, target)
-    poses = _steps(numeric, PoseProblem(numeric, steering, float(span[0]), z), steering, [], q, span)
-    return poses if len(poses) == span.size - 1 else []
+    def _steps(
+        self, place: PoseProblem, conditions: list[Condition], path: list[Condition], q: np.ndarray, span: np.ndarray
+    ) -> list[np.ndarray]:
+        """Poses at the times of a span after the first, with conditions moved evenly to zero, as far as they exist."""
+        first, poses, numeric = place.values(conditions, q), list[np.ndarray](), self._numeric
+        for k in range(1, span.size):
+            place.t = float(span[k])
+            offset = np.r_[(1 - k / (span.size - 1)) * first, np.zeros(len(path))]
+            rows = place.rows_with([*conditions, *path], offset)
+            outcome = solve(rows, q, numeric.weights, iterations=30, step_limit=numeric.typical_step)
+            if not outcome.converged:
+                break
+            q = outcome.x
+            poses.append(q)
+        return poses
 
+    def _to_assembled_pose(self, place: PoseProblem, q: np.ndarray, span: np.ndarray) -> list[np.ndarray]:
+        """Poses to one that meets all conditions, steered by its coordinates; none if no such pose is found.
 
-def _coasting(
-    numeric: NumericEquations,
-    path: list[Condition],
-    speeds: list[Condition],
-    start: State,
-    q: np.ndarray,
-    span: np.ndarray,
-) -> list[np.ndarray]:
-    """Poses passed at prescribed speeds or, else, at the speed of the start, as straight as the joints let it."""
-    eom = numeric.eom
-    place = PoseProblem(numeric, path, float(span[0]), start.z)
-    rows = stacked(speeds)
-    slopes = ca.Function(
-        "speeds", [eom.t, eom.q, eom.v, eom.p], [ca.densify(ca.jacobian(rows, eom.v)), ca.densify(rows)]
-    )
-    v, poses = start.v, []
-    for before, now in itertools.pairwise(span.tolist()):
-        turn = largest(v[eom.angles]) * (now - before)
-        count = int(np.clip(np.ceil(turn / LARGEST_TURN), 1, SUBSTEPS))
-        for k in range(1, count + 1):
-            place.t = before + (now - before) * k / count
-            moved = q + (now - before) / count * v
-            outcome = solve(place.rows_with(path), moved, numeric.weights, iterations=30)
-            q = outcome.x if outcome.converged else q
-            jacobian, nu = numeric.velocity(place.t, q)
-            slope, missing = (part.full() for part in slopes(place.t, q, v, numeric.p))
-            residual = np.r_[jacobian @ v - nu, missing.ravel()]
-            v = v - least_norm(np.vstack([jacobian, slope]), residual, numeric.column_scale**-2)
-        poses.append(q)
-    return poses
+        Conditions may be met together without a path on which each moves evenly:
+        both coordinates of a point on a circle.
+        """
+        place.t = float(span[-1])
+        try:
+            with without_warnings():
+                target = place.solve(q)
+        except AssemblyError:
+            return []
+        steering = pose_conditions(self._numeric, place.t, target)
+        poses = self._steps(self._place(steering, span[0]), steering, [], q, span)
+        return poses if len(poses) == span.size - 1 else []
+
+    def _coasting(self, q: np.ndarray, span: np.ndarray) -> list[np.ndarray]:
+        """Poses passed at prescribed speeds or, else, at the speed of the start, as straight as the joints let it."""
+        numeric, eom, path = self._numeric, self._numeric.eom, self._path
+        place, rows = self._place(path, span[0]), stacked(self._speeds)
+        slopes = ca.Function(
+            "speeds", [eom.t, eom.q, eom.v, eom.p], [ca.densify(ca.jacobian(rows, eom.v)), ca.densify(rows)]
+        )
+        v, poses = self._start.v, []
+        for before, now in itertools.pairwise(span.tolist()):
+            turn = largest(v[eom.angles]) * (now - before)
+            count = int(np.clip(np.ceil(turn / LARGEST_TURN), 1, SUBSTEPS))
+            for k in range(1, count + 1):
+                place.t = before + (now - before) * k / count
+                moved = q + (now - before) / count * v
+                outcome = solve(place.rows_with(path), moved, numeric.weights, iterations=30)
+                q = outcome.x if outcome.converged else q
+                jacobian, nu = numeric.velocity(place.t, q)
+                slope, missing = (part.full() for part in slopes(place.t, q, v, numeric.p))
+                residual = np.r_[jacobian @ v - nu, missing.ravel()]
+                v = v - least_norm(np.vstack([jacobian, slope]), residual, numeric.column_scale**-2)
+            poses.append(q)
+        return poses
 
 
 def _on_positions(conditions: Sequence[Condition], extra: Mapping[Parameter, float]) -> list[Condition]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -23,6 +23,7 @@ from ..nlp.setup import PhaseSetup
 from ..nlp.solver import Solver
 from ..nlp.solvers.base import Elsewhere
 from ..nlp.statistics import Start
+from ..phase import Phase
 from ..refinement.mesh import Mesh
 from ..solution import Shifted, Solution
 from .guess import Guess, PhaseGuess, guess_at_rest, guess_from_motion, guess_from_other, kinematic_guess
@@ -55,54 +56,43 @@ def guesses(solver: Solver, starts: Any, guess: Any) -> list[Guess]:
 
 def read_guess(solver: Solver, guess: Any) -> Guess:
     """Return the guess that a user gave: nothing, a solution, or a trajectory."""
-    if len(solver.problem.phases) > 1:
-        return _guess_of_phases(solver, guess)
+    problem, phases = solver.problem, solver.problem.phases
     if guess is None:
         return _usual_guess(solver)
-    phase = solver.problem.phases[0]
-    if isinstance(guess, Solution) and guess.phases[0].phase.mechanism is not phase.mechanism:
+    if isinstance(guess, Solution) and not _goes_through(guess, phases):
         guess = guess.trajectory
     if isinstance(guess, Solution | Shifted):
-        return guess.as_guess(solver.problem)
-    if isinstance(guess, Trajectory):
-        duration = float(np.clip(guess.t[-1] - guess.t[0], *phase.span))
-        times = phase.segment_times(duration)
-        if guess.mechanism is phase.mechanism and not guess.missing_multipliers:
-            return _guess(solver, guess_from_motion(guess, times), "trajectory")
-        return _guess(solver, guess_from_other(phase, solver.setups[0].loads, guess, times), "inverse dynamics")
-    raise ModelError(f"optimize: guess= takes a Solution or a Trajectory, got {guess!r}")
-
-
-def _guess_of_phases(solver: Solver, guess: Any) -> Guess:
-    """A motion of several phases: through the key poses, or one that a user gave through the same mechanisms."""
-    problem, setups = solver.problem, solver.setups
-    if isinstance(guess, Solution) and guess.problem.phases != problem.phases:
-        guess = guess.trajectory
-    if isinstance(guess, Solution):
         return guess.as_guess(problem)
-    if guess is None:
-        parts = [_through_poses(setup) for setup in setups]
-        return Guess(tuple(parts), solver.free_values, "kinematic")
     if not isinstance(guess, Trajectory):
         raise ModelError(f"optimize: guess= takes a Solution or a Trajectory, got {guess!r}")
-    given = [part for part in guess.phases if part.t[-1] > part.t[0]]
-    needed = [phase for phase in problem.phases if not phase.is_instant]
-    if [part.mechanism for part in given] != [phase.mechanism for phase in needed]:
+    needed = [phase for phase in phases if not phase.is_instant]
+    given = [part for part in guess.phases if part.t[-1] > part.t[0]] if len(phases) > 1 else [guess]
+    if len(phases) > 1 and [part.mechanism for part in given] != [phase.mechanism for phase in needed]:
         raise ModelError(
             f"optimize: the motion given as guess goes through {len(given)} mechanism{'s' * (len(given) != 1)}, which "
             f"are not those of the phases {', '.join(repr(phase.name) for phase in needed)} in their order"
         )
-    parts, time = [], 0.0
-    for phase, setup in zip(problem.phases, setups, strict=True):
+    parts, time, description = [], 0.0, "trajectory"
+    for phase, setup in zip(phases, solver.setups, strict=True):
         if phase.is_instant:
-            parts.append(PhaseGuess(_through_poses(setup).sample, np.array([time, time])))
+            parts.append(PhaseGuess(_through_poses(solver, setup).sample, np.array([time, time])))
             continue
         motion = given.pop(0)
         times = time + phase.segment_times(float(np.clip(motion.t[-1] - motion.t[0], *phase.span)))
-        parts.append(guess_from_motion(motion, times))
+        if motion.mechanism is phase.mechanism and not motion.missing_multipliers:
+            parts.append(guess_from_motion(motion, times))
+        else:
+            parts.append(guess_from_other(phase, setup.loads, motion, times))
+            description = "inverse dynamics"
         time = float(times[-1])
     values = [_value_in(guess, p, value) for p, value in zip(problem.free_parameters, solver.free_values, strict=True)]
-    return Guess(tuple(parts), np.array(values), "trajectory")
+    return Guess(tuple(parts), np.array(values), description)
+
+
+def _goes_through(solution: Solution, phases: Sequence[Phase]) -> bool:
+    """Return True if a solution goes through the mechanisms of phases, one after the other."""
+    theirs, ours = ([(x.mechanism, x.is_instant) for x in of] for of in (solution.problem.phases, phases))
+    return theirs == ours
 
 
 def _value_in(motion: Trajectory, parameter: Any, otherwise: float) -> float:
@@ -112,46 +102,42 @@ def _value_in(motion: Trajectory, parameter: Any, otherwise: float) -> float:
     return float(np.clip(motion[parameter][-1], parameter.lower, parameter.upper))
 
 
-def _through_poses(setup: PhaseSetup) -> PhaseGuess:
+def _start_of(solver: Solver, setup: PhaseSetup) -> tuple[State, KinematicPath]:
+    """First state and poses of a phase; the setup of the first one may belong to another start."""
+    return (solver.start, solver.path) if setup is solver.setups[0] else (setup.start, setup.path)
+
+
+def _through_poses(solver: Solver, setup: PhaseSetup, make: Callable[..., PhaseGuess] = kinematic_guess) -> PhaseGuess:
+    """The motion of a phase through its poses."""
     if setup.phase.is_instant:
         return PhaseGuess(lambda _times: {}, setup.path.segment_times)
-    return kinematic_guess(setup.loads, setup.start, setup.path)
+    return make(setup.loads, *_start_of(solver, setup))
 
 
-def _guess(solver: Solver, phase: PhaseGuess, description: str) -> Guess:
-    return Guess((phase,), solver.free_values, description)
+def _guess(solver: Solver, phases: Iterable[PhaseGuess], description: str) -> Guess:
+    return Guess(tuple(phases), solver.free_values, description)
 
 
 def _usual_guesses(solver: Solver) -> list[Guess]:
     """The usual guess; for a chain in angles, which is solved twice in less time than in all coordinates, two."""
-    if len(solver.problem.phases) > 1:
-        return [_guess_of_phases(solver, None)]
-    usual, setup = _usual_guess(solver), solver.setups[0]
-    if not setup.scheme.eom.is_chain:
-        return [usual]
-    return [usual, at_rest(solver)]
+    usual = _usual_guess(solver)
+    return [usual, at_rest(solver)] if solver.setups[0].scheme.eom.is_chain else [usual]
 
 
 def at_rest(solver: Solver) -> Guess:
     """Return the poses of the kinematic motion without speeds."""
-    parts = []
-    for k, setup in enumerate(solver.setups):
-        if setup.phase.is_instant:
-            parts.append(_through_poses(setup))
-        else:
-            start, path = (solver.start, solver.path) if k == 0 else (setup.start, setup.path)
-            parts.append(guess_at_rest(setup.loads, start, path))
-    return Guess(tuple(parts), solver.free_values, "kinematic, at rest")
+    parts = [_through_poses(solver, setup, guess_at_rest) for setup in solver.setups]
+    return _guess(solver, parts, "kinematic, at rest")
 
 
 def _usual_guess(solver: Solver) -> Guess:
     """The motion through the conditions, or the free motion if there are none and it begins with a speed."""
-    setup = solver.setups[0]
-    if has_free_path(solver.problem, setup.phase) and np.any(solver.start.v):
+    setup, phases = solver.setups[0], solver.problem.phases
+    if len(phases) == 1 and has_free_path(solver.problem, phases[0]) and np.any(solver.start.v):
         motion = _free_motion(solver)
         if motion is not None:
-            return _guess(solver, guess_from_motion(motion, setup.path.segment_times), "free motion")
-    return _guess(solver, kinematic_guess(setup.loads, solver.start, solver.path), "kinematic")
+            return _guess(solver, [guess_from_motion(motion, setup.path.segment_times)], "free motion")
+    return _guess(solver, [_through_poses(solver, setup) for setup in solver.setups], "kinematic")
 
 
 def _free_motion(solver: Solver) -> Trajectory | None:
@@ -170,17 +156,14 @@ def _free_motion(solver: Solver) -> Trajectory | None:
 def random_detour(solver: Solver, random: np.random.Generator) -> Guess:
     """The kinematic motion with a detour in each phase: a few half waves in the free directions of each pose."""
     parts, waves = [], []
-    for k, setup in enumerate(solver.setups):
+    for setup in solver.setups:
         if setup.phase.is_instant:
-            parts.append(_through_poses(setup))
+            parts.append(_through_poses(solver, setup))
             continue
-        # the setup of the first phase may belong to another start
-        part, count = _detour(setup, random, *((solver.start, solver.path) if k == 0 else (setup.start, setup.path)))
+        part, count = _detour(setup, random, *_start_of(solver, setup))
         parts.append(part)
         waves.append(f"{count} half wave{'s' if count > 1 else ''}")
-    if len(parts) > 1:
-        return Guess(tuple(parts), solver.free_values, f"kinematic with detours of {', '.join(waves)}")
-    return _guess(solver, parts[0], f"kinematic with a detour of {waves[0]}")
+    return _guess(solver, parts, f"kinematic with {'a detour' if len(parts) == 1 else 'detours'} of {', '.join(waves)}")
 
 
 def _detour(

@@ -167,6 +167,12 @@ class Change:
             *self._initial_rows(new, end, impulses),
         ]
 
+    def guards_at(self, p: np.ndarray) -> ca.SX:
+        """Position rows that are new, at parameters of the mechanism afterwards."""
+        eom = self.setup.after.numeric.eom
+        rows = ca.vertcat(eom.Phi, self.law.momentary)[list(self.setup.guards)]
+        return ca.substitute(rows, eom.p, ca.SX(ca.DM(p)))
+
     @property
     def guard_names(self) -> list[str]:
         """Names of the position rows that are new."""

@@ -12,7 +12,6 @@ from ...model.conditions import Condition
 from ...model.symbols import place_of, symbols_of
 from ...numerics.lazy import cached_property
 from ...results.state import State
-from ..phase import Phase
 from ..placeholders import Placeholder, placeholders_in, with_symbols, with_values
 from ..problem import OptimalControlProblem
 from ..refinement.mesh import Mesh
@@ -20,7 +19,7 @@ from .blocks import Block, Edge, block_of_edges
 from .change import Change, ChangeSetup
 from .compiled import OPTION_SETS, SolverPool
 from .instant_program import InstantProgram
-from .phase_program import PhaseProgram
+from .phase_program import PhasePlace, PhaseProgram
 from .rows import Row, condition_rows, violations
 from .setup import PhaseSetup
 from .sparse_program import SparseProgram
@@ -51,6 +50,8 @@ class CollocationProgram:
         placeholders = list(nodes.values())
         integrals = [p for p in placeholders if p.kind == "integral"]
         self.phases = self._phases(problem, setups, meshes, integrals)
+        # not the problem itself: it holds the program
+        self._owners = {key: self._owner(problem, x) for key, x in nodes.items()}
         first = sum(phase.size for phase in self.phases)
         self.changes: list[Change] = []
         for change, before, after in zip(changes, self.phases, self.phases[1:], strict=False):
@@ -87,9 +88,10 @@ class CollocationProgram:
         first, begins = 0, (0.0, 0.0)
         for number, (setup, mesh) in enumerate(zip(setups, meshes, strict=True)):
             kind = InstantProgram if setup.phase.is_instant else PhaseProgram
-            here = [x for x in integrals if _accumulates(x, setup.phase, alone=len(setups) == 1)]
+            here = [x for x in integrals if setup.phase in problem.phases_of(x)]
             points = [(label, tau) for of, label, tau in self.held if of == number]
-            phases.append(kind(problem, setup, mesh, here, number, first, begins, points, timed=timed))
+            place = PhasePlace(number, first, begins, timed)
+            phases.append(kind(problem, setup, mesh, place, here, points))
             first += phases[-1].size
             low, high = setup.phase.span
             begins = begins[0] + low, begins[1] + high
@@ -106,13 +108,14 @@ class CollocationProgram:
             size += last.sizes.of_values(with_values(terminal, self._typical_value))
         return size or 1.0
 
+    def _owner(self, problem: OptimalControlProblem, placeholder: Placeholder) -> PhaseProgram:
+        phase = problem.phases_of(placeholder)[0]
+        own = [program for program in self.phases if program.phase is phase]
+        return own[-1 if placeholder.kind == "at_end" else 0]
+
     def _phase_of(self, placeholder: Placeholder) -> PhaseProgram:
-        """The phase that a placeholder means; for an integral over all, the first one that has it."""
-        if placeholder.phase is not None:
-            return next(phase for phase in self.phases if phase.phase is placeholder.phase)
-        if placeholder.kind == "integral":
-            return next((p for p in self.phases if any(x is placeholder for x in p.integrals)), self.phases[-1])
-        return self.phases[0 if placeholder.kind == "at_start" else -1]
+        """The phase that a placeholder means; for an integral over several, the first one."""
+        return self._owners[placeholder.node.element_hash()]
 
     def _typical_value(self, placeholder: Placeholder) -> float:
         return self._phase_of(placeholder).typical_value(placeholder)
@@ -272,12 +275,3 @@ class _Edges(dict[tuple[int, bool], Edge]):
         number, at_end = key
         edge = self[key] = self._phases[number].edge(at_end, self[0, False].unknowns.free)
         return edge
-
-
-def _accumulates(placeholder: Placeholder, phase: Phase, *, alone: bool) -> bool:
-    """Return True if an integral runs over a phase: over all that have its symbols, unless it is that of one."""
-    if phase.is_instant:
-        return False
-    if placeholder.phase is not None:
-        return placeholder.phase is phase
-    return alone or phase.has(placeholder.expression)

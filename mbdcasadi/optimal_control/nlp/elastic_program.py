@@ -10,6 +10,7 @@ import numpy as np
 from .collocation_program import CollocationProgram
 from .limit_sides import LimitSides
 from .solvers.base import Bounds
+from .sparse_program import derivatives_for_ipopt
 
 #: Weight of the distance from the guess, which leaves one of many motions without violation.
 NEARNESS = 1e-4
@@ -24,19 +25,17 @@ class ElasticProgram:
 
     def __init__(self, program: CollocationProgram, bounds: Bounds):
         self.program, self._bounds = program, bounds
-        sides = LimitSides(program, conditions=True).sides
-        self.labels = list(sides)
-        n, m, count = program.size, program.lower.size, len(sides)
+        sides = LimitSides(program, conditions=True)
+        self.labels = list(sides.sides)
+        n, m, count = program.size, sides.row_count, len(self.labels)
+        places = [sides.places(label, sign) for sign in (1, -1) for label in self.labels]
+        bounded = np.unique(np.concatenate([*places, []])).astype(int)
         #: variables whose bounds yield: they become rows
-        self._yielding = np.unique(
-            np.concatenate([np.r_[s.above, s.below].astype(int) for s in sides.values()] or [[]])
-        )
-        self._yielding = self._yielding.astype(int)
-        row_of = {int(place): m + k for k, place in enumerate(self._yielding)}
+        self._yielding = bounded[bounded >= m] - m
         pattern = np.zeros((m + self._yielding.size, 2 * count))
-        for k, side in enumerate(sides.values()):
-            pattern[[*side.rows_above, *(row_of[j] for j in side.above)], k] = 1.0
-            pattern[[*side.rows_below, *(row_of[j] for j in side.below)], count + k] = -1.0
+        for k, own in enumerate(places):
+            rows = [place if place < m else m + int(np.searchsorted(self._yielding, place - m)) for place in own]
+            pattern[rows, k] = 1.0 if k < count else -1.0
         self._slacks = ca.sparsify(ca.DM(pattern))
         self._n, self._m, self._count = n, m, 2 * count
 
@@ -65,14 +64,7 @@ class ElasticProgram:
         slopes = ca.horzcat(ca.vertcat(jacobian, picked), -self._slacks)
         hessian = derivatives["hess_lag"](x, data, 0.0, lam_g[: self._m]) + lam_f * NEARNESS * ca.DM.eye(n)
         hessian = ca.diagcat(hessian, ca.MX(self._count, self._count))
-        names = ["x", "p"]
-        functions = {
-            "grad_f": ca.Function("nlp_grad_f", [y, p], [cost, gradient], names, ["f", "grad_f_x"]),
-            "jac_g": ca.Function("nlp_jac_g", [y, p], [rows, slopes], names, ["g", "jac_g_x"]),
-            "hess_lag": ca.Function(
-                "nlp_hess_l", [y, p, lam_f, lam_g], [hessian], [*names, "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
-            ),
-        }
+        functions = derivatives_for_ipopt((y, p, lam_f, lam_g), (cost, gradient), (rows, slopes), hessian)
         return ca.nlpsol("violation", "ipopt", {"x": y, "p": p, "f": cost, "g": rows}, functions | options)
 
     @property

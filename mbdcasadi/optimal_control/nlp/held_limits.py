@@ -52,8 +52,8 @@ def points_to_hold(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> se
             continue
         limits, excess = part.program.limits_at_points, _excess_of_polynomials(part)
         for limit, values in zip(limits, np.moveaxis(excess, 2, 0), strict=True):
-            most = float(np.max(values))
-            if most > tolerance * _size(part, limit, _time_of(part, values)):
+            i, j = np.unravel_index(int(np.argmax(values)), values.shape)
+            if values[i, j] > tolerance * _size(part, limit, part.time_at(int(i), int(j) / (POINTS - 1))):
                 found |= {(number, limit.label, tau) for tau in _places(part, limit, values)}
     return found
 
@@ -134,13 +134,6 @@ def _excess_of_polynomials(part: PhaseSolution) -> np.ndarray:
     k, tau = np.repeat(np.arange(count), POINTS), np.tile(np.linspace(0, 1, POINTS), count)
     (values,) = part.by_polynomials([stacked(limits)], k, tau)
     return values.T.reshape(count, POINTS, len(limits))
-
-
-def _time_of(part: PhaseSolution, values: np.ndarray) -> float:
-    """Time of the largest of values at the points of the intervals (N, POINTS), s."""
-    i, j = np.unravel_index(int(np.argmax(values)), values.shape)
-    begin, end = part.mesh_times[i : i + 2]
-    return float(begin + (end - begin) * j / (POINTS - 1))
 
 
 def _places(part: PhaseSolution, limit: Condition, values: np.ndarray) -> set[float]:

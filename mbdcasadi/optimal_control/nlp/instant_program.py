@@ -19,7 +19,7 @@ class InstantProgram(PhaseProgram):
         point, times = ca.SX.sym("w", self.point_size), ca.SX.sym("m", self.time_count)
         free = ca.SX.sym("f", self.free_scale.size) if free is None else free
         data, none = ca.SX.sym("d", 2), ca.SX(0, 1)
-        p, extra = self._parameters(ca.DM(self.free_scale) * free)
+        p, extra = self.phase.with_free(self.p, self._free, ca.DM(self.free_scale) * free)
         start = self.scales.time * times[0] if self.time_count else data[0]
         values = ca.DM(self.point_scale) * point
         interval = Interval(values, none, values, start, ca.SX(0), p)

@@ -1,24 +1,75 @@
-"""Sides of the limits of a program: rows and variables that one limit bounds, and bounds that are loosened."""
+"""Sides of the conditions of a program: rows and variables that one label bounds, and bounds that are loosened."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
+from ...model.symbols import Symbol, place_of
 from .collocation_program import CollocationProgram
-from .limits import variable_bounds
+from .phase_program import PhaseProgram
+from .rows import OWN_UNIT
 from .solvers.base import Bounds
 
 
 @dataclass(frozen=True)
 class Side:
-    """Places that a limit bounds: rows and variables, from above and from below."""
+    """One place at which a condition holds: a side of a row, or of a variable that has its own limit."""
 
-    rows_above: list[int] = field(default_factory=list)
-    rows_below: list[int] = field(default_factory=list)
-    above: list[int] = field(default_factory=list)
-    below: list[int] = field(default_factory=list)
+    label: str
+    #: 1 if it bounds from above, -1 from below
+    sign: int
+    #: among the rows, and the variables after them
+    place: int
+    #: scaled
+    bound: float
+    size: float
+    unit: str
+    phase: int
+    #: those that it belongs to: two for a variable of a mesh point between them
+    intervals: tuple[int, ...]
+    tau: float
+    #: whether it holds throughout the phase, not at one place
+    repeated: bool
+    equality: bool = False
+    is_row: bool = True
+
+
+def sides_of(program: CollocationProgram) -> Iterator[Side]:
+    """Iterate over all places at which conditions and limits of the user hold."""
+    for k, row in enumerate(program.rows):
+        if row.condition:
+            on_row = row.size, row.unit, row.phase, (row.interval,), row.tau, row.repeated, row.equality
+            yield Side(row.label, 1, k, 0.0, *on_row)
+            if row.opposite:
+                yield Side(row.opposite, -1, k, row.lower, *on_row)
+    for phase in program.phases:
+        for condition, (symbol, sign) in phase.limit_owners.items() if phase.count else ():
+            limit = symbol.upper if sign > 0 else symbol.lower
+            for place, intervals in _variables_of(phase, symbol):
+                size = float(program.scale[place])
+                stands = size, OWN_UNIT, phase.number, intervals, 0.0, True
+                yield Side(condition.label, sign, program.lower.size + place, limit / size, *stands, is_row=False)
+
+
+def _variables_of(phase: PhaseProgram, symbol: Symbol) -> Iterator[tuple[int, tuple[int, ...]]]:
+    """Variables of an input or a first-order state, and the intervals to which each belongs."""
+    scheme, mechanism, count = phase.scheme, phase.phase.mechanism, phase.count
+    n, inputs = scheme.eom.q.numel(), len(mechanism.inputs)
+    input_place = place_of(symbol, mechanism.inputs)
+    if input_place is None:
+        at_point = 2 * n + next(k for k, z in enumerate(mechanism.states) if z is symbol)
+    else:
+        first = scheme.interval_slice("u").start + input_place
+        inside = slice(first, first + inputs * len(scheme.inputs.inner), inputs)
+        for i in range(count):
+            yield from ((place, (i,)) for place in phase.inner_index(i)[inside].tolist())
+        at_point = scheme.point_size - inputs + input_place
+    if input_place is None or scheme.inputs.joined:
+        for i in range(count + 1):
+            yield int(phase.point_index(i)[at_point]), tuple(k for k in (i - 1, i) if 0 <= k < count)
 
 
 class LimitSides:
@@ -28,24 +79,17 @@ class LimitSides:
     """
 
     def __init__(self, program: CollocationProgram, *, conditions: bool = False):
-        self.sides: dict[str, Side] = {}
+        self.sides: dict[str, list[Side]] = {}
+        self.row_count = program.lower.size
         throughout = [{c.label for c in (*p.phase.path, *p.limit_owners)} for p in program.phases]
-        for k, row in enumerate(program.rows):
-            held = row.phase >= 0 and row.label in throughout[row.phase] and not row.equality
-            if not row.condition or not (held or conditions):
-                continue
-            self._side(row.label).rows_above.append(k)
-            if row.equality or np.isfinite(row.lower):
-                self._side(row.opposite or row.label).rows_below.append(k)
-        for phase in program.phases:
-            for bound in variable_bounds(phase) if phase.count else ():
-                side = self._side(bound.label)
-                places = side.above if bound.sign > 0 else side.below
-                if bound.place not in places[-1:]:
-                    places.append(bound.place)
+        for side in sides_of(program):
+            held = not side.is_row or (not side.equality and program.rows[side.place].label in throughout[side.phase])
+            if held or conditions:
+                self.sides.setdefault(side.label, []).append(side)
 
-    def _side(self, label: str) -> Side:
-        return self.sides.setdefault(label, Side())
+    def places(self, label: str, sign: int) -> list[int]:
+        """Places that a label bounds on one side, among the rows and the variables after them."""
+        return [side.place for side in self.sides[label] if side.sign == sign or side.equality]
 
     def without(self, bounds: Bounds) -> Bounds:
         """Bounds without these limits."""
@@ -53,27 +97,19 @@ class LimitSides:
 
     def loosened(self, bounds: Bounds, amounts: dict[str, float]) -> Bounds:
         """Bounds whose limits may be passed by amounts, scaled, by label."""
-        names = ("lower", "upper", "rows_lower", "rows_upper")
-        lower, upper, rows_lower, rows_upper = (getattr(bounds, name).copy() for name in names)
+        low, high = bounds.of_rows_and_variables
         for label, amount in amounts.items():
-            side = self.sides[label]
-            upper[side.above] += amount
-            lower[side.below] -= amount
-            rows_upper[side.rows_above] += amount
-            rows_lower[side.rows_below] -= amount
-        return replace(bounds, lower=lower, upper=upper, rows_lower=rows_lower, rows_upper=rows_upper)
+            high[self.places(label, 1)] += amount
+            low[self.places(label, -1)] -= amount
+        return Bounds(low[self.row_count :], high[self.row_count :], low[: self.row_count], high[: self.row_count])
 
     def excess(self, bounds: Bounds, x: np.ndarray, rows: np.ndarray) -> dict[str, float]:
         """Largest amounts by which limits are passed, scaled, by label; those that hold are left out."""
-        amounts = {}
-        for label, side in self.sides.items():
-            parts = [
-                rows[side.rows_above] - bounds.rows_upper[side.rows_above],
-                bounds.rows_lower[side.rows_below] - rows[side.rows_below],
-                x[side.above] - bounds.upper[side.above],
-                bounds.lower[side.below] - x[side.below],
-            ]
-            most = float(np.max(np.concatenate(parts), initial=0.0))
+        (low, high), values, amounts = bounds.of_rows_and_variables, np.r_[rows, x], {}
+        for label in self.sides:
+            above, below = self.places(label, 1), self.places(label, -1)
+            passed = np.r_[values[above] - high[above], low[below] - values[below]]
+            most = float(np.max(passed, initial=0.0))
             if most > 0:
                 amounts[label] = most
         return amounts

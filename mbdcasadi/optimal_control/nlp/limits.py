@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -10,12 +10,11 @@ import casadi as ca
 import numpy as np
 
 from ...model.conditions import stacked
-from ...model.symbols import place_of
+from ...numerics.real import stretches
 from ...results.state import State
 from ..phase import BEYOND_STATES, with_rates
 from .held_limits import POINTS
-from .phase_program import PhaseProgram
-from .rows import Row
+from .limit_sides import Side, sides_of
 
 if TYPE_CHECKING:
     from ..solution import Solution
@@ -45,19 +44,23 @@ class ActiveLimit:
         return f"{self.label}: active at {spans}, costate up to {self.costate:.4g}"
 
 
-def time_of(row: Row, solution: Solution) -> float:
-    """Time at which a row of the program stands, s."""
-    times = solution.phases[row.phase].mesh_times
-    if times.size == 1:
-        return float(times[0])
-    return float(times[row.interval] + row.tau * (times[row.interval + 1] - times[row.interval]))
-
-
-def _label(solution: Solution, phase: int, label: str) -> str:
-    """Label of a row, with its phase if another one may have the same."""
-    if len(solution.phases) == 1 or label.startswith(("boundary: ", "initial: ")) or "phase '" in label:
+def label_of(solution: Solution, phase: int, label: str) -> str:
+    """Return the label of a row, with its phase if another one may have the same."""
+    everywhere = len(solution.phases) == 1 or phase < 0
+    if everywhere or label.startswith(("boundary: ", "initial: ")) or "phase '" in label:
         return label
     return f"{label} in phase '{solution.phases[phase].phase.name}'"
+
+
+def _pulls(solution: Solution) -> np.ndarray:
+    """Scaled multipliers of the rows and then of the variables."""
+    return np.r_[solution.answer.lam_g, solution.answer.lam_x]
+
+
+def _slacks(solution: Solution) -> Callable[[Side], float]:
+    """Scaled distances from the bound, by side."""
+    values = np.r_[solution.answer.rows, solution.variables / solution.program.scale]
+    return lambda side: side.sign * (side.bound - values[side.place])
 
 
 def costates(solution: Solution) -> dict[str, np.ndarray | float]:
@@ -65,33 +68,20 @@ def costates(solution: Solution) -> dict[str, np.ndarray | float]:
 
     Path equalities that prescribe the motion are constraints and have none.
     """
-    program = solution.program
+    program, pulls = solution.program, _pulls(solution)
     result: dict[str, Any] = {}
-
-    def add(phase: int, label: str, interval: int, value: float) -> None:
-        lengths = np.diff(solution.phases[phase].mesh_times)
-        result.setdefault(_label(solution, phase, label), np.zeros(lengths.size))[interval] += value / lengths[interval]
-
-    for row, multiplier in zip(program.rows, solution.answer.lam_g, strict=True):
-        if not row.condition:
+    for side in sides_of(program):
+        pull = pulls[side.place] * program.cost_scale / side.size
+        value = pull if side.equality else max(side.sign * pull, 0.0)
+        label = label_of(solution, side.phase, side.label)
+        if not side.repeated:
+            result[label] = float(-value if side.equality else value)
             continue
-        value = multiplier * program.cost_scale / row.size
-        sides = {row.label: value}
-        if row.opposite:
-            sides = {row.label: max(value, 0.0), row.opposite: max(-value, 0.0)}
-        for label, pull in sides.items():
-            if row.repeated:
-                add(row.phase, label, row.interval, pull)
-            else:
-                result[_label(solution, row.phase, label)] = float(-pull if row.equality else pull)
-    result |= _of_start(solution)
-    multipliers = solution.answer.lam_x * program.cost_scale / program.scale
-    for number, part in enumerate(solution.phases):
-        for bound in variable_bounds(part.program) if part.mesh.count else ():
-            value = max(bound.sign * multipliers[bound.place], 0.0)
-            for i in bound.intervals:
-                add(number, bound.label, i, value / len(bound.intervals))
-    return result
+        lengths = np.diff(solution.phases[side.phase].mesh_times)
+        by_interval = result.setdefault(label, np.zeros(lengths.size))
+        for i in side.intervals:
+            by_interval[i] += value / len(side.intervals) / lengths[i]
+    return result | _of_start(solution)
 
 
 def _of_start(solution: Solution) -> dict[str, float]:
@@ -117,87 +107,48 @@ def _of_start(solution: Solution) -> dict[str, float]:
     return {f"initial: {c.label}": float(v) for c, v in zip(conditions, pulls[-len(conditions) :], strict=True)}
 
 
-@dataclass(frozen=True)
-class _Bound:
-    """A limit of an input or a first-order state that is the bound of a variable."""
-
-    label: str
-    sign: int
-    value: float
-    place: int
-    #: those that the variable belongs to: two for one of a mesh point between them
-    intervals: tuple[int, ...]
-
-
-def variable_bounds(program: PhaseProgram) -> Iterator[_Bound]:
-    """Limits that are bounds of variables, one by one."""
-    scheme, mechanism, count = program.scheme, program.phase.mechanism, program.count
-    n, inputs = scheme.eom.q.numel(), len(mechanism.inputs)
-    for condition, (symbol, sign) in program.limit_owners.items():
-        limit = condition.label, sign, symbol.upper if sign > 0 else symbol.lower
-        input_place = place_of(symbol, mechanism.inputs)
-        if input_place is None:
-            at_point = 2 * n + next(k for k, z in enumerate(mechanism.states) if z is symbol)
-        else:
-            first = scheme.interval_slice("u").start + input_place
-            inside = slice(first, first + inputs * len(scheme.inputs.inner), inputs)
-            for i in range(count):
-                yield from (_Bound(*limit, place, (i,)) for place in program.inner_index(i)[inside].tolist())
-            at_point = scheme.point_size - inputs + input_place
-        if input_place is None or scheme.inputs.joined:
-            for i in range(count + 1):
-                around = tuple(k for k in (i - 1, i) if 0 <= k < count)
-                yield _Bound(*limit, int(program.point_index(i)[at_point]), around)
-
-
 def activity(solution: Solution, slack: float = 0.0, *, inside: bool = False) -> dict[tuple[int, str], np.ndarray]:
     """Shares of the points of each interval at which a limit is active (N,), by phase and label.
 
     A limit is active if its multiplier outweighs its slack, both scaled, or if the slack is below `slack`. With
     `inside`, mesh points are left out for limits that cannot jump there.
     """
-    program, answer = solution.program, solution.answer
+    program, pulls, slack_of = solution.program, _pulls(solution), _slacks(solution)
     counts: dict[tuple[int, str], np.ndarray] = {}
-
-    def note(phase: int, label: str, interval: int, active: bool) -> None:
-        seen = counts.setdefault((phase, label), np.zeros((2, solution.phases[phase].mesh.count)))
-        seen[:, interval] += active, 1
-
     steady = {
         (k, limit.label)
         for k, part in enumerate(solution.phases)
         for limit in part.program.limits_at_points
         if inside and not limit.depends_on(*BEYOND_STATES)
     }
-    for row, pull, value in zip(program.rows, answer.lam_g, answer.rows, strict=True):
-        at_mesh_point = row.tau in (0.0, 1.0) and (row.phase, row.label) in steady
-        if row.repeated and row.condition and not row.equality and not at_mesh_point:
-            note(row.phase, row.label, row.interval, max(pull, slack) > -value)
-            if row.opposite:
-                note(row.phase, row.opposite, row.interval, max(-pull, slack) > value - row.lower)
-    x = solution.variables / program.scale
-    for number, part in enumerate(solution.phases):
-        for bound in variable_bounds(part.program) if part.mesh.count else ():
-            left = bound.sign * (bound.value / program.scale[bound.place] - x[bound.place])
-            for i in bound.intervals:
-                note(number, bound.label, i, max(bound.sign * answer.lam_x[bound.place], slack) > left)
+    for side in sides_of(program):
+        key = side.phase, side.label
+        at_mesh_point = side.is_row and side.tau in (0.0, 1.0) and key in steady
+        if side.repeated and not side.equality and not at_mesh_point:
+            active = max(side.sign * pulls[side.place], slack) > slack_of(side)
+            seen = counts.setdefault(key, np.zeros((2, solution.phases[side.phase].mesh.count)))
+            for i in side.intervals:
+                seen[:, i] += active, 1
     return {key: active / np.maximum(seen, 1) for key, (active, seen) in counts.items()}
 
 
 def active_limits(solution: Solution) -> list[ActiveLimit]:
     """Limits that are active, the costliest first, by phase."""
-    program, answer = solution.program, solution.answer
-    limits, places = [], []
-    for row, pull, value in zip(program.rows, answer.lam_g, answer.rows, strict=True):
-        if row.condition and not row.equality and not row.repeated and (pull > -value or -pull > value - row.lower):
-            label, time = _label(solution, row.phase, row.side(pull)), time_of(row, solution)
-            places.append(ActiveLimit(label, ((time, time),), float(solution.costates[label])))
+    pulls, slack_of, limits = _pulls(solution), _slacks(solution), []
+    for side in sides_of(solution.program):
+        if not side.repeated and not side.equality and side.sign * pulls[side.place] > slack_of(side):
+            label, time = (
+                label_of(solution, side.phase, side.label),
+                solution.phases[side.phase].time_at(side.intervals[0], side.tau),
+            )
+            limits.append(ActiveLimit(label, ((time, time),), float(solution.costates[label])))
     for (phase, own), shares in activity(solution).items():
         if np.any(shares):
-            label = _label(solution, phase, own)
-            spans = _spans(shares > 0, solution.phases[phase].mesh_times)
+            label = label_of(solution, phase, own)
+            times = solution.phases[phase].mesh_times
+            spans = tuple((float(times[run.start]), float(times[run.stop])) for run in stretches(shares > 0))
             limits.append(ActiveLimit(label, spans, float(np.max(solution.costates[label]))))
-    return sorted([*limits, *places, *_global_limits(solution)], key=lambda limit: -limit.costate)
+    return sorted([*limits, *_global_limits(solution)], key=lambda limit: -limit.costate)
 
 
 def _global_limits(solution: Solution) -> list[ActiveLimit]:
@@ -220,12 +171,6 @@ def _global_limits(solution: Solution) -> list[ActiveLimit]:
                 costate = float(sign * pull * program.cost_scale / size)
                 limits.append(ActiveLimit(f"{name} {symbol} {bound:g}", ((0.0, solution.duration),), costate))
     return limits
-
-
-def _spans(active: np.ndarray, times: np.ndarray) -> tuple[tuple[float, float], ...]:
-    """Times of the stretches of intervals that are active."""
-    edges = np.flatnonzero(np.diff(np.r_[False, active, False].astype(int)))
-    return tuple((float(times[a]), float(times[b])) for a, b in edges.reshape(-1, 2))
 
 
 def limit_excess(solution: Solution) -> dict[str, float]:

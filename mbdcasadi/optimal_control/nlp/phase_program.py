@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ...model.conditions import Condition, stacked
-from ...model.symbols import Symbol, place_of
+from ...model.symbols import Symbol
 from ...numerics.lazy import cached_property
 from ...results.state import State
 from ..checks.consistency import own_limits
@@ -31,6 +31,20 @@ SHORTEST_SEGMENT = 1e-3
 SHORTEST_SWITCH = 1e-6
 
 
+@dataclass(frozen=True)
+class PhasePlace:
+    """Place of a phase in a program."""
+
+    #: index
+    number: int
+    #: number of the variables before it
+    first: int
+    #: times between which it begins, s
+    begins: tuple[float, float]
+    #: whether a time of the program is free: then all phases have their times among the variables
+    timed: bool
+
+
 class PhaseProgram:
     """Variables, rows and cost of a phase on a mesh of N intervals.
 
@@ -38,9 +52,8 @@ class PhaseProgram:
     waypoints, mesh points that move, end) if one of them is free; each divided by its typical size. The mesh fractions
     are data, so that one compiled program serves every mesh with as many intervals in each piece.
 
-    It has the index `number`, and `first` variables come before it. It begins between the times `begins`, s. At the
-    points `held` of every interval path limits hold, by label, besides stages and mesh points. If `timed`, a time of
-    the program is free: then all phases have their times among the variables.
+    Values of `integrals` accumulate along it. At the points `held` of every interval path limits hold, by label,
+    besides stages and mesh points.
     """
 
     def __init__(
@@ -48,22 +61,18 @@ class PhaseProgram:
         problem: OptimalControlProblem,
         setup: PhaseSetup,
         mesh: Mesh,
-        integrals: Sequence[Placeholder],
-        number: int,
-        first: int,
-        begins: tuple[float, float] = (0.0, 0.0),
+        place: PhasePlace,
+        integrals: Sequence[Placeholder] = (),
         held: Sequence[tuple[str, float]] = (),
-        *,
-        timed: bool,
     ):
-        self.begins = begins
+        self.number, self._first, self.begins = place.number, place.first, place.begins
         self.setup, self.phase, self.scheme, self.scales = setup, setup.phase, setup.scheme, setup.scales
         # not the problem itself: it holds the program
         self._free, self.extra_parameters = problem.free_parameters, problem.extra_parameters(setup.phase)
         reduced = self.scheme.eom
         #: sizes of what the transcription works in
         self.reduced_scales = replace(self.scales.of(reduced.independent, reduced.rows), steps=max(mesh.count, 1))
-        self.number, self.count, self._first = number, mesh.count, first
+        self.count = mesh.count
         self._knots, self._piece, self._waypoints = mesh.knots, mesh.piece, mesh.waypoints
         stated = {0, *mesh.waypoints.tolist(), mesh.count}
         #: places of the start, the waypoints and the end among the knots of the mesh
@@ -77,7 +86,7 @@ class PhaseProgram:
         self.point_size = self.scheme.point_size + len(self.integrals)
         point_scale, self.inner_scale = self.scheme.sizes(self.reduced_scales)
         self.point_scale = np.concatenate([point_scale, [self.typical_value(p) for p in self.integrals]])
-        self.time_count = mesh.knots.size if timed else 0
+        self.time_count = mesh.knots.size if place.timed else 0
         self.free_scale = np.array([parameter_size(p.value, p.lower, p.upper) for p in self._free])
         self.size = self.count * self.stride + self.point_size + self.time_count
         #: parameters of the mechanism, of which free ones are not used
@@ -149,7 +158,7 @@ class PhaseProgram:
         free = ca.SX.sym("f", self.free_scale.size) if free is None else free
         data = ca.SX.sym("d", 2)
         before, after = (ca.DM(self.point_scale) * x for x in (first, last))
-        p, extra = self._parameters(ca.DM(self.free_scale) * free)
+        p, extra = self.phase.with_free(self.p, self._free, ca.DM(self.free_scale) * free)
         start, length = data[0], data[1]
         if times_count:
             segment = self.scales.time * (times[1] - times[0])
@@ -158,17 +167,6 @@ class PhaseProgram:
         interval = Interval(before[:plain], ca.DM(self.inner_scale) * inner, after[:plain], start, length, p)
         variables = ca.vertcat(first, inner, last, times)
         return Unknowns(variables, free, data, interval, before[plain:], after[plain:], extra)
-
-    def _parameters(self, free: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Parameters of the mechanism with the free ones substituted, and free parameters that it does not have."""
-        p, extra = ca.SX(self.p), []
-        for k, symbol in enumerate(self._free):
-            place = place_of(symbol, self.phase.mechanism.parameters)
-            if place is None:
-                extra.append(free[k])
-            else:
-                p[place] = free[k]
-        return p, ca.vertcat(ca.SX(0, 1), *extra)
 
     @cached_property
     def limit_owners(self) -> dict[Condition, tuple[Symbol, int]]:

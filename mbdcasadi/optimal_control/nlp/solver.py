@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import partial
@@ -40,7 +40,7 @@ from .limit_sides import LimitSides
 from .setup import PhaseSetup, Settings, typical_duration
 from .solvers.base import Beginning, Bounds, Elsewhere, Result
 from .start import check_start, first_state
-from .statistics import Answer, SolveStatistics
+from .statistics import Answer
 
 #: Miss of an implied condition from which a solution is refused, as a share of the window that is left to it.
 BRANCH_TOLERANCE = 1e-3
@@ -140,7 +140,7 @@ class Solver:
         self._take(poses, numerics)
         if not isinstance(self.initial, State):
             self.start = first_state(problem, phase, numerics[0], self.initial, signals, poses)
-        steered = path(poses_at=poses.poses)
+        steered = path(poses=dict(enumerate(poses.poses)))
         return steered if steered.complete else path()
 
     def _set_up_phases(self, numerics: list[NumericEquations]) -> None:
@@ -177,7 +177,7 @@ class Solver:
         if phase.is_instant:
             return KinematicPath(np.array(span), np.array(span[:1]), end[None, :])
         times = span[0] + phase.segment_times(span[1] - span[0])
-        return kinematic_path(self.problem, phase, numeric, start, times, end)
+        return kinematic_path(self.problem, phase, numeric, start, times, poses={times.size - 1: end})
 
     def _other_start(self, initial: Any) -> State | tuple[Condition, ...]:
         """A start in place of the problem's own, checked as that is."""
@@ -228,21 +228,19 @@ class Solver:
             if not more:
                 break
             before, self.held = self.held, tuple(sorted({*self.held, *more}))
-            held = self._solve_again(solution)
+            held = _further(solution, partial(self._solve, solution.meshes, solution.as_guess(self.problem), warm=True))
             share = np.inf if held is None else largest_share(held)
             if held is None or share > 0.8 * passed:  # what is passed is the error of the mesh: more points do not help
                 self.held = before
                 break
-            held.statistics = together(solution.statistics, held.statistics)
             solution, passed = held, share
         return solution
 
-    def _solve_again(self, solution: Solution) -> Solution | None:
-        """Solve from a solution on the same mesh; None if that fails."""
-        try:
-            return self._solve(solution.meshes, solution.as_guess(self.problem), warm=True)
-        except OptimizationError:
-            return None
+    def solve_further(self, solution: Solution, meshes: Sequence[Mesh], guess: Guess | None = None) -> Solution | None:
+        """Solve on other meshes, as a new stage, from a guess or from the solution itself; None if that fails."""
+        self.best.new_stage()
+        near = solution.as_guess(self.problem) if guess is None else guess
+        return _further(solution, partial(self.solve, meshes, near, warm=guess is None))
 
     def _solve(self, meshes: Sequence[Mesh], guess: Guess, *, warm: bool, limit: int | None = None) -> Solution:
         """Solve on a mesh; raises as :meth:`solve` does."""
@@ -344,22 +342,20 @@ class Solver:
                     return OptimizationError(
                         f"the solution misses the condition {condition.label} by {amount:.3g}: it lies on another "
                         "branch of the linkage; another guess, or starts=, may find the right one",
-                        largest_violations=[],
                         partial=solution,
                         time=place.t,
                     )
         return None
 
 
-def together(first: SolveStatistics, second: SolveStatistics) -> SolveStatistics:
-    """Statistics of a solve that went on from another one."""
-    return replace(
-        second,
-        iterations=first.iterations + second.iterations,
-        starts=first.starts,
-        seconds=first.seconds + second.seconds,
-        build_seconds=first.build_seconds + second.build_seconds,
-    )
+def _further(solution: Solution, solve: Callable[[], Solution]) -> Solution | None:
+    """What a further solve finds, with the statistics of both; None if it fails."""
+    try:
+        found = solve()
+    except OptimizationError:
+        return None
+    found.statistics = found.statistics.after(solution.statistics)
+    return found
 
 
 def _unhurried(begin: Beginning, bounds: Bounds) -> Bounds:

@@ -60,18 +60,8 @@ class SparseProgram:
         cost, rows = self._values
         costs: list[Part] = [(piece.cost, []) for piece in self.pieces]
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.row_count)
-        names = ["x", "p"]
-        return {
-            "grad_f": ca.Function("nlp_grad_f", [x, p], [cost, self._gradient(costs)], names, ["f", "grad_f_x"]),
-            "jac_g": ca.Function("nlp_jac_g", [x, p], [rows, self._jacobian()], names, ["g", "jac_g_x"]),
-            "hess_lag": ca.Function(
-                "nlp_hess_l",
-                [x, p, lam_f, lam_g],
-                [self._hessian(lam_f, lam_g)],
-                [*names, "lam_f", "lam_g"],
-                ["triu_hess_gamma_x_x"],
-            ),
-        }
+        gradient, jacobian, hessian = self._gradient(costs), self._jacobian(), self._hessian(lam_f, lam_g)
+        return derivatives_for_ipopt((x, p, lam_f, lam_g), (cost, gradient), (rows, jacobian), hessian)
 
     def solver(self, options: dict) -> ca.Function:
         """IPOPT with all derivatives given."""
@@ -171,6 +161,22 @@ class SparseProgram:
         entries, entry = np.unique(column * self.size + row, return_inverse=True)
         sparsity, _ = _pattern(self.size, self.size, entries % self.size, entries // self.size)
         return ca.MX(sparsity, ca.mtimes(_summing(entry, entries.size), ca.vertcat(*values)))
+
+
+def derivatives_for_ipopt(
+    symbols: tuple[ca.MX, ...], cost: tuple[ca.MX, ca.MX], rows: tuple[ca.MX, ca.MX], hessian: ca.MX
+) -> dict[str, ca.Function]:
+    """Return functions of ``(x, p, lam_f, lam_g)`` as IPOPT takes them.
+
+    `cost` comes with its gradient, `rows` with their Jacobian, `hessian` is the upper triangle of that of the
+    Lagrangian.
+    """
+    names = ["x", "p", "lam_f", "lam_g"]
+    return {
+        "grad_f": ca.Function("nlp_grad_f", symbols[:2], cost, names[:2], ["f", "grad_f_x"]),
+        "jac_g": ca.Function("nlp_jac_g", symbols[:2], rows, names[:2], ["g", "jac_g_x"]),
+        "hess_lag": ca.Function("nlp_hess_l", symbols, [hessian], names, ["triu_hess_gamma_x_x"]),
+    }
 
 
 def _pattern(rows: int, columns: int, row: np.ndarray, column: np.ndarray) -> tuple[ca.Sparsity, np.ndarray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -135,6 +135,16 @@ class SolveStatistics:
     steps: list[ContinuationStep] = field(default_factory=list)
     stages: list[Stage] = field(default_factory=list)
     solver: str = "ipopt"
+
+    def after(self, first: SolveStatistics) -> SolveStatistics:
+        """Return the statistics of a solve that went on from another one."""
+        return replace(
+            self,
+            iterations=first.iterations + self.iterations,
+            starts=first.starts,
+            seconds=first.seconds + self.seconds,
+            build_seconds=first.build_seconds + self.build_seconds,
+        )
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,8 @@
 
 An input of an interval is a polynomial through d values, and off by about ``c ω(τ)``, with ω the product of the
 distances to the points of these. The next value of a neighbour gives c. Of both neighbours the one counts that agrees
-better: at a switch a smooth input has a smooth neighbour on one side only.
+better: at a switch a smooth input has a smooth neighbour on one side only. On long stretches the other one counts, too:
+an interval with a kink, whose neighbours it leads astray, agrees with one of them by chance.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...numerics.real import stretches
 from ..nlp.scaling import SMALLEST_SHARE
 
 if TYPE_CHECKING:
@@ -18,14 +20,18 @@ if TYPE_CHECKING:
 
 #: Points of an interval at which the product of the distances is looked at, both ends included.
 POINTS = 41
+#: Share of the duration below which a stretch in which intervals agree with one neighbour alone may enclose a kink.
+KINK_SHARE = 0.01
 #: Multiple of the estimate for inputs that are continuous, whose values at the mesh points and between these are off in
 #: turn: measured on closed forms, with errors of the order 2 for Hermite–Simpson.
 CONTINUOUS = 4.0
 
 
-def input_errors(part: PhaseSolution) -> np.ndarray:
+def input_errors(part: PhaseSolution, *, worse: bool = False) -> np.ndarray:
     """Return the errors of the inputs in each interval as shares of their largest values (N, n_u).
 
+    By the neighbour that agrees better, or by the one that agrees `worse`, except across waypoints and mesh points that
+    move with a switch, where inputs may jump.
     Zero for inputs whose course was chosen, constant or linear. Infinite on a mesh of one interval, which has no
     neighbours, if the inputs are no constants.
     """
@@ -50,8 +56,12 @@ def input_errors(part: PhaseSolution) -> np.ndarray:
     errors[0, later] = differences(later, earlier, (before - 1) * lengths[earlier], before)
     errors[1, earlier] = differences(earlier, later, lengths[earlier] + after * lengths[later], after)
     sizes = _sizes(part, coefficients, lengths[:, None] * taus)
-    found: np.ndarray = np.min(errors, axis=0) / sizes * (CONTINUOUS if basis.joined else 1.0)
-    return found
+    found: np.ndarray = np.min(errors, axis=0)
+    if worse:
+        alike = np.zeros((2, count, 1), bool)
+        alike[0, 1:, 0] = alike[1, :-1, 0] = part.mesh.piece[1:] == part.mesh.piece[:-1]
+        found = np.maximum(found, np.max(np.where(alike, errors, 0.0), axis=0))
+    return found / sizes * (CONTINUOUS if basis.joined else 1.0)
 
 
 def input_order(part: PhaseSolution) -> int:
@@ -64,17 +74,14 @@ def unresolved_inputs(part: PhaseSolution, tolerance: float) -> np.ndarray:
 
     Those that are above it on a stretch so short that it may enclose a switch, see :mod:`switches`, meet it too.
     """
-    errors = np.max(input_errors(part), axis=1, initial=0.0)
-    for run in stretches(errors > tolerance):
-        if np.sum(np.diff(part.mesh_times)[run]) <= part.duration * np.sqrt(tolerance):
-            errors[run] = 0.0
-    return np.where(errors > tolerance, errors, 0.0)
-
-
-def stretches(mask: np.ndarray) -> list[slice]:
-    """Return the stretches in which a mask is true."""
-    edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(int)))
-    return [slice(begin, end) for begin, end in edges.reshape(-1, 2).tolist()]
+    unresolved, lengths = np.zeros(part.mesh.count), np.diff(part.mesh_times)
+    shortest = np.sqrt(tolerance)
+    for worse, share in ((False, shortest), (True, max(shortest, KINK_SHARE))):
+        errors = np.max(input_errors(part, worse=worse), axis=1, initial=0.0)
+        for run in stretches(errors > tolerance):
+            if np.sum(lengths[run]) > part.duration * share:
+                unresolved[run] = np.maximum(unresolved[run], errors[run])
+    return unresolved
 
 
 def _product(points: np.ndarray, taus: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from ...equations.recovery import Recovery
 from ...errors import warn
 from ...numerics.collocation import gauss
 from ...numerics.console import call
+from .singularity import close_to_singular
 
 if TYPE_CHECKING:
     from ..phase_solution import PhaseSolution
@@ -76,17 +77,21 @@ def _warn_of_coarse_phase(part: PhaseSolution) -> None:
     errors = coarseness(part)
     if part.phase.mechanism.states and np.all(np.isfinite(errors)):
         _warn_of_states(part)
+    if np.max(errors) > COARSE_ERROR:
+        warn(coarse_mesh(part, errors))
+
+
+def coarse_mesh(part: PhaseSolution, errors: np.ndarray) -> str:
+    """Return in words where the mesh is coarse, from the errors of its intervals (N,), and a remedy."""
     worst = int(np.argmax(errors))
-    if errors[worst] <= COARSE_ERROR:
-        return
     others = int(np.sum(errors > COARSE_ERROR)) - 1
     begin, end = part.mesh_times[worst : worst + 2]
     more = f"; so do {others} others" if others else ""
-    warn(
+    return (
         f"the mesh of {part.mesh.count} intervals is too coarse for the motion that was found: the interval from "
         f"t = {begin:.6g} to {end:.6g} s, integrated again from its own start, ends elsewhere (by {errors[worst]:.2g} "
         f"in radians or sizes of the mechanism, velocities times the duration{more}); take more intervals=, or "
-        "tolerance= for a mesh that is refined"
+        f"tolerance= for a mesh that is refined{close_to_singular(part, worst)}"
     )
 
 

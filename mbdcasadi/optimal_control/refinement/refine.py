@@ -11,15 +11,17 @@ import numpy as np
 
 from ...errors import warn
 from ...numerics.console import interruptible
+from ...numerics.real import stretches
 from ..checks.failure import OptimizationError
 from ..guess.guess import Guess
 from ..nlp.held_limits import passed_limits, shares_by_interval
-from ..nlp.solver import Solver, together
+from ..nlp.solver import Solver
 from ..nlp.statistics import Pass
 from ..solution import Solution
-from .input_error import input_order, stretches, unresolved_inputs
+from .input_error import input_order, unresolved_inputs
 from .local_error import COARSE_ERROR, coarseness, scaled_errors, state_coarseness
 from .mesh import Mesh
+from .singularity import close_to_singular
 from .switches import unresolved_switches
 
 if TYPE_CHECKING:
@@ -214,9 +216,7 @@ class _Refinement:
         raise OptimizationError(
             f"the mesh was refined to {_count(self.solution.meshes)} intervals and the local error is still "
             f"{self.error:.2g}, above the tolerance {self.tolerance:g}: {reason}; the last solution is in .partial",
-            largest_violations=[],
             partial=self.solution,
-            time=None,
         )
 
 
@@ -233,12 +233,9 @@ def refine_or_repeat(solver: Solver, solution: Solution, guess: Guess) -> tuple[
     for _ in range(FRESH_PASSES):
         if not is_lost(solution):
             break
-        solver.best.new_stage()
-        try:
-            finer = solver.solve([mesh.split(2) for mesh in solution.meshes], guess)
-        except OptimizationError:
+        finer = solver.solve_further(solution, [mesh.split(2) for mesh in solution.meshes], guess)
+        if finer is None:
             break
-        finer.statistics = together(solution.statistics, finer.statistics)
         solution = finer
     return refine_if_coarse(solver, solution)
 
@@ -252,7 +249,7 @@ def refine_if_coarse(solver: Solver, solution: Solution) -> tuple[Solution, bool
     """Solve again with intervals split that are too coarse for the motion, or in which it passes a limit.
 
     A few times at most. If the largest error does not fall, since a fast motion moved on to the next coarse interval,
-    all intervals are halved.
+    all intervals are halved; unless free parameters lead to a singular pose there, which no mesh resolves.
 
     Returns
     -------
@@ -261,21 +258,26 @@ def refine_if_coarse(solver: Solver, solution: Solution) -> tuple[Solution, bool
     """
     error, stalled = _largest_coarseness(solution), False
     for _ in range(COARSE_PASSES):
+        if stalled and _tends_to_lock(solution):
+            break
         if stalled and _count(solution.meshes) <= HALVED_INTERVALS:
             meshes = [mesh.split(2) for mesh in solution.meshes]
         else:
             meshes = [_split_where_coarse(solution, part) for part in solution.phases]
         if _count(meshes) == _count(solution.meshes):
             break
-        solver.best.new_stage()
-        try:
-            finer = solver.solve(meshes, solution.as_guess(solver.problem), warm=True)
-        except OptimizationError:
+        finer = solver.solve_further(solution, meshes)
+        if finer is None:
             break
-        finer.statistics = together(solution.statistics, finer.statistics)
         solution, before, error = finer, error, _largest_coarseness(finer)
         stalled = not error < max(COARSE_ERROR, before / 2)  # infinite if an interval cannot be integrated
     return solution, error <= COARSE_ERROR
+
+
+def _tends_to_lock(solution: Solution) -> bool:
+    """True if dimensions are free and the linkage is close to a singular pose where the mesh is coarsest."""
+    parts = [part for part in solution.phases if part.mesh.count] if solution.problem.free_parameters else []
+    return any(close_to_singular(part, int(np.argmax(coarseness(part)))) for part in parts)
 
 
 def _split_where_coarse(solution: Solution, part: PhaseSolution) -> Mesh:

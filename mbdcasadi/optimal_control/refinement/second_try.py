@@ -11,7 +11,7 @@ import numpy as np
 from ..checks.branch import branch_jump, refuse_branch_jump
 from ..checks.failure import OptimizationError
 from ..nlp.statistics import Stage
-from .local_error import projection_steps
+from .local_error import coarse_mesh, coarseness, projection_steps
 from .refine import refine_if_coarse
 
 if TYPE_CHECKING:
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 #: Step by which the end of an interval is moved onto the constraints, in rad or sizes of the mechanism, from which a
 #: solution is no motion, whatever mesh was asked for.
 LARGEST_PROJECTION = 0.1
+#: Error of an interval, as :func:`coarseness` has it, from which it is none either.
+LARGEST_ERROR = 1.0
 #: Pieces into which intervals are split for another guess.
 PIECES = 2
 #: Largest number of iterations from another guess.
@@ -31,11 +33,12 @@ ITERATIONS = 300
 def as_motion(solver: Solver, solution: Solution, guesses: Iterable[Callable[[], Guess]]) -> Solution:
     """Return a solution that is a motion: the same one, or one of another mesh or from another guess.
 
-    A solution may jump to another branch within an interval, or be moved far onto the constraints; guesses are then
-    tried in turn on a finer mesh. An :class:`OptimizationError` is raised if all solutions jump.
+    A solution may jump to another branch within an interval; guesses are then tried in turn on a finer mesh. Or an
+    interval ends far off the constraints or the motion; then the mesh is refined. An :class:`OptimizationError` is
+    raised if all solutions jump, or the mesh stays that coarse.
     """
     jump, s = branch_jump(solution), solution.statistics
-    if jump is None and _largest_projection(solution) <= LARGEST_PROJECTION:
+    if jump is None and _largest_projection(solution) <= LARGEST_PROJECTION and not _is_far_off(solution):
         return solution
     what = "mesh too coarse for the motion" if jump is None else f"jump to another branch at t = {jump.begin:.6g} s"
     stages = [*s.stages, Stage(what, s.iterations, s.status, s.seconds)]
@@ -44,6 +47,7 @@ def as_motion(solver: Solver, solution: Solution, guesses: Iterable[Callable[[],
     if motion is None:
         motion = _refined(solver, solution, stages)
         refuse_branch_jump(motion)
+        _refuse_far_off(motion)
     motion.statistics = replace(
         motion.statistics,
         iterations=s.iterations + sum(stage.iterations for stage in stages[len(s.stages) + 1 :]),
@@ -91,3 +95,25 @@ def _largest_projection(solution: Solution) -> float:
             sizes = part.program.scales.q
             largest = max(largest, float(np.max(projection_steps(part)[:, : sizes.size] / sizes, initial=0.0)))
     return largest
+
+
+def _is_far_off(solution: Solution) -> bool:
+    """True if an interval, integrated again, ends far from the next one."""
+    return any(_far_off(coarseness(part)) for part in solution.phases)
+
+
+def _far_off(errors: np.ndarray) -> bool:
+    """True if an error is large, and known: what cannot be integrated again, as what is stiff, may be right."""
+    return bool(np.max(errors[np.isfinite(errors)], initial=0.0) > LARGEST_ERROR)
+
+
+def _refuse_far_off(solution: Solution) -> None:
+    for part in solution.phases:
+        errors = coarseness(part)
+        if _far_off(errors):
+            errors = np.where(np.isfinite(errors), errors, 0.0)
+            raise OptimizationError(
+                f"the solution is no motion: {coarse_mesh(part, errors)}",
+                partial=solution,
+                time=float(part.mesh_times[int(np.argmax(errors))]),
+            )

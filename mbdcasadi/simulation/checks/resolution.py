@@ -17,6 +17,7 @@ import numpy as np
 
 from ...integrators.compiled import IntegrationFailure
 from ...numerics.lazy import cached_property
+from ...numerics.real import stretches
 from ..contact.gap_closings import Closing, GapClosings
 from ..contact.watched_terms import watched_terms
 from ..path import Path
@@ -367,7 +368,6 @@ def _largest_of_episode(loads: np.ndarray) -> np.ndarray:
     """For each entry of a column the largest of the uninterrupted stretch of positive ones that it belongs to."""
     found = np.zeros_like(loads)
     for column, course in zip(found.T, loads.T, strict=True):
-        edges = np.flatnonzero(np.diff(np.r_[False, course > 0, False].astype(int)))
-        for first, last in edges.reshape(-1, 2):
-            column[first:last] = np.max(course[first:last])
+        for run in stretches(course > 0):
+            column[run] = np.max(course[run])
     return found

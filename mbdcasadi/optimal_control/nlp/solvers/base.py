@@ -44,6 +44,11 @@ class Bounds:
     rows_lower: np.ndarray
     rows_upper: np.ndarray
 
+    @property
+    def of_rows_and_variables(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds, each of the rows and then of the variables."""
+        return np.r_[self.rows_lower, self.lower], np.r_[self.rows_upper, self.upper]
+
 
 @dataclass(frozen=True)
 class Beginning:
