@@ -113,7 +113,7 @@ def test_detours_if_there_is_no_solution_without_limits(monkeypatch):
 def test_infeasible_from_several_starts():
     """Half a turn in 0.2 s by 0.1 N m: a tenth of the limit is in conflict with the end; both are named with sizes."""
     problem, *_ = swing_up(0.1, 0.2)
-    with pytest.raises(mbd.OptimizationError, match="the problem seems infeasible: .* from 5 starts") as caught:
+    with pytest.raises(mbd.OptimizationError, match=r"the problem seems infeasible: .* from \d starts") as caught:
         mbd.optimize(problem, intervals=10)
     conflict = caught.value.conflict
     assert conflict[0].label == "final: bob.phi == 3.14159" and conflict[0].time == pytest.approx(0.2)
