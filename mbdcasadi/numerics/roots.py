@@ -56,7 +56,7 @@ def bracketed_root(
 
 
 def bracketed_roots(
-    function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray | None]],
     low: np.ndarray,
     high: np.ndarray,
     at_low: np.ndarray,
@@ -66,7 +66,7 @@ def bracketed_roots(
     Parameters
     ----------
     function : callable
-        ``points -> (values, slopes)``, each (k,).
+        ``points -> (values, slopes)``, each (k,); without slopes brackets are halved.
     low, high : numpy.ndarray
         Ends of the brackets (k,).
     at_low : numpy.ndarray
@@ -78,7 +78,7 @@ def bracketed_roots(
         same = np.sign(value) == np.sign(at_low)
         low, high = np.where(same, x, low), np.where(same, high, x)
         with np.errstate(divide="ignore", invalid="ignore"):
-            step = value / slope
+            step = np.full(x.size, np.nan) if slope is None else value / slope
             aimed = x - step
         inside = (aimed > low) & (aimed < high)
         done = (value == 0) | (high - low <= 2 * np.spacing(np.abs(high)))
