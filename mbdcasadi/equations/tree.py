@@ -24,6 +24,7 @@ class TreeCoordinates:
 
     def __init__(self, eom: Equations):
         rows = tree_rows(eom)
+        rows = rows if len(rows) < eom.q.numel() else []  # nothing would be left to advance
         given = {row.coordinate for row in rows}
         self.dependent = sorted(given)
         self.independent = [k for k in range(eom.q.numel()) if k not in given]
