@@ -31,7 +31,7 @@ def test_the_rows_that_give_coordinates_hold(seed):
     """Whatever the independent coordinates are, and wherever the others were."""
     mechanism = random_mechanism(seed)
     eom, rng = mbd.equations(mechanism), np.random.default_rng(seed)
-    tree, places = tree_coordinates(eom), [row.place for row in tree_rows(eom)]
+    tree, places = tree_coordinates(eom), [place for place, _ in tree_rows(eom).values()]
     q, v = rng.uniform(-1, 1, (2, eom.q.numel()))
     q[tree.dependent], v[tree.dependent] = np.nan, np.nan
     phi, rate = missed(eom, tree, q, v, np.full(eom.p.numel(), 0.3))
