@@ -254,12 +254,12 @@ class MbdMethod(Method):
             os.environ.update({} if given is None else {"CC": given})
 
     def _run(self, problem: Problem, setting: float) -> Run:
-        model = problem.model
+        times = problem.model.times
         began = clock()
         with integrators_watched() as ledger:
             motion = mbd.simulate(
                 problem.mechanism,
-                model.times,
+                times,
                 initial=problem.state,
                 reltol=setting,
                 abstol=setting,

@@ -7,6 +7,7 @@ The message names the element, the quantity, the value and the remedy.
 from __future__ import annotations
 
 import contextlib
+import functools
 import sys
 import warnings
 from pathlib import Path
@@ -88,8 +89,9 @@ class MechanismWarning(UserWarning):
     """A remark on a result that is valid."""
 
 
-#: How the names of files between a remark and the line that called begin: decorators may stand before an analysis.
-_OWN = (str(Path(__file__).parent), contextlib.__file__)
+#: How the names of files between a remark and the line that called begin: decorators may stand
+#: before an analysis, and a lazy attribute around it.
+_OWN = (str(Path(__file__).parent), contextlib.__file__, functools.__file__)
 
 
 def warn(message: str, category: type[Warning] = MechanismWarning) -> None:

@@ -14,6 +14,7 @@ from ..errors import ExpressionError, ModelError, SimulationError
 from ..model.immutable import Immutable
 from ..model.symbols import describe, number, role_of, symbols_of
 from ..numerics.evaluation import Evaluator
+from ..numerics.lazy import cached_property
 from ..numerics.real import distinct, real_array
 from .piecewise_polynomial import PiecewisePolynomial
 from .values import pairs_of, position_in
@@ -46,11 +47,9 @@ class Signals:
 
     Attributes
     ----------
-    expressions : casadi.SX
-        (n_u,) in ``t, q, v, z, p`` and the channel, with the numbers that were given.
     parametrised : casadi.SX
-        The same with the symbols of `levels` in place of these numbers, so that what
-        is compiled serves other numbers too.
+        The inputs (n_u,) in ``t, q, v, z, p``, the channel, and the symbols of `levels` in place of the numbers
+        that were given, so that what is compiled serves other numbers too.
     levels : casadi.SX
         Symbols of the inputs that are numbers.
     level_values : numpy.ndarray
@@ -72,7 +71,6 @@ class Signals:
         Hashable: two with the same structure have the same `parametrised` expressions.
     """
 
-    expressions: ca.SX
     parametrised: ca.SX
     levels: ca.SX
     level_values: np.ndarray
@@ -83,6 +81,11 @@ class Signals:
     polynomials: dict[int, PiecewisePolynomial]
     controller: SampledController | None
     structure: tuple[Any, ...]
+
+    @cached_property
+    def expressions(self) -> ca.SX:
+        """The inputs (n_u,) in ``t, q, v, z, p`` and the channel, with the numbers that were given."""
+        return ca.substitute(self.parametrised, self.levels, ca.SX(ca.DM(self.level_values)))
 
     @property
     def is_sampled(self) -> bool:
@@ -129,6 +132,10 @@ class Signals:
         """Values of the channel that hold from some times on, by row (k, n_channel)."""
         channel = self.channel_from(begins)
         return np.zeros((np.size(begins), 0)) if channel is None else channel.T
+
+    def channel_over(self, grid: np.ndarray) -> np.ndarray:
+        """Values of the channel in the intervals of a grid (rows, k)."""
+        return self.columns_from(grid[:-1]).T
 
     @property
     def given_by_expressions(self) -> list[int]:
@@ -184,9 +191,7 @@ class Signals:
         # with the function, which keeps the nodes whose hashes are in the structure
         evaluator = eom.mechanism.cache.get_or_create(("inputs", self.structure), lambda: Evaluator(self.function(eom)))
         level_values = self.level_values if levels is None else levels
-        if channel is None:
-            channel = self.channel_from(times)
-        rows = np.zeros(0) if channel is None else channel.T
+        rows = self.columns_from(times) if channel is None else channel.T
         return evaluator.rows(times[:, None], q, v, z, p, level_values, rows)[0]
 
 
@@ -251,14 +256,10 @@ class _Reader:
     def signals(self, controller: SampledController | None) -> Signals:
         """The signals of all inputs."""
         none = ca.SX(0, 1)
-        parametrised = ca.vertcat(none, *self.expressions)
-        levels = ca.vertcat(none, *self.levels)
-        expressions = ca.substitute(parametrised, levels, ca.SX(ca.DM(self.level_values)))
         sampled = [*self.sampled, self.symbol("interval start")] if self.sampled else []
         return Signals(
-            expressions,
-            parametrised,
-            levels,
+            ca.vertcat(none, *self.expressions),
+            ca.vertcat(none, *self.levels),
             np.array(self.level_values),
             self.places,
             ca.vertcat(none, *sampled, *self.coefficients),

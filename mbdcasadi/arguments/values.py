@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,24 @@ from ..model.mechanism import Mechanism
 from ..model.quantities import entries, refuse_twice
 from ..model.symbols import Input, Parameter, number
 from ..numerics.real import real_array
+
+
+class RunValues(NamedTuple):
+    """Everything besides its start on which a run depends: numbers, or expressions of them.
+
+    Attributes
+    ----------
+    p : numpy.ndarray
+        Values of the parameters.
+    levels : numpy.ndarray
+        Values of the inputs that are numbers.
+    channel : numpy.ndarray
+        Values of sampled inputs in the intervals between the output times (rows, k).
+    """
+
+    p: Any
+    levels: Any
+    channel: Any
 
 
 def pairs_of(values: Any, argument: str) -> list[tuple[Any, Any]]:
@@ -93,11 +111,11 @@ def time_grid(times: Any, *, least: int = 2) -> np.ndarray:
         raise SimulationError(f"times must be numbers, got {times!r}") from None
     if grid.ndim != 1 or grid.size < least:
         raise SimulationError(f"times must be a list of at least {least} values, got an array of shape {grid.shape}")
-    if not np.all(np.isfinite(grid)):
-        k = int(np.flatnonzero(~np.isfinite(grid))[0])
+    finite, increasing = np.isfinite(grid), grid[1:] > grid[:-1]
+    if not finite.all():
+        k = int(np.argmin(finite))
         raise SimulationError(f"times must be finite, but times[{k}] is {grid[k]}")
-    steps = np.diff(grid)
-    if np.any(steps <= 0):
-        k = int(np.flatnonzero(steps <= 0)[0])
+    if not increasing.all():
+        k = int(np.argmin(increasing))
         raise SimulationError(f"times must increase, but times[{k}] = {grid[k]} is followed by {grid[k + 1]}")
     return grid

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..errors import MechanismError
 from ..model.conditions import Condition
-from ..numerics.nearest import multipliers_at, project_with_inequalities
-from ..numerics.newton import Equations
+from ..numerics.least_squares import largest
+from ..numerics.nearest import multipliers_at, nearest, project_with_inequalities
+from ..numerics.newton import Equations, Outcome, solve
 
 #: Value of an inequality that counts as held: of a position, by what a displacement of characteristic size changes it;
 #: of a velocity m/s or rad/s.
 HELD_TOLERANCE = 1e-6
+#: Violation of an inequality up to which it counts as met, in the same units.
+INEQUALITY_TOLERANCE = 1e-7
 
 
 class NearestProblem(ABC):
@@ -35,6 +38,8 @@ class NearestProblem(ABC):
         self.numeric, self.t = numeric, t
         self.equalities = [c for c in conditions if c.equality]
         self.inequalities = [c for c in conditions if not c.equality]
+        #: sizes that the unknowns typically have (n,)
+        self.sizes = np.ones(numeric.eom.q.numel())
 
     @abstractmethod
     def rows_with(self, conditions: Sequence[Condition]) -> Equations:
@@ -55,6 +60,20 @@ class NearestProblem(ABC):
     @abstractmethod
     def _limits_missed(self) -> MechanismError:
         """Error if no point under all conditions is found."""
+
+    def _solve(self, rows: Equations, start: np.ndarray, **options: Any) -> Outcome:
+        return solve(rows, start, self.numeric.weights, sizes=self.sizes, **options)
+
+    def _nearest(self, rows: Equations, x: np.ndarray, estimate: np.ndarray) -> np.ndarray:
+        return nearest(rows, x, estimate, self.numeric.weights, sizes=self.sizes)
+
+    def _refined(
+        self, x: np.ndarray, equalities: Sequence[Condition], inequalities: Sequence[Condition]
+    ) -> np.ndarray | None:
+        """The point on the rows near to one that IPOPT found; None if there is none, or an inequality is broken."""
+        outcome = self._solve(self.rows_with(equalities), x, iterations=20)
+        met = largest(np.maximum(self._relative(inequalities, outcome.x), 0)) <= INEQUALITY_TOLERANCE
+        return outcome.x if outcome.converged and met else None
 
     def _within(self, start: np.ndarray, estimate: np.ndarray) -> np.ndarray:
         """Nearest point under the inequalities, from the nearest one without them."""
@@ -96,8 +115,8 @@ class NearestProblem(ABC):
 
 def residuals_by_element(elements: Iterable[object], values: np.ndarray) -> dict[str, float]:
     """Return the largest absolute value of the rows of each element, by its name, the largest first."""
-    largest: dict[str, float] = {}
+    sizes: dict[str, float] = {}
     for element, value in zip(elements, values, strict=True):
         name = element.name  # type: ignore[attr-defined]
-        largest[name] = max(largest.get(name, 0.0), abs(float(value)))
-    return dict(sorted(largest.items(), key=lambda item: -item[1]))
+        sizes[name] = max(sizes.get(name, 0.0), abs(float(value)))
+    return dict(sorted(sizes.items(), key=lambda item: -item[1]))

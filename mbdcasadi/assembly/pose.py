@@ -8,7 +8,6 @@ branch. IPOPT is the fallback if Gauss–Newton steps do not converge.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -19,8 +18,8 @@ from ..model.conditions import Condition, stacked
 from ..numerics.evaluation import Evaluator
 from ..numerics.homotopy import Step, follow
 from ..numerics.least_squares import largest
-from ..numerics.nearest import nearest, nearest_by_ipopt
-from ..numerics.newton import Equations, Outcome, refine_root, solve
+from ..numerics.nearest import nearest_by_ipopt
+from ..numerics.newton import Equations, Outcome, refine_root
 from ..numerics.scattered import scattered
 from .nearest_problem import NearestProblem, residuals_by_element
 
@@ -28,8 +27,6 @@ from .nearest_problem import NearestProblem, residuals_by_element
 LARGEST_TURN = 0.3
 #: Residual from which a row counts as open in a message, rad or characteristic lengths.
 GAP_TOLERANCE = 1e-6
-#: Value of a condition, by what a displacement of characteristic size changes it, that counts as zero.
-INEQUALITY_TOLERANCE = 1e-7
 #: By how much an estimate is moved out of a singular pose, rad and characteristic lengths.
 SINGULAR_PERTURBATION = 1e-4
 
@@ -51,7 +48,7 @@ class PoseProblem(NearestProblem):
         super().__init__(numeric, conditions, t)
         self.z = z
         eom = numeric.eom
-        self._sizes = numeric.scale.coordinates
+        self.sizes = numeric.scale.coordinates
         self._arguments = [eom.q, eom.t, eom.z, eom.p]
         self._functions: dict[tuple[int, ...], Evaluator] = {}
 
@@ -61,7 +58,7 @@ class PoseProblem(NearestProblem):
         q = self._meet(self.equalities, closed, estimate)
         if self.inequalities:
             q = self._within(q, estimate)
-        return refine_root(self.rows_with(self.equalities), q, self.numeric.weights, sizes=self._sizes)
+        return refine_root(self.rows_with(self.equalities), q, self.numeric.weights, sizes=self.sizes)
 
     # --- closing the linkage -------------------------------------------------------------
     def _rows(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -80,15 +77,9 @@ class PoseProblem(NearestProblem):
             raise self._parts_apart(_closest(outcomes))
         return self._nearest(self._rows, best, estimate)
 
-    def _solve(self, rows: Equations, start: np.ndarray, **options: Any) -> Outcome:
-        return solve(rows, start, self.numeric.weights, sizes=self._sizes, **options)
-
-    def _nearest(self, rows: Equations, q: np.ndarray, estimate: np.ndarray) -> np.ndarray:
-        return nearest(rows, q, estimate, self.numeric.weights, sizes=self._sizes)
-
     def _perturbed(self, q: np.ndarray) -> np.ndarray:
         """Pose beside one in which a row may have no slope (the ends of a link at one point); always the same."""
-        return q + SINGULAR_PERTURBATION * self._sizes * scattered(q.size)
+        return q + SINGULAR_PERTURBATION * self.sizes * scattered(q.size)
 
     def _from_other_starts(self, rows: Equations, estimate: np.ndarray) -> np.ndarray | None:
         """Gauss–Newton from a few turned estimates; the solution nearest to the estimate."""
@@ -115,9 +106,7 @@ class PoseProblem(NearestProblem):
             for rows in ([eom.Phi, *[c.expression for c in equalities]], [c.expression for c in inequalities])
         )
         q = nearest_by_ipopt(eom.q, [equal], [unequal], estimate, numeric.weights)
-        outcome = self._solve(self.rows_with(equalities), q, iterations=20)
-        met = largest(np.maximum(self._relative(inequalities, outcome.x), 0)) <= INEQUALITY_TOLERANCE
-        return outcome.x if outcome.converged and met else None
+        return self._refined(q, equalities, inequalities)
 
     # --- meeting conditions ------------------------------------------------------------------
     def values(self, conditions: Sequence[Condition], q: np.ndarray) -> np.ndarray:
@@ -127,7 +116,7 @@ class PoseProblem(NearestProblem):
     def _relative(self, conditions: Sequence[Condition], q: np.ndarray) -> np.ndarray:
         """Values by what a displacement of characteristic size changes them (k,)."""
         values, slope = self._compile(conditions)(q, self.t, self.z, self.numeric.p)
-        change = np.abs(slope) @ self._sizes
+        change = np.abs(slope) @ self.sizes
         return values.ravel() / np.where(change > 0, change, 1.0)
 
     def _compile(self, conditions: Sequence[Condition]) -> Evaluator:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments.inputs import Signals, read_signals
-from ..arguments.values import duration_grid, pairs_of, parameter_vector, time_grid
+from ..arguments.values import RunValues, duration_grid, pairs_of, parameter_vector, time_grid
 from ..equations import Equations, equations
 from ..equations.numeric import NumericEquations
 from ..errors import ModelError, SimulationError, warn
@@ -94,22 +94,21 @@ class Setup:
         if t is not _UNSET:
             self.grid = np.array([number(t, analysis, "t")])
         elif (times is None) == (duration is None):
-            needed = "either times or duration=" if takes_duration else "the output times"
-            raise SimulationError(f"{analysis}: give {needed}")
+            raise SimulationError(
+                f"{analysis}: give {'either times or duration=' if takes_duration else 'the output times'}"
+            )
         else:
             self.grid = duration_grid(duration, analysis) if times is None else time_grid(times, least=fewest_times)
-        carried = carried_by(initial, mechanism)
-        fixed_values = dict(fixed or {})
-        pairs = pairs_of(parameters, "parameters=")
-        over = {key: value for key, value in fixed_values.items() if isinstance(key, Parameter)}
-        self.p = parameter_vector(self.eom, carried["parameters"] | dict(pairs) | over)
+        carried, fixed = carried_by(initial, mechanism), fixed or {}
+        over = {key: value for key, value in fixed.items() if isinstance(key, Parameter)}
+        self.p = parameter_vector(self.eom, carried["parameters"] | dict(pairs_of(parameters, "parameters=")) | over)
         _report_exceeded_limits(mechanism, self.p, analysis)
         self.signals: Signals = read_signals(
             self.eom,
             inputs,
             self.grid if t is _UNSET else None,
             carried=carried["inputs"],
-            fixed={key: value for key, value in fixed_values.items() if key not in over},
+            fixed={key: value for key, value in fixed.items() if key not in over},
         )
         if self.signals.controller is not None and not takes_controller:
             raise ModelError(
@@ -117,18 +116,12 @@ class Setup:
                 "simulate alone, whose motion gives samples of its answers"
             )
 
-    def at_values(self, grid: np.ndarray, p: np.ndarray, levels: np.ndarray, channel: np.ndarray) -> Setup:
-        """Return a setup for runs from states that are known, at other values.
-
-        Parameters
-        ----------
-        p, levels, channel : numpy.ndarray
-            Values of the parameters, of the inputs that are numbers, and of sampled inputs in the intervals of the
-            grid.
-        """
+    def at_values(self, grid: np.ndarray, values: RunValues) -> Setup:
+        """Return a setup for runs from states that are known, at other values and with samples over a grid."""
         other = Setup.__new__(Setup)
         other.mechanism, other.eom, other.initial = self.mechanism, self.eom, ()
-        other.grid, other.p, other.signals = grid, p, self.signals.at_values(grid, levels, channel)
+        other.grid, other.p = grid, values.p
+        other.signals = self.signals.at_values(grid, values.levels, values.channel)
         return other
 
     @property

@@ -12,13 +12,10 @@ from ..errors import AssemblyError, ConditionError
 from ..model.conditions import Condition, stacked
 from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import largest, project_velocity
-from ..numerics.nearest import nearest, nearest_by_ipopt
-from ..numerics.newton import Equations, refine_root, solve
+from ..numerics.nearest import nearest_by_ipopt
+from ..numerics.newton import Equations, refine_root
 from ..numerics.rank import analyse_rank
 from .nearest_problem import NearestProblem, residuals_by_element
-
-#: Violation of an inequality up to which it counts as met, m/s or rad/s.
-INEQUALITY_TOLERANCE = 1e-7
 
 
 class VelocityProblem(NearestProblem):
@@ -76,9 +73,7 @@ class VelocityProblem(NearestProblem):
             [ca.substitute(c.expression, *self._known) for c in part] for part in (self.equalities, self.inequalities)
         )
         v = nearest_by_ipopt(self.numeric.eom.v, [rows, *equal], unequal, start, self.numeric.weights)
-        outcome = solve(self.rows_with(self.equalities), v, self.numeric.weights, iterations=20)
-        met = largest(np.maximum(self._relative(self.inequalities, outcome.x), 0)) <= INEQUALITY_TOLERANCE
-        return outcome.x if outcome.converged and met else None
+        return self._refined(v, self.equalities, self.inequalities)
 
     # --- conditions -------------------------------------------------------------------
     def _function(self, conditions: Sequence[Condition]) -> Evaluator:
@@ -101,11 +96,11 @@ class VelocityProblem(NearestProblem):
 
     def _meet(self, conditions: list[Condition], start: np.ndarray, estimate: np.ndarray) -> np.ndarray:
         """Nearest velocity at which the conditions hold as equalities."""
-        rows, weights = self.rows_with(conditions), self.numeric.weights
-        outcome = solve(rows, start, weights)
+        rows = self.rows_with(conditions)
+        outcome = self._solve(rows, start)
         if not outcome.converged:
             raise self._refused(conditions, outcome.residual[self._nu.size :])
-        return refine_root(rows, nearest(rows, outcome.x, estimate, weights), weights)
+        return refine_root(rows, self._nearest(rows, outcome.x, estimate), self.numeric.weights)
 
     def _limits_missed(self) -> ConditionError:
         return self._refused([*self.equalities, *self.inequalities], np.zeros(0))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -26,6 +26,8 @@ from .augmentation import effective_masses
 from .derivation import Equations
 from .saddle import REPORT_REFINEMENTS, forward_dynamics, stabilised_dynamics
 from .scale import Scale, scale_of
+
+T = TypeVar("T")
 
 #: Entries of the Jacobian from which its rank is found by sparse factorisation.
 LARGE = 40_000
@@ -61,8 +63,7 @@ class NumericEquations:
         eom.mechanism.check_values(self.p)
         self.mass = eom.masses(self.p)
         # of the pose that was looked at last: analyses begin with several questions about one pose
-        self._last_rank: tuple[tuple[float, bytes], RankAnalysis] | None = None
-        self._last_regular: tuple[tuple[float, bytes], bool] | None = None
+        self._last: dict[str, tuple[tuple[float, bytes], Any]] = {}
 
     @cached_property
     def weights(self) -> np.ndarray:
@@ -189,22 +190,22 @@ class NumericEquations:
 
     def rank(self, t: float, q: np.ndarray) -> RankAnalysis:
         """Rank of ``Phi_q`` with its columns and rows scaled to size one."""
+        return self._of_pose("rank", t, q, lambda: analyse_rank(self.scaled_jacobian(t, q), self._rank_tolerance(q)))
+
+    def _of_pose(self, question: str, t: float, q: np.ndarray, answer: Callable[[], T]) -> T:
+        """Return the answer to a question about a pose, which is kept until another pose is asked about."""
         pose = float(t), np.asarray(q, float).tobytes()
-        last = self._last_rank
+        last = self._last.get(question)
         if last is None or last[0] != pose:
-            last = self._last_rank = pose, analyse_rank(self.scaled_jacobian(t, q), self._rank_tolerance(q))
-        return last[1]
+            last = self._last[question] = pose, answer()
+        answered: T = last[1]
+        return answered
 
     def is_regular(self, t: float, q: np.ndarray) -> bool:
         """Return True if the rows are independent by far at a pose; False if the pose is singular or may be."""
-        pose = float(t), np.asarray(q, float).tobytes()
-        last = self._last_regular
-        if last is None or last[0] != pose:
-            if self._is_large:
-                last = self._last_regular = pose, surely_independent_sparse(self._sparse_jacobian(t, q))
-            else:
-                last = self._last_regular = pose, surely_independent(self.scaled_jacobian(t, q))
-        return last[1]
+        if self._is_large:
+            return self._of_pose("regular", t, q, lambda: surely_independent_sparse(self._sparse_jacobian(t, q)))
+        return self._of_pose("regular", t, q, lambda: surely_independent(self.scaled_jacobian(t, q)))
 
     def scaled_jacobian(self, t: float, q: np.ndarray) -> np.ndarray:
         """``Phi_q`` with columns that compare and rows of length one (m, n)."""
@@ -300,7 +301,8 @@ class NumericEquations:
                 time=t,
             )
         a, lam = self._solved(t, q, v, z, u, redundant=redundant)
-        if self.eom.Q_depends_on_lam and not np.all(np.isfinite(a)):
+        finite = bool(np.isfinite(a).all())
+        if self.eom.Q_depends_on_lam and not finite:
             raise SingularityError(
                 f"no accelerations and reactions meet the equations at t = {t:.6g} s, and forces depend on both: "
                 "friction is so large that a joint jams, or a force is not finite there",
@@ -309,14 +311,14 @@ class NumericEquations:
         jacobian, gamma = self.acceleration(t, q, v)
         left_over = jacobian @ a - gamma if a.size else np.zeros(0)
         missed = left_over / self._acceleration_terms(jacobian, gamma, a)
-        broken = self.forces_not_finite(t, q, v, z, u) if not np.all(np.isfinite(a)) else []
+        broken = [] if finite else self.forces_not_finite(t, q, v, z, u)
         if broken:
             raise SingularityError(
                 f"the force of {', '.join(broken)} is not finite at t = {t:.6g} s: data of a spline that are left, a "
                 "division by zero, or a root of a negative number (a length or a volume that has become negative)",
                 time=t,
             )
-        if not np.all(np.isfinite(a)) or not np.all(np.isfinite(lam)) or largest(missed) > ACCELERATION_TOLERANCE:
+        if not finite or not np.isfinite(lam).all() or largest(missed) > ACCELERATION_TOLERANCE:
             names = self.eom.row_names
             worst = np.argsort(-np.abs(np.where(np.isfinite(missed), missed, np.inf)))[:3]
             raise SingularityError(
@@ -346,11 +348,13 @@ class NumericEquations:
 
     def _dynamics_evaluator(self, *, redundant: bool) -> Evaluator | None:
         """The forward dynamics; None if these iterate."""
-        function = self.forward_dynamics(redundant=redundant)
-        if not function.is_a("SXFunction"):
-            return None
+
+        def make() -> Evaluator | None:
+            function = self.forward_dynamics(redundant=redundant)
+            return Evaluator(function) if function.is_a("SXFunction") else None
+
         key = ("forward dynamics by row", self.light_key, redundant)
-        return self.eom.mechanism.cache.get_or_create(key, lambda: Evaluator(function))
+        return self.eom.mechanism.cache.get_or_create(key, make)
 
     def accelerations_of_rows(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray, *, redundant: bool

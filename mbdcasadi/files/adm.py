@@ -129,19 +129,14 @@ def _read_bodies(data: JsonObject, file: str) -> dict[int, Body]:
             raise fields.refuse("id = 0 is the ground; give it another one")
         if identity in bodies:
             raise fields.refuse(f"id = {identity} is already that of body '{bodies[identity].name}'")
-        try:
-            bodies[identity] = Body(
-                fields.text("name", f"body {identity}"),
-                mass=fields.number("mass", at_least=0.0),
-                inertia=fields.number("jbar", at_least=0.0),
-                pose=fields.numbers("q0", 3),
-                velocity=fields.numbers("qd0", 3, (0.0, 0.0, 0.0)),
-                shape=_shape(fields.get("vis", None)),
-            )
-        except FileError:
-            raise
-        except MechanismError as error:
-            raise FileError(f"{file}: {error}") from error
+        bodies[identity] = Body(
+            fields.text("name", f"body {identity}"),
+            mass=fields.number("mass", at_least=0.0),
+            inertia=fields.number("jbar", at_least=0.0),
+            pose=fields.numbers("q0", 3),
+            velocity=fields.numbers("qd0", 3, (0.0, 0.0, 0.0)),
+            shape=_shape(fields.get("vis", None)),
+        )
         fields.done()
     if not bodies:
         raise FileError(f"{file}: the model has no bodies; 'bodies' must be a list with at least one")
@@ -186,12 +181,7 @@ def _read_elements(
         if name in seen:
             raise fields.refuse("the name occurs twice; each needs another one")
         seen.add(name)
-        try:
-            elements = build(Part(fields, name, bodies, file_forces))
-        except FileError:
-            raise
-        except MechanismError as error:
-            raise FileError(f"{file}: {error}") from error
+        elements = build(Part(fields, name, bodies, file_forces))
         fields.done()
         yield from elements
 

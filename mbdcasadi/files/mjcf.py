@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import casadi as ca
@@ -26,6 +25,7 @@ from .robots import (
     SpatialJoint,
     rotation_about,
     rotation_around,
+    symmetric,
     unit_vector,
 )
 
@@ -77,23 +77,21 @@ def read_mjcf(path: str | Path) -> Mechanism:
     return PlanarBuilder(_Reader(root, Path(path).stem).robot()).mechanism()
 
 
-@dataclass
-class _Class:
-    """A class of defaults: attributes by tag."""
+#: Attributes by tag that a class of defaults gives.
+Defaults = dict[str, dict[str, str]]
 
-    values: dict[str, dict[str, str]] = field(default_factory=dict)
 
-    def extended(self, element: XmlElement) -> _Class:
-        """With the entries of one element ``default``."""
-        values = {tag: dict(attributes) for tag, attributes in self.values.items()}
-        for child in element.children:
-            if child.tag != "default":
-                values.setdefault(child.tag, {}).update(child.attributes)
-            if child.tag in ACTUATORS:
-                shared = {name: text for name, text in child.attributes.items() if name in SHARED_BY_ACTUATORS}
-                for tag in ACTUATORS:
-                    values.setdefault(tag, {}).update(shared)
-        return _Class(values)
+def _extended(above: Defaults, element: XmlElement) -> Defaults:
+    """A class of defaults with the entries of one element ``default``."""
+    values = {tag: dict(attributes) for tag, attributes in above.items()}
+    for child in element.children:
+        if child.tag != "default":
+            values.setdefault(child.tag, {}).update(child.attributes)
+        if child.tag in ACTUATORS:
+            shared = {name: text for name, text in child.attributes.items() if name in SHARED_BY_ACTUATORS}
+            for tag in ACTUATORS:
+                values.setdefault(tag, {}).update(shared)
+    return values
 
 
 class _Reader:
@@ -105,7 +103,7 @@ class _Reader:
         self.total_mass = -1.0
         self.off: set[str] = set()
         self.has_fluid = False
-        self.classes: dict[str, _Class] = {"main": _Class()}
+        self.classes: dict[str, Defaults] = {"main": {}}
         gravity = np.array([0.0, 0.0, -9.81])
         for element in root.children:
             if element.tag == "compiler":
@@ -150,8 +148,8 @@ class _Reader:
         if element.get("coordinate", "local") != "local":
             raise element.refuse("has coordinate = 'global', which MuJoCo no longer supports; give local ones")
 
-    def _read_defaults(self, element: XmlElement, above: _Class, name: str) -> None:
-        found = above.extended(element)
+    def _read_defaults(self, element: XmlElement, above: Defaults, name: str) -> None:
+        found = _extended(above, element)
         self.classes[name] = found
         for child in element.all("default"):
             self._read_defaults(child, found, child.get("class"))
@@ -161,7 +159,7 @@ class _Reader:
         name = element.get("class", childclass)
         if name not in self.classes:
             raise element.refuse(f"is of the class '{name}', which does not exist")
-        return element.with_defaults(self.classes[name].values.get(tag or element.tag, {}))
+        return element.with_defaults(self.classes[name].get(tag or element.tag, {}))
 
     def _angle(self, value: float) -> float:
         return float(np.radians(value)) if self.degrees else value
@@ -295,8 +293,7 @@ class _Reader:
 
     def _inertial(self, element: XmlElement) -> Mass:
         if element.has("fullinertia"):
-            xx, yy, zz, xy, xz, yz = element.numbers("fullinertia", None, (6,))
-            tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            tensor = symmetric(*element.numbers("fullinertia", None, (6,)))
         else:
             tensor = np.diag(element.numbers("diaginertia", None, (3,)))
         rotation = self._rotation(element)
@@ -384,7 +381,7 @@ class _Reader:
     def _read_coupling(self, element: XmlElement, name: str) -> None:
         robot = self._robot
         refuse_unread(element, "coupling")
-        names = [element.get("joint1"), *([element.get("joint2")] if element.has("joint2") else [])]
+        names = [element.get(key) for key in ("joint1", "joint2") if key == "joint1" or element.has(key)]
         references = [robot.joint(joint, element).reference for joint in names]
         polynomial = [float(x) for x in element.numbers("polycoef", "0 1 0 0 0")]
         robot.constraints.append((tuple(names), _coupling(name, references, polynomial)))

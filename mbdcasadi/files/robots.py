@@ -31,6 +31,11 @@ class Mass:
     inertia: np.ndarray
 
 
+def symmetric(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> np.ndarray:
+    """Tensor of inertia (3, 3) from its entries."""
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
 @dataclass(eq=False)
 class SpatialJoint(RobotPart):
     """A hinge or slide with which a link moves relative to its parent."""

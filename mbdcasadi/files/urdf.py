@@ -15,7 +15,7 @@ from ..model.symbols import Input
 from ..numerics.real import real_array
 from .markup import XmlElement, read_xml
 from .planar import PlanarBuilder
-from .robots import Coordinate, Law, Link, Mass, Robot, SpatialJoint, rotation_of_rpy, unit_vector
+from .robots import Coordinate, Law, Link, Mass, Robot, SpatialJoint, rotation_of_rpy, symmetric, unit_vector
 
 #: Elements for pictures, sensors and other programs.
 _IGNORED = ("material", "gazebo", "sensor", "ros2_control", "mujoco", "verification_properties")
@@ -146,8 +146,7 @@ def _masses(link: XmlElement) -> list[Mass]:
     if mass is None or inertia is None:
         raise inertial.refuse(f"of link '{link.get('name')}' must give mass and inertia")
     rotation, center = _origin(inertial)
-    xx, xy, xz, yy, yz, zz = (inertia.number(f"i{axes}", "0") for axes in ("xx", "xy", "xz", "yy", "yz", "zz"))
-    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    tensor = symmetric(*(inertia.number(f"i{axes}", "0") for axes in ("xx", "yy", "zz", "xy", "xz", "yz")))
     return [Mass(mass.number("value", least=0.0), center, rotation @ tensor @ rotation.T)]
 
 

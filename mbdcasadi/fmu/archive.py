@@ -5,20 +5,19 @@ from __future__ import annotations
 import platform
 import sys
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 from ..integrators.native import build
 from ..numerics.writing import whole_file
+from .description import Unit
 from .sources import OPTIMISATION
 
 #: Time of every file in an archive: the same model gives the same archive.
 TIME = (1980, 1, 1, 0, 0, 0)
 
 
-def binary_of(
-    files: Mapping[str, str], compiled: Sequence[str], identifier: str, version: int
-) -> dict[str, bytes] | None:
+def binary_of(unit: Unit, files: Mapping[str, str]) -> dict[str, bytes] | None:
     """Return the binary of this machine by its name in the archive; None without a compiler.
 
     Raises
@@ -27,12 +26,12 @@ def binary_of(
         If the compiler fails.
     """
     using = build.compiler()
-    folder = _folder(version)
+    folder = _folder(unit.version)
     if using is None or folder is None:
         return None
     name, ending = folder
-    options = [(source, OPTIMISATION[source]) for source in compiled]
-    return {f"binaries/{name}/{identifier}{ending}": build.compiled(files, options, using)}
+    options = [(source, OPTIMISATION[source]) for source in unit.compiled]
+    return {f"binaries/{name}/{unit.identifier}{ending}": build.compiled(files, options, using)}
 
 
 def _folder(version: int) -> tuple[str, str] | None:

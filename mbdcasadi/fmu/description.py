@@ -2,19 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from ..integrators.native.code import package_version
 from .functions import Model
 from .variables import UNITS, Variable, Variables
 
+#: Kinds of simulation.
+KINDS = ("co-simulation", "model-exchange")
+#: Capabilities by version: those of one kind of simulation, and of both.
+_ABILITIES: dict[int, dict[str, dict[str, str]]] = {
+    2: {
+        "ModelExchange": {"completedIntegratorStepNotNeeded": "true"},
+        "CoSimulation": {"canHandleVariableCommunicationStepSize": "true", "canInterpolateInputs": "true"},
+        "both": dict.fromkeys(
+            ("canGetAndSetFMUstate", "canSerializeFMUstate", "providesDirectionalDerivative"), "true"
+        ),
+    },
+    3: {
+        "ModelExchange": {"needsCompletedIntegratorStep": "false"},
+        "CoSimulation": {"canHandleVariableCommunicationStepSize": "true"},
+        "both": dict.fromkeys(
+            ("canGetAndSetFMUState", "canSerializeFMUState", "providesDirectionalDerivatives"), "true"
+        ),
+    },
+}
+
 
 @dataclass(frozen=True, eq=False)
-class Description:
-    """Contents of the XML files of a unit.
+class Unit:
+    """A functional mock-up unit, and the XML files that describe it.
 
     Attributes
     ----------
@@ -22,141 +44,106 @@ class Description:
         The model.
     variables : Variables
         Its variables.
-    name, identifier : str
-        Name of the model, and of its functions in C.
-    token : str
-        Digest of everything in the unit.
+    name : str
+        Name of the model.
+    version : int
+        2 or 3.
     kinds : frozenset of str
         Of "co-simulation" and "model-exchange".
-    sources : sequence of str
-        C files that are compiled.
-    reltol, start, stop, step : float or None
-        Of the default experiment.
-    tool : str
-        The package with its version.
+    reltol, abstol : float
+        Tolerances in co-simulation, if the importer gives none.
+    stop, step : float or None
+        End and communication step of the default experiment, s.
     """
 
     model: Model
     variables: Variables
     name: str
-    identifier: str
-    token: str
+    version: int
     kinds: frozenset[str]
-    sources: Sequence[str]
     reltol: float
-    start: float
+    abstol: float
     stop: float | None
     step: float | None
-    tool: str
 
-    # --- FMI 2.0 -------------------------------------------------------------------------
-    def version_2(self) -> bytes:
-        """``modelDescription.xml`` of FMI 2.0."""
-        v = self.variables
-        listed = [x for x in v.all if x not in v.indicators]
-        index = {variable.reference: str(k) for k, variable in enumerate(listed, start=1)}
-        root = ET.Element("fmiModelDescription", self._head("2.0") | {"guid": self.token})
-        root.set("numberOfEventIndicators", str(len(v.indicators)))
-        able = {"canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true", "providesDirectionalDerivative": "true"}
-        for kind, tag, more in (
-            ("model-exchange", "ModelExchange", {"completedIntegratorStepNotNeeded": "true"}),
-            (
-                "co-simulation",
-                "CoSimulation",
-                {"canHandleVariableCommunicationStepSize": "true", "canInterpolateInputs": "true"},
-            ),
-        ):
-            if kind in self.kinds:
-                attributes = {
-                    "modelIdentifier": self.identifier,
-                    **more,
-                    **able,
-                    "providesDirectionalDerivative": "true",
-                }
-                files = ET.SubElement(ET.SubElement(root, tag, attributes), "SourceFiles")
-                for source in self.sources:
-                    ET.SubElement(files, "File", {"name": source})
+    @property
+    def identifier(self) -> str:
+        """Name as one of C."""
+        clean = re.sub(r"[^A-Za-z0-9]+", "_", self.name).strip("_")[:60]
+        return clean if re.match(r"[A-Za-z]", clean) else f"mechanism_{clean}".rstrip("_")
+
+    @property
+    def compiled(self) -> list[str]:
+        """C files that are compiled, which include the others."""
+        return ["equations.c", f"fmi{self.version}.c"]
+
+    def model_description(self, token: str) -> bytes:
+        """``modelDescription.xml``, with a digest of everything in the unit."""
+        v, is_3 = self.variables, self.version == 3
+        listed = v.all if is_3 else v.all[: len(v.all) - len(v.indicators)]
+        # variables are referred to by their value references, in FMI 2.0 by their places from 1 on
+        places = {x.reference: str(x.reference if is_3 else k) for k, x in enumerate(listed, start=1)}
+        root = ET.Element("fmiModelDescription", self._head(token))
+        self._kinds(root)
         self._common(root)
         variables = ET.SubElement(root, "ModelVariables")
         for variable in listed:
-            attributes = self._attributes(variable)
-            scalar = ET.SubElement(variables, "ScalarVariable", attributes)
-            numbers = self._numbers(variable)
+            attributes, numbers = self._attributes(variable), self._numbers(variable)
             if variable.rate_of is not None:
-                numbers["derivative"] = index[variable.rate_of]
-            ET.SubElement(scalar, "Real", numbers)
+                numbers["derivative"] = places[variable.rate_of]
+            if is_3:
+                ET.SubElement(variables, "Float64", attributes | numbers)
+            else:
+                ET.SubElement(ET.SubElement(variables, "ScalarVariable", attributes), "Real", numbers)
         structure = ET.SubElement(root, "ModelStructure")
-        of_rates, of_outputs = self._dependencies({r: index[r] for r in index})
-        for tag, unknowns, dependencies in (
-            ("Outputs", v.outputs, of_outputs),
-            ("Derivatives", v.rates, of_rates),
-            ("InitialUnknowns", sorted((*v.outputs, *v.states, *v.rates), key=lambda x: x.reference), None),
-        ):
-            if unknowns:
-                part = ET.SubElement(structure, tag)
-                for k, variable in enumerate(unknowns):
-                    entry = {"index": index[variable.reference]}
-                    if dependencies is not None:
-                        entry["dependencies"] = dependencies[k]
-                    ET.SubElement(part, "Unknown", entry)
-        return _text(root)
-
-    # --- FMI 3.0 -------------------------------------------------------------------------
-    def version_3(self) -> bytes:
-        """``modelDescription.xml`` of FMI 3.0."""
-        v = self.variables
-        root = ET.Element("fmiModelDescription", self._head("3.0") | {"instantiationToken": self.token})
-        able = {
-            "canGetAndSetFMUState": "true",
-            "canSerializeFMUState": "true",
-            "providesDirectionalDerivatives": "true",
-        }
-        if "model-exchange" in self.kinds:
-            attributes = {"modelIdentifier": self.identifier, "needsCompletedIntegratorStep": "false", **able}
-            ET.SubElement(root, "ModelExchange", attributes)
-        if "co-simulation" in self.kinds:
-            more = {"canHandleVariableCommunicationStepSize": "true"}
-            ET.SubElement(root, "CoSimulation", {"modelIdentifier": self.identifier, **more, **able})
-        self._common(root)
-        variables = ET.SubElement(root, "ModelVariables")
-        for variable in v.all:
-            attributes = self._attributes(variable) | self._numbers(variable)
-            if variable.rate_of is not None:
-                attributes["derivative"] = str(variable.rate_of)
-            ET.SubElement(variables, "Float64", attributes)
-        structure = ET.SubElement(root, "ModelStructure")
-        of_rates, of_outputs = self._dependencies({x.reference: str(x.reference) for x in v.all})
+        of_rates, of_outputs = self._dependencies(places)
         for tag, unknowns, dependencies in (
             ("Output", v.outputs, of_outputs),
-            ("ContinuousStateDerivative", v.rates, of_rates),
+            ("ContinuousStateDerivative" if is_3 else "Derivative", v.rates, of_rates),
             ("InitialUnknown", (*v.outputs, *v.states, *v.rates), None),
-            ("EventIndicator", v.indicators, None),
+            ("EventIndicator", v.indicators if is_3 else (), None),
         ):
+            part = structure if is_3 or not unknowns else ET.SubElement(structure, f"{tag}s")
             for k, variable in enumerate(unknowns):
-                entry = {"valueReference": str(variable.reference)}
+                entry = {"valueReference" if is_3 else "index": places[variable.reference]}
                 if dependencies is not None:
                     entry["dependencies"] = dependencies[k]
-                ET.SubElement(structure, tag, entry)
+                ET.SubElement(part, tag if is_3 else "Unknown", entry)
         return _text(root)
 
-    def build(self) -> bytes:
+    def build_description(self) -> bytes:
         """``buildDescription.xml`` of FMI 3.0."""
         root = ET.Element("fmiBuildDescription", {"fmiVersion": "3.0"})
         configuration = ET.SubElement(root, "BuildConfiguration", {"modelIdentifier": self.identifier})
         files = ET.SubElement(configuration, "SourceFileSet", {"language": "C11"})
-        for source in self.sources:
+        for source in self.compiled:
             ET.SubElement(files, "SourceFile", {"name": source})
         return _text(root)
 
-    # --- both ---------------------------------------------------------------------------
-    def _head(self, version: str) -> dict[str, str]:
-        return {
-            "fmiVersion": version,
+    # --- parts of the description of the model ------------------------------------------------
+    def _head(self, token: str) -> dict[str, str]:
+        head = {
+            "fmiVersion": f"{self.version}.0",
             "modelName": self.name,
             "description": "Planar mechanism of rigid bodies",
-            "generationTool": self.tool,
+            "generationTool": f"mbdcasadi {package_version()}",
             "variableNamingConvention": "flat",
         }
+        if self.version == 3:
+            return head | {"instantiationToken": token}
+        return head | {"guid": token, "numberOfEventIndicators": str(len(self.variables.indicators))}
+
+    def _kinds(self, root: ET.Element) -> None:
+        """Kinds of simulation with their capabilities, and in FMI 2.0 the sources."""
+        for kind in KINDS[::-1]:
+            if kind in self.kinds:
+                tag = kind.title().replace("-", "")
+                abilities = _ABILITIES[self.version][tag] | _ABILITIES[self.version]["both"]
+                element = ET.SubElement(root, tag, {"modelIdentifier": self.identifier, **abilities})
+                if self.version == 2:
+                    files = ET.SubElement(element, "SourceFiles")
+                    for source in self.compiled:
+                        ET.SubElement(files, "File", {"name": source})
 
     def _common(self, root: ET.Element) -> None:
         """Units, categories of messages and default experiment."""
@@ -170,7 +157,12 @@ class Description:
         categories = ET.SubElement(root, "LogCategories")
         for name in ("logStatusWarning", "logStatusDiscard", "logStatusError"):
             ET.SubElement(categories, "Category", {"name": name})
-        experiment = {"startTime": self.start, "stopTime": self.stop, "tolerance": self.reltol, "stepSize": self.step}
+        experiment = {
+            "startTime": self.model.start.t,
+            "stopTime": self.stop,
+            "tolerance": self.reltol,
+            "stepSize": self.step,
+        }
         known = {key: f"{value:.17g}" for key, value in experiment.items() if value is not None}
         ET.SubElement(root, "DefaultExperiment", known)
 

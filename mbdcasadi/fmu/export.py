@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,23 +16,19 @@ from ..arguments.values import position_in
 from ..assembly.setup import Setup
 from ..errors import FileError, ModelError, warn
 from ..integrators.base import ABSTOL, RELTOL
-from ..integrators.native.code import package_version
 from ..model.conditions import read_conditions
 from ..model.mechanism import Mechanism
-from ..model.quantities import entries, refuse_twice
-from ..model.symbols import Input, Parameter, number
+from ..model.quantities import listed, refuse_twice
+from ..model.symbols import Input, Parameter, number, positive
 from ..numerics.console import keyboard_interrupts
 from ..numerics.writing import writable
 from ..results.state import State
-from ..simulation.tolerances import absolute_tolerance
 from .archive import binary_of, write_archive
-from .description import Description
+from .description import KINDS, Unit
 from .functions import Model
-from .sources import OPTIMISATION, source_files
+from .sources import source_files
 from .variables import variables_of
 
-#: Kinds of simulation.
-KINDS = ("co-simulation", "model-exchange")
 #: Rate with which drift decays in model exchange, 1/s: drift is small against errors, and nothing becomes stiff.
 DRIFT_RATE = 10.0
 
@@ -145,60 +139,34 @@ def export_fmu(
     shown_parameters = _listed(parameters, mechanism.parameters, Parameter, "parameters=")
     stop, step = _experiment(number(t, "export_fmu", "t"), stop, step)
     reltol, abstol, drift = (
-        _positive(x, name) for name, x in (("reltol", reltol), ("abstol", abstol), ("drift_rate", drift_rate))
+        positive(x, "export_fmu", name)
+        for name, x in (("reltol", reltol), ("abstol", abstol), ("drift_rate", drift_rate))
     )
     setup = Setup(mechanism, "export_fmu", t=t, initial=initial)
     model = _model(setup, initial, outputs, drift)
     variables = variables_of(model, shown_inputs, shown_parameters, _units(units))
-    name = mechanism.name or target.stem
-    identifier = _identifier(name)
-    files = source_files(
-        model,
-        variables,
-        identifier,
-        version,
-        kinds,
-        {
-            "DEFAULT_RELTOL": reltol,
-            "DEFAULT_ABSTOL": abstol,
-            "LARGEST_ABSTOL": absolute_tolerance(setup.numeric, np.inf),
-        },
-    )
-    compiled = sorted(set(OPTIMISATION) & set(files))
-    description = Description(
-        model, variables, name, identifier, "", kinds, compiled, reltol, float(t), stop, step,
-        f"mbdcasadi {package_version()}",
-    )  # fmt: skip
-    content, files = _content(description, files, version)
-    binaries = {} if binary is False else _binaries(files, compiled, identifier, version, path, required=bool(binary))
+    unit = Unit(model, variables, mechanism.name or target.stem, version, kinds, reltol, abstol, stop, step)
+    content, files = _content(unit)
+    binaries = {} if binary is False else _binaries(unit, files, path, required=bool(binary))
     write_archive(Path(path), content | binaries)
     return Path(path)
 
 
-def _content(
-    description: Description, files: Mapping[str, str], version: int
-) -> tuple[dict[str, bytes], dict[str, str]]:
+def _content(unit: Unit) -> tuple[dict[str, bytes], dict[str, str]]:
     """Files of the archive but for the binary, and the C files with the token, which is a digest of all of them."""
-
-    def described(token: str) -> bytes:
-        written = replace(description, token=token)
-        return written.version_2() if version == 2 else written.version_3()
-
-    draft = described("")
+    draft, files = unit.model_description(""), source_files(unit)
     digest = hashlib.sha256(b"\0".join([draft, *(text.encode() for text in files.values())])).hexdigest()
     token = f"{{{digest[:8]}-{digest[8:12]}-{digest[12:16]}-{digest[16:20]}-{digest[20:32]}}}"
     signed = {**files, "model.h": files["model.h"] + f'#define MODEL_TOKEN "{token}"\n'}
-    content = {"modelDescription.xml": described(token)}
+    content = {"modelDescription.xml": unit.model_description(token)}
     content |= {f"sources/{name}": text.encode() for name, text in signed.items()}
-    if version == 3:
-        content["sources/buildDescription.xml"] = description.build()
+    if unit.version == 3:
+        content["sources/buildDescription.xml"] = unit.build_description()
     return content, signed
 
 
-def _binaries(
-    files: Mapping[str, str], compiled: Sequence[str], identifier: str, version: int, path: Any, *, required: bool
-) -> dict[str, bytes]:
-    binaries = binary_of(files, compiled, identifier, version)
+def _binaries(unit: Unit, files: Mapping[str, str], path: Any, *, required: bool) -> dict[str, bytes]:
+    binaries = binary_of(unit, files)
     if binaries is None:
         named = os.environ.get("CC", "").strip()
         reason = f"no C compiler is on the path{f' (CC names {named})' if named else ''}"
@@ -230,7 +198,7 @@ def _experiment(t: float, stop: float | None, step: float | None) -> tuple[float
     """End and communication step of the default experiment."""
     if stop is not None and (stop := number(stop, "export_fmu", "stop")) <= t:
         raise ModelError(f"export_fmu: stop= must be later than the start at t = {t:g} s, got {stop:g}")
-    return stop, None if step is None else _positive(step, "step")
+    return stop, None if step is None else positive(step, "export_fmu", "step")
 
 
 def _units(units: Any) -> dict[str, str]:
@@ -241,31 +209,20 @@ def _units(units: Any) -> dict[str, str]:
     return dict(units)
 
 
-def _positive(value: Any, name: str) -> float:
-    found = number(value, "export_fmu", name)
-    if found <= 0:
-        raise ModelError(f"export_fmu: {name} must be positive, got {found}")
-    return found
-
-
 def _listed(chosen: Any, known: Sequence[Any], wanted: type, argument: str) -> tuple[Any, ...]:
     if chosen is None:
         return tuple(known)
-    controllers = chosen.values() if isinstance(chosen, Mapping) else [chosen]
-    for value in controllers:
-        if isinstance(value, SampledController):
-            raise ModelError(
-                f"export_fmu: {argument} holds a SampledController, which runs in Python; export the input, and "
-                "connect the controller to it outside"
-            )
-    symbols = entries(chosen, f"export_fmu: {argument}")
+    what = f"export_fmu: {argument}"
+    values = chosen.values() if isinstance(chosen, Mapping) else chosen
+    if any(isinstance(value, SampledController) for value in (values if isinstance(values, Iterable) else [values])):
+        raise ModelError(
+            f"{what} holds a SampledController, which runs in Python; export the input, and connect the controller to "
+            "it outside"
+        )
+    symbols = listed(chosen, wanted, what)
     for symbol in symbols:
-        if isinstance(symbol, SampledController):
-            return _listed({symbol: symbol}, known, wanted, argument)
-        if not isinstance(symbol, wanted):
-            raise ModelError(f"export_fmu: {argument} takes {wanted.__name__} objects, got {symbol!r}")
-        position_in(known, symbol, f"export_fmu: {argument}")
-    refuse_twice(symbols, f"export_fmu: {argument}")
+        position_in(known, symbol, what)
+    refuse_twice(symbols, what)
     return symbols
 
 
@@ -309,9 +266,3 @@ def _refuse_undefined(model: Model) -> None:
                 f"export_fmu: the output '{name}' is not finite at t = {model.start.t:.6g} s: data evaluated outside "
                 "their range, a division by zero, or a root of a negative number"
             )
-
-
-def _identifier(name: str) -> str:
-    """Name as one of C."""
-    clean = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")[:60]
-    return clean if re.match(r"[A-Za-z]", clean) else f"mechanism_{clean}".rstrip("_")

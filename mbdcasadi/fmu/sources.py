@@ -14,8 +14,8 @@ from ..integrators.native.stretch import ACCURACY
 from ..numerics.c_code import SIGNATURE
 from ..numerics.c_interface import constant_table
 from ..simulation.contact import gap_closings
-from .functions import Model
-from .variables import Variables
+from ..simulation.tolerances import absolute_tolerance
+from .description import Unit
 
 #: Files that are the same for every mechanism.
 FOLDER = Path(__file__).parent / "c"
@@ -25,23 +25,9 @@ OPTIMISATION = {"equations.c": "-O1", "fmi2.c": "-O3", "fmi3.c": "-O3"}
 HEADER = "/* What belongs to this mechanism alone: sizes, start values, names and the functions of its equations. */\n"
 
 
-def source_files(
-    model: Model,
-    variables: Variables,
-    identifier: str,
-    version: int,
-    kinds: frozenset[str],
-    tolerances: dict[str, float],
-) -> dict[str, str]:
-    """Return the C files by name; those of :data:`OPTIMISATION` are compiled, and include the others.
-
-    Parameters
-    ----------
-    identifier : str
-        Prefix of the functions in C.
-    tolerances : dict of str to float
-        ``DEFAULT_RELTOL``, ``DEFAULT_ABSTOL``, and ``LARGEST_ABSTOL``, which the friction asks for.
-    """
+def source_files(unit: Unit) -> dict[str, str]:
+    """Return the C files by name; those of :data:`OPTIMISATION` are compiled, and include the others."""
+    model, identifier = unit.model, unit.identifier
     names = [function.name for function in model.code]
     equations = "#include <math.h>\n\n" + "\n".join(function.as_c for function in model.code)
     equations = re.sub(rf"\b({'|'.join(names)})(?=\(|_\d+\()", rf"{identifier}_\1", equations)
@@ -50,22 +36,22 @@ def source_files(
     prefixes = "".join(
         f"#define {name} {identifier}_{name}\n" for name in sorted(set(re.findall(r"\bmbd_\w+(?=\()", engine)))
     )
-    interface = f"fmi{version}.c"
     files = {
         "engine.c": f"{prefixes}\n{engine}",
-        **{name: (FOLDER / name).read_text(encoding="utf-8") for name in (*COMMON, interface)},
+        **{name: (FOLDER / name).read_text(encoding="utf-8") for name in (*COMMON, unit.compiled[1])},
         "equations.c": equations,
     }
-    tables = _sizes(model, variables, kinds) + _numbers(model, tolerances) + _functions(model, identifier)
-    header = "\n".join([HEADER, *tables, *_tables(model, variables)]) + "\n"
+    tables = _sizes(unit) + _numbers(unit) + _functions(unit)
+    header = "\n".join([HEADER, *tables, *_tables(unit)]) + "\n"
     digest = hashlib.sha256("\0".join([*files.values(), header]).encode()).hexdigest()
     # 48 bits are exact in a double
     identity = f"#define MODEL_IDENTITY {int(digest[:12], 16)}.0\n"
     return {"model.h": header + identity, **files}
 
 
-def _sizes(model: Model, variables: Variables, kinds: frozenset[str]) -> list[str]:
+def _sizes(unit: Unit) -> list[str]:
     """Lines with what is a whole number."""
+    model, variables = unit.model, unit.variables
     eom = model.eom
     sizes = {
         "N_COORDINATES": eom.q.numel(),
@@ -83,21 +69,23 @@ def _sizes(model: Model, variables: Variables, kinds: frozenset[str]) -> list[st
         "N_CHECKS": len(model.checks),
         "N_VALIDITY": len(model.validity),
         "N_FORCES": len(model.forces),
-        "HAS_CO_SIMULATION": int("co-simulation" in kinds),
-        "HAS_MODEL_EXCHANGE": int("model-exchange" in kinds),
+        "HAS_CO_SIMULATION": int("co-simulation" in unit.kinds),
+        "HAS_MODEL_EXCHANGE": int("model-exchange" in unit.kinds),
         "POSE_IS_NEAREST": int(model.pose_is_nearest),
         "VELOCITY_IS_NEAREST": int(model.velocity_is_nearest),
     }
     return [f"#define {name} {value}" for name, value in sizes.items()]
 
 
-def _numbers(model: Model, tolerances: dict[str, float]) -> list[str]:
+def _numbers(unit: Unit) -> list[str]:
     """Lines with other numbers."""
     numbers = {
-        "START_AT": model.start.t,
-        **tolerances,
+        "START_AT": unit.model.start.t,
+        "DEFAULT_RELTOL": unit.reltol,
+        "DEFAULT_ABSTOL": unit.abstol,
+        "LARGEST_ABSTOL": absolute_tolerance(unit.model.numeric, np.inf),  # which friction asks for
         "ACCURACY": ACCURACY,
-        "DRIFT_RATE": model.drift_rate,
+        "DRIFT_RATE": unit.model.drift_rate,
         "SHALLOW": gap_closings.SHALLOW,
         "GAP_SAFETY": gap_closings.SAFETY,
         "COARSE_HALVINGS": gap_closings.COARSE,
@@ -107,8 +95,9 @@ def _numbers(model: Model, tolerances: dict[str, float]) -> list[str]:
     return [f"#define {name} {_number(value)}" for name, value in numbers.items()]
 
 
-def _functions(model: Model, identifier: str) -> list[str]:
+def _functions(unit: Unit) -> list[str]:
     """Lines with the functions of the equations, and the work that they need."""
+    model, identifier = unit.model, unit.identifier
     work = {function.name: function.work_in_c for function in model.code}
     largest = max(work.values()) + 2 * (model.eom.q.numel() + model.eom.lam.numel())
     return [
@@ -121,8 +110,9 @@ def _functions(model: Model, identifier: str) -> list[str]:
     ]
 
 
-def _tables(model: Model, variables: Variables) -> list[str]:
+def _tables(unit: Unit) -> list[str]:
     """Lines with tables of numbers and texts."""
+    model, variables = unit.model, unit.variables
     start = model.start
     arrays = {
         "START_X": np.r_[start.q, start.v, start.z],

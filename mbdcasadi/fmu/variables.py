@@ -6,10 +6,12 @@ import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from ..arguments.values import position_in
 from ..equations import Equations
 from ..errors import ModelError
 from ..model.symbols import Input, Parameter
@@ -136,51 +138,45 @@ def variables_of(
         raise ModelError(f"export_fmu: units= names {unknown[0]!r}, which is no input, parameter or output")
     references = itertools.count()
 
-    def made(names: Sequence[str], causality: str, **more: Sequence) -> tuple[Variable, ...]:
-        columns = [dict(zip(more, row, strict=True)) for row in zip(*more.values(), strict=True)] or [{}] * len(names)
-        rows = zip(names, columns, strict=True)
-        return tuple(Variable(next(references), name, causality, **column) for name, column in rows)
+    def variable(name: str, causality: str, **more: Any) -> Variable:
+        return Variable(next(references), name, causality, **more)
 
-    input_places = [_place(mechanism.inputs, u) for u in inputs]
-    parameter_places = [_place(mechanism.parameters, p) for p in parameters]
-    state_names = _free_names(
-        [*eom.coordinate_names, *_velocity_names(eom), *(z.label for z in mechanism.states)], used_names
-    )
-    sizes = np.r_[_sizes(model), np.ones(eom.z.numel())]
+    def shown(symbols: Sequence[Any], causality: str, values: np.ndarray, places: list[int]) -> tuple[Variable, ...]:
+        return tuple(
+            variable(
+                x.label, causality, start=float(values[k]), unit=units.get(x.label, ""), lower=x.lower, upper=x.upper
+            )
+            for x, k in zip(symbols, places, strict=True)
+        )
+
+    def local(names: Sequence[str], **more: Sequence) -> tuple[Variable, ...]:
+        rows = zip(_free_names(names, used_names), *more.values(), strict=True)
+        return tuple(variable(name, "local", **dict(zip(more, row, strict=True))) for name, *row in rows)
+
+    input_places = [position_in(mechanism.inputs, u, "export_fmu: inputs=") for u in inputs]
+    parameter_places = [position_in(mechanism.parameters, p, "export_fmu: parameters=") for p in parameters]
+    velocities = ca.vertsplit(eom.v)
+    of_states = [*eom.coordinate_names, *(v.name() for v in velocities), *(z.label for z in mechanism.states)]
     unit_of = _units_of_states(eom)
-    time = made(["time"] if "time" not in used_names else ["time (independent)"], "independent", unit=["s"])
-    shown_inputs, shown_parameters = (
-        made(
-            [symbol.label for symbol in symbols],
-            causality,
-            start=[float(values[k]) for k in places],
-            lower=[symbol.lower for symbol in symbols],
-            upper=[symbol.upper for symbol in symbols],
-            unit=[units.get(symbol.label, "") for symbol in symbols],
-        )
-        for symbols, causality, values, places in (
-            (inputs, "input", model.signals.level_values, input_places),
-            (parameters, "parameter", model.numeric.p, parameter_places),
-        )
+    known_units = dict(zip([*ca.vertsplit(eom.q), *velocities], unit_of, strict=False))
+    sizes = model.numeric.scale.coordinates
+    time = variable("time (independent)" if "time" in used_names else "time", "independent", unit="s")
+    shown_inputs = shown(inputs, "input", model.signals.level_values, input_places)
+    shown_parameters = shown(parameters, "parameter", model.numeric.p, parameter_places)
+    outputs = tuple(
+        variable(name, "output", unit=units.get(name, _unit_of(expression, known_units)))
+        for name, expression in model.outputs.items()
     )
-    coordinates = dict(zip(ca.vertsplit(ca.vertcat(eom.q, eom.v)), unit_of, strict=False))
-    outputs = made(
-        list(model.outputs),
-        "output",
-        unit=[units.get(name, _unit_of(expression, coordinates)) for name, expression in model.outputs.items()],
-    )
-    states = made(state_names, "local", unit=unit_of, nominal=[float(size) for size in sizes])
-    rates = made(
-        _free_names([f"der({name})" for name in state_names], used_names),
-        "local",
+    states = local(of_states, unit=unit_of, nominal=[float(x) for x in (*sizes, *sizes, *[1.0] * eom.z.numel())])
+    rates = local(
+        [f"der({state.name})" for state in states],
         rate_of=[state.reference for state in states],
-        unit=[f"{unit}/s" if "/" not in unit else f"{unit}2" if unit else "" for unit in unit_of],
+        unit=[f"{unit}2" if "/" in unit else f"{unit}/s" if unit else "" for unit in unit_of],
     )
-    indicator_names = [f"switch {k + 1}" for k in range(model.timed.numel() + model.compared.numel())]
-    indicator_names += [f"gap {k + 1}" for k in range(model.gaps.numel())]
-    indicators = made(_free_names(indicator_names, used_names), "local")
+    switches = [f"switch {k + 1}" for k in range(model.timed.numel() + model.compared.numel())]
+    indicators = local([*switches, *(f"gap {k + 1}" for k in range(model.gaps.numel()))])
     return Variables(
-        time, shown_inputs, shown_parameters, outputs, states, rates, indicators, input_places, parameter_places
+        (time,), shown_inputs, shown_parameters, outputs, states, rates, indicators, input_places, parameter_places
     )
 
 
@@ -206,20 +202,6 @@ def _free_names(names: Sequence[str], taken: Sequence[str]) -> list[str]:
         used.add(free)
         found.append(free)
     return found
-
-
-def _velocity_names(eom: Equations) -> list[str]:
-    return [symbol.name() for symbol in ca.vertsplit(eom.v)]
-
-
-def _place(symbols: Sequence[ca.SX], wanted: ca.SX) -> int:
-    return next(k for k, symbol in enumerate(symbols) if symbol is wanted)
-
-
-def _sizes(model: Model) -> np.ndarray:
-    """Typical sizes of coordinates and velocities."""
-    sizes = np.asarray(model.numeric.scale.coordinates, float)
-    return np.r_[sizes, sizes]
 
 
 def _units_of_states(eom: Equations) -> list[str]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..arguments.values import pairs_of
 from ..errors import ModelError
 from ..model.mechanism import Mechanism
 from ..numerics.lazy import cached_property
@@ -14,11 +15,10 @@ from ..results.notebook import html_table
 from ..results.trajectory import Trajectory
 from ..simulation.simulate import simulate
 from .data import Experiment
+from .gauss_newton import GaussNewtonOutcome
 from .loss import LINEAR, Loss
+from .shooting import UNSEEN
 
-#: Singular values of the Jacobian by relative changes, as a share of the largest one, below which a combination of
-#: unknowns leaves no trace.
-UNSEEN = 1e-6
 #: Correlation from which two unknowns can hardly be distinguished.
 HARDLY = 0.99
 #: Share of an unknown in a combination that is named.
@@ -77,27 +77,21 @@ class Fit:
         mechanism: Mechanism,
         experiments: Sequence[Experiment],
         unknowns: Sequence[Any],
-        values: np.ndarray,
-        jacobian: np.ndarray,
-        weighted: np.ndarray,
-        outputs: Sequence[np.ndarray],
-        iterations: int,
-        parameters: Any,
+        outcome: GaussNewtonOutcome,
         loss: Loss,
     ):
         self.mechanism, self.experiments, self.unknowns = mechanism, tuple(experiments), tuple(unknowns)
-        self.values, self.iterations, self.loss = np.array(values), iterations, loss.name
-        self.cost = loss.cost(weighted)
-        self.model = tuple(outputs)
+        self.values, self.iterations, self.loss = np.array(outcome.theta), outcome.iterations, loss.name
+        self.cost = loss.cost(outcome.residual)
+        self.model = tuple(outcome.outputs)
         self.residuals = tuple(
-            np.where(e.measured, y - e.samples, np.nan) for e, y in zip(experiments, outputs, strict=True)
+            np.where(e.measured, y - e.samples, np.nan) for e, y in zip(experiments, self.model, strict=True)
         )
         self.noise = tuple(
             {label: spread_of(row, loss) for label, row in zip(e.labels, r, strict=True)}
             for e, r in zip(experiments, self.residuals, strict=True)
         )
-        self._parameters = parameters
-        self._judge(jacobian, weighted, loss)
+        self._judge(outcome.jacobian, outcome.residual, loss)
 
     def _judge(self, jacobian: np.ndarray, weighted: np.ndarray, loss: Loss) -> None:
         """Covariance, correlation, and what cannot be distinguished."""
@@ -177,9 +171,9 @@ class Fit:
                 e.times,
                 initial=e.initial,
                 inputs=e.inputs,
-                parameters=list(({**dict(given)} | self.parameters).items()),
+                parameters=dict(pairs_of(e.parameters, "parameters=")) | self.parameters,
             )
-            for e, given in zip(self.experiments, self._parameters, strict=True)
+            for e in self.experiments
         )
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -12,8 +12,9 @@ from ..errors import MechanismError
 from ..numerics.console import quiet
 from ..numerics.least_squares import largest
 from ..numerics.newton import backtrack
-from .loss import Loss
-from .shooting import Linearised, Shooting
+from .data import Experiment
+from .loss import LINEAR, Loss
+from .shooting import Shooting
 
 #: Relative step, and gap between segments (m, rad, m/s), that count as none.
 SETTLED, CLOSED = 1e-8, 1e-7
@@ -21,6 +22,10 @@ SETTLED, CLOSED = 1e-8, 1e-7
 STALLED = 1e-5
 #: Damping of a step, relative to the squares of the columns: what cannot be distinguished then stays where it is.
 DAMPING = 1e-12
+#: Rounds in which the noise of each measured quantity is estimated, and the change of it that ends them.
+ROUNDS, SAME_NOISE = 6, 0.01
+#: Noise that is rounding, relative to the range of the samples.
+NOISE_TOLERANCE = 1e-9
 
 
 @dataclass
@@ -38,7 +43,7 @@ class GaussNewtonOutcome:
     outputs : list of numpy.ndarray
         Model at the samples, by experiment.
     iterations : int
-        Steps that were taken.
+        Steps that were taken, in all rounds.
     converged : bool
         True if steps and gaps vanished.
     """
@@ -48,79 +53,139 @@ class GaussNewtonOutcome:
     residual: np.ndarray
     outputs: list[np.ndarray]
     iterations: int
-    converged: bool
+    converged: bool = False
 
 
-def gauss_newton(
-    shootings: Sequence[Shooting],
-    theta: np.ndarray,
-    limits: tuple[np.ndarray, np.ndarray],
-    weights: Sequence[np.ndarray],
-    iterations: int,
-    loss: Loss,
-    report: Callable[[GaussNewtonOutcome], None],
-) -> GaussNewtonOutcome:
-    """Minimise the loss of the weighted residuals with all gaps closed.
+class GaussNewton:
+    """Search for the unknowns that make the loss of the weighted residuals least, with all gaps closed.
 
     Parameters
     ----------
     shootings : sequence of Shooting
         The experiments, their segments started.
-    theta : numpy.ndarray
-        Start.
     limits : (numpy.ndarray, numpy.ndarray)
         Lower and upper limits.
-    weights : sequence of numpy.ndarray
-        By experiment (n_y, n_t).
-    iterations : int
-        Largest number of steps.
     loss : Loss
         Of the weighted residuals.
-    report : callable
-        Called with the outcome so far before each step.
+    iterations : int
+        Largest number of steps in a round.
+
+    Attributes
+    ----------
+    so_far : GaussNewtonOutcome or None
+        The last values that were evaluated.
     """
-    penalty, typical = 1.0, np.abs(theta)
-    for count in range(iterations + 1):
-        linearised = [s.linearise(theta) for s in shootings]
-        residual, jacobian, closing, gaps = _stacked(shootings, linearised, weights)
-        of_residual, of_slope = loss.factors(residual)
-        scaled, slopes, closed = of_residual * residual, of_slope[:, None] * jacobian, of_slope * closing
-        step = _step(slopes, scaled + closed, limits[0] - theta, limits[1] - theta)
-        size = largest(step / np.maximum(np.maximum(np.abs(theta), typical), 1e-12))
-        outcome = GaussNewtonOutcome(theta, jacobian, residual, [f.outputs for f in linearised], count, False)
-        report(outcome)
-        if size <= SETTLED and largest(gaps) <= CLOSED:
-            outcome.converged = True
-            return outcome
-        if count == iterations:
-            return outcome
-        slope = float(scaled @ (closed + slopes @ step))
-        square = float(gaps @ gaps)
-        if square > 0:
-            penalty = max(penalty, 2 * slope / square)
-        before = loss.cost(residual) + penalty * square
-        share = _shorten(shootings, linearised, weights, theta, step, before, penalty, loss)
-        if share is None:
-            outcome.converged = size <= STALLED and largest(gaps) <= 1e2 * CLOSED
-            return outcome
-        for shooting, f in zip(shootings, linearised, strict=True):
-            shooting.nodes = shooting.nodes + share * (f.node_slope @ step + f.node_closing)
-        theta = np.clip(theta + share * step, *limits)
-    raise AssertionError("the loop returns")
+
+    def __init__(
+        self, shootings: Sequence[Shooting], limits: tuple[np.ndarray, np.ndarray], loss: Loss, iterations: int
+    ):
+        self._shootings, self._limits, self._iterations = shootings, limits, iterations
+        self._experiments = [s.experiment for s in shootings]
+        self._final_loss, self._loss = loss, LINEAR
+        self._weights: list[np.ndarray] = []
+        self.so_far: GaussNewtonOutcome | None = None
+
+    def run(self, theta: np.ndarray) -> GaussNewtonOutcome:
+        """Search with the weights given, or with those that the residuals ask for.
+
+        A robust loss knows outliers from the noise only near to the solution: the first round takes the squares.
+        """
+        noise, loss = [np.maximum(0.01 * _range(e), 1e-300) for e in self._experiments], self._final_loss
+        for _ in range(ROUNDS):
+            robust = self._loss.is_robust
+            self._weights = [
+                e.weights if e.weighted and not robust else e.weights / s[:, None]
+                for e, s in zip(self._experiments, noise, strict=True)
+            ]
+            outcome = self._minimise(theta)
+            again = self._noise(outcome)
+            change = max(float(np.max(np.abs(np.log(a / b)))) for a, b in zip(again, noise, strict=True))
+            same = change < SAME_NOISE or (not loss.is_robust and self._weighs_one_quantity())
+            if robust == loss.is_robust and (same or not outcome.converged):
+                break
+            noise, theta, self._loss = again, outcome.theta, loss
+        return outcome
+
+    def _minimise(self, theta: np.ndarray) -> GaussNewtonOutcome:
+        """Minimise the loss of the residuals with the present weights."""
+        taken = self.so_far.iterations if self.so_far else 0
+        penalty, typical, (lower, upper) = 1.0, np.abs(theta), self._limits
+        for count in range(self._iterations + 1):
+            linearised = [s.linearise(theta) for s in self._shootings]
+            residual = self._weighted([f.outputs for f in linearised])
+            rows = list(zip(self._experiments, self._weights, linearised, strict=True))
+            jacobian = np.vstack([(w[:, :, None] * f.slope)[e.measured] for e, w, f in rows])
+            closing = np.concatenate([(w * f.closing)[e.measured] for e, w, f in rows])
+            gaps = np.concatenate([f.gaps.ravel() for f in linearised])
+            of_residual, of_slope = self._loss.factors(residual)
+            scaled, slopes, closed = of_residual * residual, of_slope[:, None] * jacobian, of_slope * closing
+            step = _step(slopes, scaled + closed, lower - theta, upper - theta)
+            size = largest(step / np.maximum(np.maximum(np.abs(theta), typical), 1e-12))
+            outcome = GaussNewtonOutcome(theta, jacobian, residual, [f.outputs for f in linearised], taken + count)
+            self.so_far = outcome
+            if size <= SETTLED and largest(gaps) <= CLOSED:
+                outcome.converged = True
+            if outcome.converged or count == self._iterations:
+                break
+            slope, square = float(scaled @ (closed + slopes @ step)), float(gaps @ gaps)
+            if square > 0:
+                penalty = max(penalty, 2 * slope / square)
+            moves = [f.node_slope @ step + f.node_closing for f in linearised]
+            share = self._shorten(theta, step, moves, self._loss.cost(residual) + penalty * square, penalty)
+            if share is None:
+                outcome.converged = size <= STALLED and largest(gaps) <= 1e2 * CLOSED
+                break
+            for shooting, move in zip(self._shootings, moves, strict=True):
+                shooting.nodes = shooting.nodes + share * move
+            theta = np.clip(theta + share * step, lower, upper)
+        return outcome
+
+    def _weighted(self, outputs: Sequence[np.ndarray]) -> np.ndarray:
+        """Weighted residuals of all experiments (N,)."""
+        rows = zip(self._experiments, self._weights, outputs, strict=True)
+        return np.concatenate([(w * (y - np.where(e.measured, e.samples, 0.0)))[e.measured] for e, w, y in rows])
+
+    def _shorten(
+        self, theta: np.ndarray, step: np.ndarray, moves: Sequence[np.ndarray], before: float, penalty: float
+    ) -> float | None:
+        """Fraction of a step that lowers cost and gaps; None if none does."""
+
+        def lower(share: float) -> float | None:
+            try:
+                runs = [
+                    s.evaluate(theta + share * step, s.nodes + share * move)
+                    for s, move in zip(self._shootings, moves, strict=True)
+                ]
+            except MechanismError:  # no start, or no end, with these values: they are too far
+                return None
+            squares = sum(float(np.sum(gaps**2)) for _, gaps, _ in runs)
+            cost = self._loss.cost(self._weighted([outputs for outputs, _, _ in runs])) + penalty * squares
+            return share if cost < before else None
+
+        return backtrack(lower)
+
+    def _weighs_one_quantity(self) -> bool:
+        """True if a common factor of all weights is all that the noise could change."""
+        first, *others = self._experiments
+        return all(e.weighted for e in self._experiments) or (not others and first.samples.shape[0] == 1)
+
+    def _noise(self, outcome: GaussNewtonOutcome) -> list[np.ndarray]:
+        """Deviation of the residuals of each row, not below rounding; with weights the one factor of all rows."""
+        residuals = [(e, y - e.samples) for e, y in zip(self._experiments, outcome.outputs, strict=True)]
+        spread, weighted = self._final_loss.spread, [(e.weights * r)[e.measured] for e, r in residuals if e.weighted]
+        factor = spread(np.concatenate(weighted)) if weighted else 1.0
+        noise = []
+        for e, r in residuals:
+            rows = [spread(row[there]) for row, there in zip(r, e.measured, strict=True)]
+            least = NOISE_TOLERANCE * _range(e)
+            noise.append(np.full(len(rows), max(factor, 1e-300)) if e.weighted else np.maximum(rows, least))
+        return noise
 
 
-def _stacked(
-    shootings: Sequence[Shooting], linearised: Sequence[Linearised], weights: Sequence[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Weighted residuals, Jacobian, change by closing gaps, and gaps of all experiments."""
-    residual, jacobian, closing = [], [], []
-    for s, f, w in zip(shootings, linearised, weights, strict=True):
-        there = s.experiment.measured
-        residual.append((w * (f.outputs - np.where(there, s.experiment.samples, 0.0)))[there])
-        jacobian.append((w[:, :, None] * f.slope)[there])
-        closing.append((w * f.closing)[there])
-    gaps = np.concatenate([f.gaps.ravel() for f in linearised])
-    return np.concatenate(residual), np.vstack(jacobian), np.concatenate(closing), gaps
+def _range(experiment: Experiment) -> np.ndarray:
+    """Range of each row of samples; the size of one that does not vary, one for zeros."""
+    rows = [row[there] for row, there in zip(experiment.samples, experiment.measured, strict=True)]
+    return np.array([(np.ptp(row) if row.size else 0.0) or np.max(np.abs(row), initial=0.0) or 1.0 for row in rows])
 
 
 def _step(jacobian: np.ndarray, residual: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
@@ -137,31 +202,3 @@ def _step(jacobian: np.ndarray, residual: np.ndarray, lower: np.ndarray, upper: 
             found = solver(h=hessian, g=scaled.T @ residual, lbx=lower * size, ubx=upper * size)["x"].full().ravel()
         step = np.clip(found, lower * size, upper * size)
     return step / size
-
-
-def _shorten(
-    shootings: Sequence[Shooting],
-    linearised: Sequence[Linearised],
-    weights: Sequence[np.ndarray],
-    theta: np.ndarray,
-    step: np.ndarray,
-    before: float,
-    penalty: float,
-    loss: Loss,
-) -> float | None:
-    """Fraction of a step that lowers cost and gaps; None if none does."""
-
-    def lower(share: float) -> float | None:
-        try:
-            cost = 0.0
-            for s, f, w in zip(shootings, linearised, weights, strict=True):
-                nodes = s.nodes + share * (f.node_slope @ step + f.node_closing)
-                outputs, gaps, _ = s.evaluate(theta + share * step, nodes)
-                there = s.experiment.measured
-                away = (w * (outputs - np.where(there, s.experiment.samples, 0.0)))[there]
-                cost += loss.cost(away) + penalty * float(np.sum(gaps**2))
-            return share if cost < before else None
-        except MechanismError:  # no start, or no end, with these values: they are too far
-            return None
-
-    return backtrack(lower)

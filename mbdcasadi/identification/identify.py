@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ..arguments.values import pairs_of, position_in
+from ..arguments.values import position_in
 from ..equations import equations
 from ..errors import Interrupted, ModelError, warn
 from ..integrators import Integrator
@@ -21,18 +20,14 @@ from ..sensitivity.compiled_run import MotionSetup
 from ..simulation.changes.events import refuse_events
 from .data import Experiment, IdentificationError, read_experiments
 from .fit import Fit
-from .gauss_newton import GaussNewtonOutcome, gauss_newton
-from .loss import LINEAR, Loss
+from .gauss_newton import GaussNewton
+from .loss import Loss
 from .shooting import Shooting
 
 #: Tolerance of the integrator unless another one is given.
 TOLERANCE = 1e-9
 #: Samples in a segment, and segments, unless the user says otherwise.
 SAMPLES, MOST_SEGMENTS = 8, 10
-#: Rounds in which the noise of each measured quantity is estimated, and the change of it that ends them.
-ROUNDS, SAME_NOISE = 6, 0.01
-#: Noise that is rounding, relative to the range of the samples.
-NOISE_TOLERANCE = 1e-9
 
 
 def identify(
@@ -142,32 +137,26 @@ def identify(
     most_steps = whole(iterations, "identify", "iterations", 0)
     _refuse_few(motions, wanted)
     refuse_twice(wanted, "unknowns=")
-    tolerances: dict[str, Any] = {"reltol": reltol, "abstol": abstol}
-    keeps = abstol is not None or isinstance(method, Integrator)
-    if not isinstance(method, Integrator):
-        tolerances = {name: TOLERANCE if value is None else value for name, value in tolerances.items()}
-    own = [pairs_of(e.parameters, "parameters=") for e in motions]
-
-    def fit_of(outcome: GaussNewtonOutcome) -> Fit:
-        results = outcome.theta, outcome.jacobian, outcome.residual, outcome.outputs, outcome.iterations
-        return Fit(mechanism, motions, wanted, *results, own, counts)
-
-    so_far: list[GaussNewtonOutcome] = []
+    chosen = {"method": method} | _tolerances(method, reltol, abstol)
+    search: GaussNewton | None = None
     try:
         with keyboard_interrupts("identify"):
-            shootings = []
-            for e in motions:
-                given = {"initial": e.initial, "inputs": e.inputs, "parameters": e.parameters, "method": method}
-                setup = MotionSetup(mechanism, "identify", e.times, **given, keeps_abstol=keeps, **tolerances)
-                shootings.append(Shooting(setup, e, places, _segments(segments, e)))
+            shootings = _shootings(mechanism, motions, places, segments, chosen)
             theta = shootings[0].setup.p[places]
             limits = np.array([u.lower for u in wanted]), np.array([u.upper for u in wanted])
             for shooting in shootings:
                 shooting.prepare(theta)
-            outcome = _search(shootings, theta, limits, motions, most_steps, counts, so_far)
+            search = GaussNewton(shootings, limits, counts, most_steps)
+            outcome = search.run(theta)
     except KeyboardInterrupt:
-        raise _interrupted(fit_of(so_far[-1]) if so_far else None) from None
-    fit = fit_of(outcome)
+        if search is None or search.so_far is None:
+            raise Interrupted("identify: stopped by the user before the first fit") from None
+        fit = Fit(mechanism, motions, wanted, search.so_far, counts)
+        raise Interrupted(
+            f"identify: stopped by the user after {fit.iterations} steps; .partial holds the best fit so far",
+            partial=fit,
+        ) from None
+    fit = Fit(mechanism, motions, wanted, outcome, counts)
     if not outcome.converged:
         raise IdentificationError(
             f"identify: after {outcome.iterations} steps the values still change ({fit!r}); "
@@ -179,89 +168,30 @@ def identify(
     return fit
 
 
-def _interrupted(fit: Fit | None) -> Interrupted:
-    if fit is None:
-        return Interrupted("identify: stopped by the user before the first fit")
-    return Interrupted(
-        f"identify: stopped by the user after {fit.iterations} steps; .partial holds the best fit so far", partial=fit
-    )
+def _tolerances(method: str | Integrator, reltol: float | None, abstol: float | None) -> dict[str, Any]:
+    """Tolerances, tighter than those of a simulation unless they are given."""
+    if isinstance(method, Integrator):
+        return {"reltol": reltol, "abstol": abstol}
+    reltol = TOLERANCE if reltol is None else reltol
+    return {"reltol": reltol, "abstol": TOLERANCE if abstol is None else abstol, "keeps_abstol": abstol is not None}
 
 
-def _segments(wanted: int | None, experiment: Experiment) -> int:
-    most = experiment.times.size - 1
-    if wanted is None:
-        return max(1, min(MOST_SEGMENTS, most // SAMPLES))
-    return whole(wanted, "identify", "segments", 1, most)
+def _shootings(
+    mechanism: Mechanism, motions: Sequence[Experiment], places: list[int], segments: int | None, chosen: dict[str, Any]
+) -> list[Shooting]:
+    """The experiments in segments."""
+    shootings = []
+    for e in motions:
+        arguments = {"initial": e.initial, "inputs": e.inputs, "parameters": e.parameters, **chosen}
+        setup = MotionSetup(mechanism, "identify", e.times, **arguments)
+        most = e.times.size - 1
+        usual = max(1, min(MOST_SEGMENTS, most // SAMPLES))
+        count = usual if segments is None else whole(segments, "identify", "segments", 1, most)
+        shootings.append(Shooting(setup, e, places, count))
+    return shootings
 
 
 def _refuse_few(motions: Sequence[Experiment], unknowns: Sequence[Parameter]) -> None:
     count = sum(int(np.sum(e.measured)) for e in motions)
     if count < len(unknowns):
         raise ModelError(f"identify: {count} samples cannot determine {len(unknowns)} unknowns")
-
-
-def _search(
-    shootings: Sequence[Shooting],
-    theta: np.ndarray,
-    limits: tuple[np.ndarray, np.ndarray],
-    motions: Sequence[Experiment],
-    iterations: int,
-    loss: Loss,
-    so_far: list[GaussNewtonOutcome],
-) -> GaussNewtonOutcome:
-    """Gauss–Newton with the weights given, or with those that the residuals ask for.
-
-    A robust loss knows outliers from the noise only near to the solution: the
-    first round takes the squares.
-    """
-    noise, taken = _first_noise(motions), 0
-    present = LINEAR
-
-    def report(outcome: GaussNewtonOutcome) -> None:
-        so_far[:] = [replace(outcome, iterations=taken + outcome.iterations)]
-
-    for _ in range(ROUNDS):
-        by_noise = [not e.weighted or present.is_robust for e in motions]
-        weights = [
-            e.weights / s[:, None] if own else e.weights for e, s, own in zip(motions, noise, by_noise, strict=True)
-        ]
-        outcome = gauss_newton(shootings, theta, limits, weights, iterations, present, report)
-        taken += outcome.iterations
-        outcome.iterations = taken
-        again = _noise(motions, outcome, loss)
-        change = max(float(np.max(np.abs(np.log(a / b)))) for a, b in zip(again, noise, strict=True))
-        final = present.is_robust == loss.is_robust
-        same = change < SAME_NOISE or (not loss.is_robust and _one_quantity(motions))
-        if final and (same or not outcome.converged):
-            return outcome
-        noise, theta, present = again, outcome.theta, loss
-    return outcome
-
-
-def _one_quantity(motions: Sequence[Experiment]) -> bool:
-    """True if a common factor of all weights is all that the noise could change."""
-    return all(e.weighted for e in motions) or (len(motions) == 1 and motions[0].samples.shape[0] == 1)
-
-
-def _first_noise(motions: Sequence[Experiment]) -> list[np.ndarray]:
-    """One per cent of the range of each row of samples."""
-    return [np.maximum(0.01 * _range(e), 1e-300) for e in motions]
-
-
-def _range(experiment: Experiment) -> np.ndarray:
-    """Range of each row of samples; the size of one that does not vary, one for zeros."""
-    rows = [row[there] for row, there in zip(experiment.samples, experiment.measured, strict=True)]
-    return np.array([(np.ptp(row) if row.size else 0.0) or np.max(np.abs(row), initial=0.0) or 1.0 for row in rows])
-
-
-def _noise(motions: Sequence[Experiment], outcome: GaussNewtonOutcome, loss: Loss) -> list[np.ndarray]:
-    """Standard deviation of the residuals of each row, not below rounding; with weights the one factor of all rows."""
-    noise = []
-    residuals = [y - e.samples for e, y in zip(motions, outcome.outputs, strict=True)]
-    weighted = [(e.weights * r)[e.measured] for e, r in zip(motions, residuals, strict=True) if e.weighted]
-    factor = loss.spread(np.concatenate(weighted)) if weighted else 1.0
-    for e, r in zip(motions, residuals, strict=True):
-        rows = [loss.spread(row[there]) for row, there in zip(r, e.measured, strict=True)]
-        least = NOISE_TOLERANCE * _range(e)
-        noise.append(np.full(len(rows), max(factor, 1e-300)) if e.weighted else np.maximum(rows, least))
-    return noise

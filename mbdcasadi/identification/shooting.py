@@ -20,20 +20,22 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from ..arguments.values import RunValues
 from ..errors import SimulationError
 from ..integrators.failures import reason_of
 from ..model.cache import Cache
-from ..numerics.console import call
 from ..numerics.least_squares import least_norm, project_velocity
 from ..numerics.newton import solve
 from ..numerics.rank import analyse_rank
-from ..sensitivity.compiled_run import PATTERNS, Compiled, MotionSetup, lengths_of, still
+from ..sensitivity.compiled_run import PATTERNS, MotionSetup
 from ..sensitivity.cuts import Cuts
+from ..sensitivity.derivatives import Compiled, lengths_of
 from ..sensitivity.differentiable_start import found
 from .data import Experiment
 
-#: Singular values below this share of the largest one are directions that the data do not show.
-DISTINGUISHED = 1e-6
+#: Singular values below this share of the largest one belong to directions, or combinations of unknowns, that leave no
+#: trace in the data.
+UNSEEN = 1e-6
 
 
 @dataclass
@@ -85,30 +87,28 @@ class Shooting:
 
     def _segment(self, k: int, x0: np.ndarray, theta: np.ndarray) -> tuple[Compiled, tuple[np.ndarray, ...]]:
         """Compiled function of a segment whose motion is cut as it is from a start, and the arguments of these cuts."""
-        first, last = self.spans[k]
-        levels, channel = self.setup.signals.level_values, self._channel(k)
-        course = self.motion.course(x0, self._parameters(theta), levels, channel, first, last)
+        grid, values = self._span(k)
+        course = self.motion.course(x0, values._replace(p=self._parameters(theta)), grid)
         compiled = self._compiled.get_or_create(
             (k, course.pattern), lambda: Compiled(self._function(k, course)), bounded=True
         )
         return compiled, course.arguments
 
-    def _channel(self, k: int) -> np.ndarray:
-        first, last = self.spans[k]
-        channel = self.motion.channel()
-        return channel[:, first:last] if channel.size else channel
+    def _span(self, k: int) -> tuple[np.ndarray, RunValues]:
+        """Output times of a segment, and the values of parameters and inputs as they were given."""
+        (first, last), values = self.spans[k], self.motion.values
+        return self.setup.grid[first : last + 1], values._replace(channel=values.channel[:, first:last])
 
     def _function(self, k: int, course: Cuts) -> ca.Function:
         """``(x0, theta, cuts, sides, borders) -> (end on the constraints, outputs, clock)`` of a segment."""
-        motion, (first, last) = self.motion, self.spans[k]
+        motion, (grid, values) = self.motion, self._span(k)
         x0, theta = ca.MX.sym("x0", self.nodes.shape[1]), ca.MX.sym("theta", len(self.places))
         arguments = course.symbols
-        p = ca.MX(ca.DM(self.setup.numeric.p))
+        p = ca.MX(ca.DM(values.p))
         p[self.places] = theta
-        levels, channel = ca.DM(self.setup.signals.level_values), self._channel(k)
-        states, end = motion.motion(course, first, last)(x0, p, levels, channel, *arguments)
-        values = motion.outputs(self.experiment.outputs, first, last)(states, p, levels, channel)
-        return ca.Function("segment", [x0, theta, *arguments], [end, values, states])
+        states, end = motion.motion(course, grid)(x0, p, *values[1:], *arguments)
+        outputs = motion.outputs(self.experiment.outputs, grid)(states, p, *values[1:])
+        return ca.Function("segment", [x0, theta, *arguments], [end, outputs, states])
 
     # --- evaluation --------------------------------------------------------------------
     def prepare(self, theta: np.ndarray) -> None:
@@ -159,12 +159,9 @@ class Shooting:
         self, k: int, theta: np.ndarray, seeds: np.ndarray, towards: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         segment, cuts = self._segment(k, self.nodes[k], theta)
-        arguments = [self.nodes[k], theta, *cuts]
-        lengths = lengths_of(towards, theta)
-        directions = [seeds * lengths, towards * lengths, *still(cuts, seeds.shape[1])]
+        arguments, lengths = [self.nodes[k], theta, *cuts], lengths_of(towards, theta)
         try:
-            results = call(segment.function, *arguments)
-            moved = call(segment.derivative("forward", seeds.shape[1]), *arguments, *results, *directions)
+            moved = segment.changes(arguments, segment(*arguments), seeds * lengths, towards * lengths)
         except RuntimeError as error:
             raise SimulationError(f"identify: the integrator stopped in segment {k + 1}: {reason_of(error)}") from None
         # the directions of a matrix stand side by side
@@ -189,18 +186,18 @@ class Shooting:
         start, count = self.setup.differentiable_start, len(self.places)
         p = self._parameters(theta)
         arguments = [p, start.right, start.z_estimate, self.guess]
-        seeds = [np.zeros((np.size(g), count)) for g in arguments]
-        seeds[0][self.places] = np.eye(count)
-        forward = start.function.forward(count)
-        return forward(*arguments, *start.function(*arguments), *seeds)[0].full()
+        seeds = np.zeros((p.size, count))
+        seeds[self.places] = np.eye(count)
+        function = Compiled(start.function)
+        return function.changes(arguments, function(*arguments), seeds)[0].full()
 
     def _run(self, k: int, x0: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         segment, cuts = self._segment(k, x0, theta)
         try:
-            end, values, states = call(segment.function, x0, theta, *cuts)
+            end, values, states = segment(x0, theta, *cuts)
         except RuntimeError as error:
             raise SimulationError(f"identify: the integrator stopped in segment {k + 1}: {reason_of(error)}") from None
-        if not self.motion.reached(states.full(), self.spans[k][0]):
+        if not self.motion.reached(states.full(), self._span(k)[0]):
             raise SimulationError(f"identify: the integrator stopped in segment {k + 1}")
         return end.full().ravel(), values.full()
 
@@ -243,7 +240,7 @@ def nodes_from_data(setup: MotionSetup, experiment: Experiment, index: int, gues
     free = analyse_rank(jacobian).null_columns
     v = project_velocity(jacobian, nu, v)
     missing = (rates - drift.full().ravel() - slope.full() @ v)[seen]
-    v = v + free @ least_norm(slope.full()[seen] @ free, missing, threshold=DISTINGUISHED)
+    v = v + free @ least_norm(slope.full()[seen] @ free, missing, threshold=UNSEEN)
     return np.concatenate([q, v, z])
 
 

@@ -98,6 +98,11 @@ class Integrator(Immutable):
             raise SimulationError(f"{type(self).__name__}: {quantity} must be positive, got {result}")
         return result
 
+    @property
+    def tolerances(self) -> tuple[float, float]:
+        """Relative and absolute tolerance."""
+        return self.reltol, self.abstol
+
     def replace(self, **changes: Any) -> Integrator:
         """Return the same method with some arguments replaced."""
         return type(self)(**(self._arguments | changes))

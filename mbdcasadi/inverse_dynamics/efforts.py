@@ -12,7 +12,7 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..errors import MechanismError, SingularityError
-from ..numerics.tolerances import RANK
+from ..numerics.tolerances import DEPENDENT, RANK
 from ..results.trajectory import Trajectory
 
 #: An equation of motion counts as out of balance from this share of the loads on.
@@ -152,11 +152,11 @@ def _rank(matrices: np.ndarray) -> np.ndarray:
 
 
 def _least_norm(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Least-squares solutions of least norm of a batch of systems."""
+    """Least-squares solutions of least norm of a batch of systems, which :func:`least_norm` takes one by one."""
     size = np.linalg.norm(matrices, axis=1, keepdims=True)
     size = np.where(size > 0, size, 1.0)
     if matrices.shape[1] == matrices.shape[2]:
         values = np.linalg.svd(matrices / size, compute_uv=False)
         if np.all(values[:, -1] > RANK * values[:, 0]):
             return np.linalg.solve(matrices, right[:, :, None])[:, :, 0]
-    return np.einsum("kij,kj->ki", np.linalg.pinv(matrices, rcond=1e-11), right)
+    return np.einsum("kij,kj->ki", np.linalg.pinv(matrices, rcond=DEPENDENT), right)

@@ -159,7 +159,7 @@ def check(mechanism: Mechanism, state: State | None = None, *, parameters: Any =
     redundant = m - near.rank
     dependent = rows_taking_part(near.analysis.null_rows) if redundant else []
     names = eom.row_names
-    pose = describe_singularity(numeric, t, q, shaky=bool(near.shaky)) if near.singular else None
+    pose = describe_singularity(numeric, t, q, near) if near.singular else None
     return Report(
         degrees_of_freedom=n - near.rank,
         gruebler=n - m,

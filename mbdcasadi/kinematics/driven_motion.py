@@ -8,7 +8,6 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..errors import Interrupted, SingularityError
-from .mobility import mobility
 from .singular import describe_singularity
 
 
@@ -36,7 +35,7 @@ class MotionFollower:
         self.numeric = numeric
 
     def _singular(self, t: float, q: np.ndarray, motion: DrivenMotion) -> SingularityError:
-        pose = describe_singularity(self.numeric, t, q, shaky=bool(mobility(self.numeric, t, q).shaky))
+        pose = describe_singularity(self.numeric, t, q)
         return SingularityError(
             f"the motion cannot be continued beyond t = {t:.9g} s: the pose is singular, {pose.text}; "
             "what was computed is in .partial",

@@ -18,8 +18,8 @@ from .driven_motion import DrivenMotion, MotionFollower
 
 #: Points that are solved by one call of the compiled recursion.
 BATCH = 500
-#: Largest share of a step's own motion by which the prediction may be off, and the least motion that counts.
-PREDICTION_TOLERANCE, SMALL_MOTION = 0.5, 1e-3
+#: Largest share of a step's own motion by which the prediction may be off, the least motion that counts, and rounding.
+PREDICTION_TOLERANCE, SMALL_MOTION, NO_MOTION = 0.5, 1e-3, 1e-12
 #: Last Newton step that counts as converged, relative to the size of the coordinates.
 NEWTON_TOLERANCE = 1e-10
 #: Size of a Jacobian and number of points up to which the sign of its determinant is watched.
@@ -44,12 +44,12 @@ class Continuation(MotionFollower):
         """Follow the motion over a grid from the pose at its first time."""
         zero = np.zeros_like(q)
         singular = self.numeric.rank(float(grid[0]), q).rank < q.size
-        first = None if singular else self._one(q, zero, zero, float(grid[0]), float(grid[0]))
-        if first is None:
+        first = None if singular else self._batch(grid[0], grid[:1], q, zero, zero)
+        if first is None or not len(first[0]):
             nothing = DrivenMotion.none(q.size)
             contradiction = None if singular else self._contradicting(q, float(grid[0]), float(grid[0]), nothing)
             raise contradiction or self._singular(float(grid[0]), q, nothing)
-        blocks = [tuple(x[None, :] for x in first)]
+        blocks = [first]
         done = 1
         with (
             interruptible() as interruption,
@@ -79,21 +79,32 @@ class Continuation(MotionFollower):
         q, v, a = (x.full().T for x in results[:3])
         return DrivenMotion(t, q, v, a)
 
-    def _batch(self, before: float, times: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple:
-        """As many of the times as the compiled recursion solves on the branch."""
+    def _batch(
+        self, before: float, times: np.ndarray, *state: np.ndarray, careful: bool = False
+    ) -> tuple[np.ndarray, ...]:
+        """As many of the times as the compiled recursion solves on the branch.
+
+        Parameters
+        ----------
+        *state : numpy.ndarray
+            Pose, velocity and acceleration at the time before.
+        careful : bool
+            True if the prediction may not be off by more than rounding where little moves.
+        """
+        q, v, _ = state
         function = self._recursion(times.size)
         p = np.tile(self.numeric.p[:, None], (1, times.size))
         try:
             with quiet():
-                results = function(q, v, a, before, times[None, :], p)
+                results = function(*state, before, times[None, :], p)
         except RuntimeError:  # a singular matrix on the way: step by step then
-            return q[None, :][:0], v[None, :][:0], a[None, :][:0]
+            return tuple(np.zeros((0, q.size)) for _ in state)
         qs, vs, accelerations = (x.full().T for x in results[:3])
         correction, remainder, apart = (x.full().ravel() for x in results[4:])
         motion = np.max(np.abs(np.diff(np.vstack([q, qs]), axis=0)), axis=1)
-        good = (correction <= PREDICTION_TOLERANCE * motion + SMALL_MOTION * (1 + motion)) & (
-            remainder <= NEWTON_TOLERANCE * (1 + largest(q))
-        )
+        slack = NO_MOTION * (1 + largest(q)) if careful else SMALL_MOTION * (1 + motion)
+        good = correction <= PREDICTION_TOLERANCE * motion + slack
+        good &= remainder <= NEWTON_TOLERANCE * (1 + largest(q))
         good &= self._rates_fit(np.r_[before, times], np.vstack([q, qs]), np.vstack([v, vs]))
         good &= apart <= self._contradiction
         good &= np.isfinite(correction) & np.all(np.isfinite(accelerations), axis=1)
@@ -133,13 +144,8 @@ class Continuation(MotionFollower):
         smallest = SMALLEST_STEP * max(float(grid[-1] - grid[0]), abs(goal))
 
         def moved(state: tuple, at: float, to: float) -> Step[tuple] | None:
-            q, v, a = state
-            state_there = self._one(q, v, a, at, to)
-            return (
-                Step(state_there)
-                if state_there is not None and self._on_branch(q, v, a, to - at, state_there)
-                else None
-            )
+            block = self._batch(at, np.array([to]), *state, careful=True)
+            return Step(tuple(x[0] for x in block)) if len(block[0]) else None
 
         path = follow((q, v, a), moved, start=now, end=goal, step=(goal - now) / 2, smallest=smallest)
         if path.failed is not None:
@@ -151,33 +157,6 @@ class Continuation(MotionFollower):
             )
         q, v, a = path.point
         return q[None, :], v[None, :], a[None, :]
-
-    def _one(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, before: float, now: float) -> tuple | None:
-        """Pose, velocity and acceleration at one time, or None if Newton's method does not converge."""
-        try:
-            with quiet():
-                results = self.driven.step(q, v, a, before, now, self.numeric.p)
-        except RuntimeError:
-            return None
-        qn, vn, an = (x.full().ravel() for x in results[:3])
-        remainder = float(results[5])
-        converged = (
-            np.all(np.isfinite(an))
-            and remainder <= NEWTON_TOLERANCE * (1 + largest(qn))
-            and float(results[6]) <= self._contradiction
-        )
-        return (qn, vn, an) if converged else None
-
-    @classmethod
-    def _on_branch(cls, q: np.ndarray, v: np.ndarray, a: np.ndarray, h: float, reached: tuple) -> bool:
-        """True if the pose continues the one before, and is no jump."""
-        predicted = q + h * v + h**2 / 2 * a
-        near = largest(reached[0] - predicted) <= PREDICTION_TOLERANCE * largest(reached[0] - q) + 1e-12 * (
-            1 + largest(q)
-        )
-        return near and bool(
-            cls._rates_fit(np.array([0.0, h]), np.vstack([q, reached[0]]), np.vstack([v, reached[1]]))[0]
-        )
 
     @staticmethod
     def _rates_fit(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:

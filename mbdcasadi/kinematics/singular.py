@@ -8,6 +8,7 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..results.validity import broken_at_pose
+from .mobility import Mobility, mobility
 
 #: Components of a null vector that count as taking part; and those of rows that prescribe a velocity, which lock
 #: however little their row weighs beside the joints'.
@@ -41,13 +42,21 @@ MEANING = {
 }
 
 
-def describe_singularity(numeric: NumericEquations, t: float, q: np.ndarray, *, shaky: bool = False) -> SingularPose:
+def singular_pose(numeric: NumericEquations, t: float, q: np.ndarray) -> SingularPose | None:
+    """Return what is singular about a pose, to the accuracy of a pose; None if poses nearby have the same rank."""
+    around = mobility(numeric, t, q)
+    return describe_singularity(numeric, t, q, around) if around.singular else None
+
+
+def describe_singularity(
+    numeric: NumericEquations, t: float, q: np.ndarray, around: Mobility | None = None
+) -> SingularPose:
     """Return the kind of a singularity at (or very near to) a pose, and the rows that take part.
 
     The combination of rows with the smallest singular value names the rows.
     It is a lock-up if the prescribed velocity ``nu`` has a part along it, since
     no velocity then meets the drivers. If it has none, it is a bifurcation, or
-    a shaky pose if the caller knows that nothing moves (see :func:`.mobility`).
+    a shaky pose if nothing moves by the :func:`.mobility` around it, which is found unless it is given.
     """
     eom = numeric.eom
     jacobian, nu = numeric.velocity(t, q)
@@ -59,6 +68,7 @@ def describe_singularity(numeric: NumericEquations, t: float, q: np.ndarray, *, 
     rows = tuple(eom.row_names[k] for k in order if abs(smallest[k]) > counts[k])
     along = abs(float(smallest @ (nu / size)))
     locks = along > 1e-4 * max(float(np.linalg.norm(nu / size)), 1e-300)
+    shaky = not locks and (around or mobility(numeric, t, q)).shaky
     kind = "lock-up" if locks else "shaky" if shaky else "bifurcation"
     remarks = "".join(f"; {sentence}" for sentence in broken_at_pose(numeric, t, q))
     return SingularPose(kind, rows, f"{MEANING[kind]}; the rows that take part are {', '.join(rows)}{remarks}")

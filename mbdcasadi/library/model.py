@@ -17,7 +17,7 @@ from ..model.forces.field import Gravity
 from ..model.geometry.shapes import Rod
 from ..model.immutable import HoldsSymbols, Immutable
 from ..model.mechanism import Mechanism
-from ..model.symbols import Input, number
+from ..model.symbols import Input, number, positive
 
 #: Free-fall acceleration, m/s².
 GRAVITY = (0.0, -9.81)
@@ -96,13 +96,7 @@ def weight(gravity: Any) -> list[Gravity]:
 
 def lengths(what: str, **values: Any) -> list[float]:
     """Positive lengths as floats."""
-    lengths = []
-    for name, value in values.items():
-        length = number(value, what, name)
-        if length <= 0:
-            raise ModelError(f"{what}: {name} must be positive, got {length}")
-        lengths.append(length)
-    return lengths
+    return [positive(value, what, name) for name, value in values.items()]
 
 
 def pair_of_numbers(value: Any, what: str, name: str) -> tuple[float, float]:

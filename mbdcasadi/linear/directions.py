@@ -82,6 +82,7 @@ class Directions:
         size = np.max(np.abs(matrix), axis=1, initial=0.0)
         size = np.where(size > 0, size, 1.0)[:, None]
         columns = 1 / np.maximum(np.max(np.abs(matrix / size), axis=0, initial=0.0), 1e-300)
+        # with the rank, which decides if the coordinates are independent
         answer, _, rank, _ = np.linalg.lstsq(matrix / size * columns, right / size, rcond=1e-12)
         if level != "acceleration" and rank < unknown.numel():
             raise MechanismError(

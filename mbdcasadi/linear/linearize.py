@@ -11,13 +11,13 @@ import numpy as np
 from ..arguments.values import inputs_and_parameters
 from ..assembly.setup import Setup
 from ..errors import ModelError, warn
-from ..kinematics.mobility import mobility
-from ..kinematics.singular import describe_singularity
+from ..kinematics.singular import singular_pose
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries
 from ..model.symbols import Input, Parameter, as_expression
 from ..numerics.console import keyboard_interrupts
 from ..printing import to_text
+from ..results.columns import component_names
 from ..results.state import State
 from .coordinates import independent
 from .directions import Directions
@@ -101,22 +101,19 @@ def linearize(
     eom, point = setup.eom, setup.start
     _ = point[eom.a]  # raises if there are no accelerations
     changed = inputs_and_parameters(mechanism, wrt, "wrt=")
-    names, expressions = read_outputs(outputs)
-    eom.function(ca.vertcat(ca.SX(0, 1), *expressions))  # refuses foreign symbols
+    names, out = read_outputs(outputs)
+    eom.function(out)  # refuses foreign symbols
     chosen = independent(setup.numeric, point, coordinates)
     held = _feedback(setup, changed)
     _warn_of_singular_pose(setup, point)
     directions = Directions(eom, point, chosen.positions, chosen.rates, held, changed)
     rate = ca.vertcat(chosen.position_rate, chosen.acceleration, eom.z_rate)
     change = directions.of(rate)
-    out = ca.vertcat(ca.SX(0, 1), *expressions)
     answer = directions.of(out) if out.numel() else np.zeros((0, directions.count))
     k = change.shape[0]
     return LinearModel(
-        change[:, :k],
-        change[:, k:],
-        answer[:, :k],
-        answer[:, k:],
+        *np.split(change, [k], axis=1),
+        *np.split(answer, [k], axis=1),
         state_names=(*chosen.names, *(z.label for z in mechanism.states)),
         input_names=tuple(s.label for s in changed),
         output_names=tuple(names),
@@ -127,8 +124,8 @@ def linearize(
     )
 
 
-def read_outputs(outputs: Any) -> tuple[list[str], list[ca.SX]]:
-    """Names and expressions of outputs, one a scalar; a vector of two becomes ``name.x`` and ``name.y``."""
+def read_outputs(outputs: Any) -> tuple[list[str], ca.SX]:
+    """Names and a column of outputs; a vector of two becomes ``name.x`` and ``name.y``."""
     pairs: list[tuple[str | None, Any]]
     pairs = list(outputs.items()) if isinstance(outputs, Mapping) else [(None, e) for e in entries(outputs, "outputs=")]
     names: list[str] = []
@@ -136,16 +133,9 @@ def read_outputs(outputs: Any) -> tuple[list[str], list[ca.SX]]:
     for name, value in pairs:
         expression = ca.vec(as_expression(value, "outputs="))
         label = name or (to_text(expression) if expression.numel() == 1 else f"output {len(names) + 1}")
-        ends = (
-            [""]
-            if expression.numel() == 1
-            else [".x", ".y"]
-            if expression.numel() == 2
-            else [f"[{k}]" for k in range(expression.numel())]
-        )
-        names += [f"{label}{end}" for end in ends]
-        expressions += ca.vertsplit(ca.densify(expression))
-    return names, expressions
+        names += component_names(label, expression.shape)
+        expressions.append(ca.densify(expression))
+    return names, ca.vertcat(ca.SX(0, 1), *expressions)
 
 
 def _warn_of_singular_pose(setup: Setup, point: State) -> None:
@@ -153,9 +143,8 @@ def _warn_of_singular_pose(setup: Setup, point: State) -> None:
     numeric = setup.numeric
     if numeric.rank(point.t, point.q).rank == setup.eom.lam.numel():
         return
-    around = mobility(numeric, point.t, point.q)
-    if around.singular:
-        pose = describe_singularity(numeric, point.t, point.q, shaky=bool(around.shaky))
+    pose = singular_pose(numeric, point.t, point.q)
+    if pose is not None:
         warn(
             f"linearize: at t = {point.t:.6g} s the pose is singular, {pose.text}; small changes along several motions "
             "at once do not meet the constraints, and the linear model does not hold for them"

@@ -12,6 +12,7 @@ from ..equations.recovery import Recovery
 from ..errors import MechanismError, warn
 from ..model.quantities import whole
 from ..model.symbols import number
+from ..numerics.lazy import optional_package
 from ..results.state import State
 from ..results.trajectory import Trajectory
 from .directions import Directions
@@ -134,7 +135,7 @@ class LinearModel:
 
     def to_control(self) -> Any:
         """Return a ``control.StateSpace`` with the names of states, inputs and outputs."""
-        control = _imported("control", "to_control", "control")
+        control = optional_package("control", "to_control", "analysis")
         return control.ss(
             self.A,
             self.B,
@@ -147,7 +148,9 @@ class LinearModel:
 
     def to_scipy(self) -> Any:
         """Return a ``scipy.signal.StateSpace``."""
-        return _imported("scipy.signal", "to_scipy", "scipy").StateSpace(self.A, self.B, self.C, self.D)
+        from scipy.signal import StateSpace
+
+        return StateSpace(self.A, self.B, self.C, self.D)
 
     def __repr__(self) -> str:
         text = f"LinearModel: states {', '.join(self.state_names) or 'none'}"
@@ -276,12 +279,3 @@ def _points(values: Any, what: str) -> np.ndarray:
 def _plain(names: tuple[str, ...]) -> list[str]:
     """Names as python-control takes them: a dot separates a system from its signal there."""
     return [name.replace(".", "_") for name in names]
-
-
-def _imported(module: str, method: str, package: str) -> Any:
-    import importlib
-
-    try:
-        return importlib.import_module(module)
-    except ImportError:
-        raise MechanismError(f"{method} needs {package}; install it by pip install {package}") from None

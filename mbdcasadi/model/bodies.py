@@ -11,7 +11,7 @@ from ..errors import ModelError
 from ..numerics.lazy import cached_property
 from .geometry.shapes import Shape, rotation_matrix
 from .immutable import HoldsSymbols, Immutable
-from .quantities import Quantities, in_radians, quantity, triple
+from .quantities import HasQuantities, in_radians, quantity, triple
 from .rates import time_derivative
 from .symbols import as_sx, check_name, register
 
@@ -25,7 +25,7 @@ def rotation(angle: Any) -> ca.SX:
     return ca.blockcat([[c, -s], [s, c]])
 
 
-class Body(Immutable, HoldsSymbols):
+class Body(Immutable, HoldsSymbols, HasQuantities):
     """A rigid body in the plane; its frame sits at the centre of mass.
 
     Parameters
@@ -82,13 +82,11 @@ class Body(Immutable, HoldsSymbols):
         shape: Shape | None = None,
     ):
         self.name = check_name(name, "Body")
-        what = f"body '{name}'"
+        what = self.description
         if name == "ground" and not self.is_ground:
             raise ModelError("body 'ground': the global frame has that name (mbd.ground); give the body another one")
-        read = Quantities(what)
-        self.mass = read(mass, "mass", at_least=0.0)
-        self.inertia = read(inertia, "inertia", at_least=0.0)
-        self.limits = read.limits
+        self.mass = self.read(mass, "mass", at_least=0.0)
+        self.inertia = self.read(inertia, "inertia", at_least=0.0)
         self.pose_estimate = triple(pose, what, "pose", "(x, y, phi)")
         in_radians(self.pose_estimate[2], what, "the angle of the pose")
         self.velocity_estimate = triple(velocity, what, "velocity", "(vx, vy, omega)")
@@ -189,6 +187,11 @@ class Body(Immutable, HoldsSymbols):
         return rotation(self.phi)
 
     @property
+    def description(self) -> str:
+        """Kind and name, as messages give it."""
+        return f"body '{self.name}'"
+
+    @property
     def is_ground(self) -> bool:
         """True for the global frame."""
         return False
@@ -208,7 +211,7 @@ class Body(Immutable, HoldsSymbols):
         angle : float or expression, default 0
             Angle of the marker's x axis in that frame, rad.
         """
-        what = f"body '{self.name}'"
+        what = self.description
         point = [quantity(value, what, f"marker {axis}") for value, axis in ((x, "x"), (y, "y"))]
         local = ca.vertcat(*[as_sx(p) for p in point]) - self._shape_centroid
         angle = quantity(angle, what, "marker angle")
@@ -217,6 +220,11 @@ class Body(Immutable, HoldsSymbols):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.name!r}, mass={self.mass}, inertia={self.inertia})"
+
+
+def _component(vector: str, place: int, meaning: str) -> Any:
+    """Return the property that is a component of a vector."""
+    return property(lambda self: getattr(self, vector)[place], doc=meaning)
 
 
 class Marker(Immutable):
@@ -254,35 +262,12 @@ class Marker(Immutable):
         """Acceleration (2,), m/s²."""
         return time_derivative(self.velocity)
 
-    @property
-    def x(self) -> ca.SX:
-        """First coordinate, m."""
-        return self.position[0]
-
-    @property
-    def y(self) -> ca.SX:
-        """Second coordinate, m."""
-        return self.position[1]
-
-    @property
-    def vx(self) -> ca.SX:
-        """First component of the velocity, m/s."""
-        return self.velocity[0]
-
-    @property
-    def vy(self) -> ca.SX:
-        """Second component of the velocity, m/s."""
-        return self.velocity[1]
-
-    @property
-    def ax(self) -> ca.SX:
-        """First component of the acceleration, m/s²."""
-        return self.acceleration[0]
-
-    @property
-    def ay(self) -> ca.SX:
-        """Second component of the acceleration, m/s²."""
-        return self.acceleration[1]
+    x: ca.SX = _component("position", 0, "First coordinate, m.")
+    y: ca.SX = _component("position", 1, "Second coordinate, m.")
+    vx: ca.SX = _component("velocity", 0, "First component of the velocity, m/s.")
+    vy: ca.SX = _component("velocity", 1, "Second component of the velocity, m/s.")
+    ax: ca.SX = _component("acceleration", 0, "First component of the acceleration, m/s².")
+    ay: ca.SX = _component("acceleration", 1, "Second component of the acceleration, m/s².")
 
     @property
     def angle(self) -> ca.SX:

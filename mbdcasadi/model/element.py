@@ -16,12 +16,12 @@ from ..errors import ExpressionError, ModelError
 from ..numerics.lazy import cached_property
 from .bodies import Body, Marker, ground
 from .immutable import HoldsSymbols, Immutable
-from .quantities import Limit
+from .quantities import HasQuantities
 from .symbols import as_sx, check_name, register, role_of, symbols_of
 from .validity import Smoothing, ValidityCondition
 
 
-class Element(Immutable, HoldsSymbols):
+class Element(Immutable, HoldsSymbols, HasQuantities):
     """Base class of joints, drivers and forces. Every attribute has a neutral default and may be overridden.
 
     Parameters
@@ -81,8 +81,10 @@ class Element(Immutable, HoldsSymbols):
     rates: Mapping[Any, ca.SX] = MappingProxyType({})
     potential: ca.SX = ca.SX(0)
     external: bool = False
-    limits: tuple[Limit, ...] = ()
     validity_conditions: tuple[ValidityCondition, ...] = ()
+    smoothings: tuple[Smoothing, ...] = ()
+    apart: ca.SX | None = None
+    likeness: Hashable = None
 
     def __init__(self, name: str):
         self.name = check_name(name, type(self).__name__)
@@ -91,21 +93,6 @@ class Element(Immutable, HoldsSymbols):
     def description(self) -> str:
         """Kind and name of the element, as messages give it."""
         return f"{self.kind} '{self.name}'"
-
-    @property
-    def smoothings(self) -> tuple[Smoothing, ...]:
-        """Quantities that change within a short time."""
-        return ()
-
-    @property
-    def apart(self) -> ca.SX | None:
-        """Expression that is positive only if the element's gap is open; None if there is none."""
-        return None
-
-    @property
-    def likeness(self) -> Hashable:
-        """Equal for elements that differ in their bodies alone; None if it is not known."""
-        return None
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:

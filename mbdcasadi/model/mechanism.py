@@ -146,7 +146,7 @@ class Mechanism(Immutable, HoldsSymbols):
 
     def _check_symbols(self) -> None:
         allowed = self.symbol_hashes
-        sources = [(f"body '{b.name}'", [as_sx(b.mass), as_sx(b.inertia)]) for b in self.bodies]
+        sources = [(b.description, [as_sx(b.mass), as_sx(b.inertia)]) for b in self.bodies]
         sources += [(e.description, e.expressions()) for e in self.elements]
         sources += [(f"the rate of state variable '{z.label}'", [rate]) for z, rate in self.state_rates.items()]
         for what, expressions in sources:
@@ -157,7 +157,7 @@ class Mechanism(Immutable, HoldsSymbols):
             for name, value in (("mass", body.mass), ("inertia", body.inertia)):
                 if varying := varying_in(value):
                     raise ExpressionError(
-                        f"body '{body.name}': {name} may contain parameters only, not {describe(varying[0])}"
+                        f"{body.description}: {name} may contain parameters only, not {describe(varying[0])}"
                     )
 
     @staticmethod

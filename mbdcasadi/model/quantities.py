@@ -90,20 +90,22 @@ def quantity(
     return value
 
 
-class Quantities:
-    """Reader of the quantities of one element: checks each, and collects the limits of those that are expressions."""
+class HasQuantities:
+    """Base class of what has quantities with ranges, which :attr:`limits` keeps of those that are expressions."""
 
-    def __init__(self, what: str, limits: Iterable[Limit] = ()):
-        self._what, self._limits = what, list(limits)
-
-    def __call__(self, value: Any, name: str, **allowed: Any) -> Any:
-        """Return a scalar quantity; see :func:`quantity` for the limits that it may have."""
-        return quantity(value, self._what, name, limits=self._limits, **allowed)
+    limits: tuple[Limit, ...] = ()
 
     @property
-    def limits(self) -> tuple[Limit, ...]:
-        """Limits of all quantities that were read."""
-        return tuple(self._limits)
+    def description(self) -> str:
+        """Kind and name, as messages give it."""
+        return type(self).__name__
+
+    def read(self, value: Any, name: str, **allowed: Any) -> Any:
+        """Return a scalar quantity, checked; see :func:`quantity` for the limits that it may have."""
+        limits = list(self.limits)
+        value = quantity(value, self.description, name, limits=limits, **allowed)
+        self.limits = tuple(limits)
+        return value
 
 
 def in_radians(value: Any, what: str, name: str) -> None:

@@ -92,6 +92,14 @@ def number(value: Any, what: str, quantity: str, *, infinite: bool = False) -> f
     return result
 
 
+def positive(value: Any, what: str, quantity: str) -> float:
+    """Return a finite float above zero, or raise an error that names the owner, the quantity and the value."""
+    result = number(value, what, quantity)
+    if result <= 0:
+        raise ModelError(f"{what}: {quantity} must be positive, got {result:g}")
+    return result
+
+
 class Symbol(ca.SX, HoldsSymbols):
     """A named scalar of the model: a ``casadi.SX`` with a label, a value and limits."""
 

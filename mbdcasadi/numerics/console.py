@@ -66,14 +66,13 @@ def interruptible(*, raising: bool = True) -> Iterator[Interruption]:
     if threading.current_thread() is not threading.main_thread():
         yield interruption
         return
-    previous = signal.getsignal(signal.SIGINT)
 
     def remember(number: int, frame: Any) -> None:
         interruption.requested = True
         if raising:
             raise KeyboardInterrupt
 
-    signal.signal(signal.SIGINT, remember)
+    previous = signal.signal(signal.SIGINT, remember)
     try:
         yield interruption
     finally:

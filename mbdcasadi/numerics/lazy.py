@@ -1,10 +1,13 @@
-"""Attributes that are computed when they are first used, without a lock of their own."""
+"""What is made or imported when it is first used: attributes without a lock of their own, and optional packages."""
 
 from __future__ import annotations
 
 import functools
 import sys
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from ..errors import MechanismError
 
 if TYPE_CHECKING or sys.version_info >= (3, 12):
     from functools import cached_property
@@ -26,4 +29,18 @@ else:
             return known[self.attrname]
 
 
-__all__ = ["cached_property"]
+__all__ = ["cached_property", "optional_package"]
+
+
+def optional_package(name: str, method: str, extra: str) -> Any:
+    """Return a package that a method needs and that is installed with an extra of this one.
+
+    Raises
+    ------
+    MechanismError
+        If it is not installed; it says how to install it.
+    """
+    try:
+        return import_module(name)
+    except ImportError:
+        raise MechanismError(f'{method} needs {name}; install it by pip install "mbdcasadi[{extra}]"') from None

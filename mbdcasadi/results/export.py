@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import csv
-import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import MechanismError
+from ..numerics.lazy import optional_package
 from ..numerics.writing import whole_file
 from .columns import columns, phase_numbers, read_expressions
 from .stored_states import ARRAYS, column_names
@@ -32,7 +32,7 @@ def to_pandas(motion: Trajectory, expressions: dict[str, Any] | None = None) -> 
         Scalars keep their names; a vector of two becomes ``name.x`` and
         ``name.y``, others ``name[0]`` and so on. Without, the columns of :func:`to_csv`.
     """
-    pd = _imported("pandas", "to_pandas")
+    pd = optional_package("pandas", "to_pandas", "data")
     return pd.DataFrame(columns(motion, expressions), index=pd.Index(motion.t, name="t"))
 
 
@@ -49,7 +49,7 @@ def to_xarray(motion: Trajectory, expressions: dict[str, Any] | None = None) -> 
         ``coordinate``, ``lam`` by ``row``, ``z`` by ``state`` and ``inputs`` by ``input``.
         A motion through several mechanisms has the coordinate ``phase``: its number by time, from 0.
     """
-    xr = _imported("xarray", "to_xarray")
+    xr = optional_package("xarray", "to_xarray", "data")
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {"t": ("t", motion.t, {"units": "s"})}
     if len(motion.phases) > 1 and "phase" not in (expressions or {}):
@@ -94,10 +94,3 @@ def to_csv(motion: Trajectory, path: str | Path, expressions: dict[str, Any] | N
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["t", *table])
         writer.writerows(rows.tolist())
-
-
-def _imported(name: str, method: str) -> Any:
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        raise MechanismError(f'{method} needs {name}; install it by pip install "mbdcasadi[data]"') from None

@@ -74,8 +74,9 @@ def report_validity(motion: Trajectory, others: Sequence[str] = ()) -> None:
 
 def _broken_at_outputs(motion: Trajectory) -> list[str]:
     """Messages of the conditions that are broken at an output, which become notes."""
-    known, lam = has_multipliers(motion), motion.equations.lam
-    conditions = [c for c in validity_conditions(motion.mechanism) if known or not ca.depends_on(c.expression, lam)]
+    conditions = validity_conditions(motion.mechanism)
+    if conditions and not has_multipliers(motion):
+        conditions = [c for c in conditions if not ca.depends_on(c.expression, motion.equations.lam)]
     if not conditions or not motion.t.size:
         return []
     remarks = []

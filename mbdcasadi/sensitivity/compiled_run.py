@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from ..arguments.values import RunValues
 from ..assembly.setup import Setup
 from ..equations.numeric import NumericEquations
 from ..errors import SimulationError, warn
-from ..integrators import Integrator
 from ..integrators.failures import reason_of
 from ..kinematics.singular import describe_singularity
 from ..model.cache import Cache
@@ -20,12 +21,13 @@ from ..numerics.console import call
 from ..numerics.lazy import cached_property
 from ..results.state import State
 from ..simulation.changes.modes import SingleMode
-from ..simulation.checks.accuracy import range_near_rounding, tolerance_for, unresolved_range
+from ..simulation.checks.accuracy import range_near_rounding, ranges, tolerance_for, unresolved_range
 from ..simulation.contact.watched_terms import has_gaps
 from ..simulation.path import Path, hermite_states
 from ..simulation.simulate import chosen_integrator, suited_to_friction
 from ..simulation.singular.regularity import singular_time
 from .cuts import Cuts
+from .derivatives import Compiled, lengths_of
 from .design_variables import DesignVariables
 from .differentiable_motion import DifferentiableMotion
 from .differentiable_start import DifferentiableStart, found
@@ -88,15 +90,8 @@ class MotionSetup(Setup):
     def start(self) -> State:
         return self.differentiable_start.state
 
-    def motion(
-        self,
-        varied: Collection[int],
-        *,
-        integrands: ca.SX | None = None,
-        in_state: bool = True,
-        reversible: bool = False,
-    ) -> DifferentiableMotion:
-        """Return the motion over the grid; see :class:`DifferentiableMotion`.
+    def motion(self, varied: Collection[int], **options: Any) -> DifferentiableMotion:
+        """Return the motion over the grid; for the options see :class:`DifferentiableMotion`.
 
         An absolute tolerance that was not given is one that resolves the range of the motion at the values given.
 
@@ -106,26 +101,18 @@ class MotionSetup(Setup):
             If the one that was given does not resolve it.
         """
 
-        def motion_by(integrator: Integrator) -> DifferentiableMotion:
-            return DifferentiableMotion(
-                self, integrator, varied=varied, integrands=integrands, in_state=in_state, reversible=reversible
-            )
-
-        made = motion_by(self.integrator)
-        finer = tolerance_for(made.poses, self.integrator.abstol)
+        given = self.integrator
+        made = DifferentiableMotion(self, given, varied=varied, **options)
         for sentence in range_near_rounding(made.poses):
             warn(f"{self._analysis}: {sentence}")
-        if finer is None:
+        if not self.resolve_all([made.poses]):
             return made
-        if self._keeps_abstol:
-            warn(f"{self._analysis}: {unresolved_range(made.poses, self.integrator.abstol)}")
-            return made
-        resolving = motion_by(self.integrator.replace(abstol=finer))
-        if not len(resolving.poses):  # the forces are too rough for it
-            warn(f"{self._analysis}: {unresolved_range(made.poses, self.integrator.abstol)}")
-            return made
-        self.integrator = self.integrator.replace(abstol=finer)
-        return resolving
+        resolving = DifferentiableMotion(self, self.integrator, varied=varied, **options)
+        if len(resolving.poses):
+            return resolving
+        self.integrator = given  # the forces are too rough for a finer one
+        warn(f"{self._analysis}: {unresolved_range(made.poses, given.abstol)}")
+        return made
 
     def resolve_all(self, motions: Sequence[np.ndarray]) -> bool:
         """Take an absolute tolerance that resolves the range of each of some motions; True if it is another one.
@@ -141,7 +128,7 @@ class MotionSetup(Setup):
             If the tolerance was given, and does not resolve the smallest one.
         """
         abstol = self.integrator.abstol
-        known = [(q, tolerance_for(q, abstol)) for q in motions if len(q) and np.all(np.isfinite(q))]
+        known = [(q, tolerance_for(ranges(q), abstol)) for q in motions if len(q) and np.all(np.isfinite(q))]
         small = [(finer, q) for q, finer in known if finer is not None]
         if not small:
             return False
@@ -190,8 +177,6 @@ class CompiledRun:
         self.guess = start.guess
         self._expressions = list(expressions)
         self.rows = sum(e.numel() for e in self._expressions)
-        d = ca.MX.sym("d", self.design.size)
-        self._given = ca.Function("given", [d], list(self.design.arguments(d)))
         self._outputs = self.motion.outputs(expressions)
         self._compiled = Cache(PATTERNS)
 
@@ -207,7 +192,7 @@ class CompiledRun:
         """
         self.setup.mechanism.check_values(self.design.parameters(d))
         course = self._course(d)
-        y, states, residual, solution = self._call(self._of(course).function, d, self.guess, *course.arguments)
+        y, states, residual, solution = self._run(course, d)
         self._refuse_no_start(float(residual), d)
         if not self.motion.reached(states.full()):
             raise SimulationError(self._stopped(d, "the step size became too small, or a value was not finite"))
@@ -220,13 +205,11 @@ class CompiledRun:
         return y, self._slopes(d, y)
 
     def _slopes(self, d: np.ndarray, y: np.ndarray) -> np.ndarray:
-        course, size = self._course(d), self.design.size
-        arguments = [self.guess, *course.arguments]
-        function = self._of(course).derivative("forward", size)
-        lengths = lengths_of(np.eye(size), d)
-        slope = self._call(function, d, *arguments, y, np.diag(lengths), *still(arguments, size))
-        slopes: np.ndarray = slope.full() / lengths
-        return slopes
+        course, lengths = self._course(d), lengths_of(np.eye(d.size), d)
+        arguments = [d, self.guess, *course.arguments]
+        with self._stops_at(d):
+            slopes: np.ndarray = self._of(course).changes(arguments, [y], np.diag(lengths)).full()
+        return slopes / lengths
 
     def adjoint(self, d: np.ndarray, weights: np.ndarray, y: np.ndarray) -> np.ndarray:
         """``weights^T dY/dd`` (n_d,), by one adjoint integration, or forward if that could pass over a load.
@@ -237,16 +220,14 @@ class CompiledRun:
         course = self._course(d)
         if self.motion.load_limit.max_step is not None and self.setup.integrator.is_multistep:
             return weights @ self._slopes(d, y)
-        function = self._of(course).derivative("reverse", 1)
         try:
-            found = call(function, d, self.guess, *course.arguments, y, weights)
+            return self._of(course).adjoint([d, self.guess, *course.arguments], y, weights)
         except RuntimeError as error:
             raise SimulationError(self._stopped_backwards(d, course, reason_of(error))) from None
-        return found[0].full().ravel()
 
     def _stopped_backwards(self, d: np.ndarray, course: Cuts, why: str) -> str:
         """Message on an adjoint integration that failed; a singular pose on the way is a likely cause."""
-        states = self._call(self._of(course).function, d, self.guess, *course.arguments)[1].full()
+        states = self._run(course, d)[1].full()
         eom = self.setup.eom
         n, k = eom.q.numel(), eom.q.numel() + eom.v.numel() + eom.z.numel()
         path = Path(self.setup.grid, states[:k].T, np.zeros((0, 0)))
@@ -265,13 +246,20 @@ class CompiledRun:
     # --- the course ---------------------------------------------------------------------------
     def _course(self, d: np.ndarray) -> Cuts:
         """The cuts of the motion."""
-        p, right, z, levels, channel = (part.full() for part in self._given(d))
+        right, z, p, levels, channel = (part.full() for part in self.design.function(d))
         start = None
         if self.motion.needs_start:
-            x, _, residual = self._call(self.setup.differentiable_start.function, p, right, z, self.guess)
+            with self._stops_at(d):
+                x, _, residual = call(self.setup.differentiable_start.function, p, right, z, self.guess)
             self._refuse_no_start(float(residual), d)
             start = x.full().ravel()
-        return self.motion.course(start, p.ravel(), levels.ravel(), channel)
+        return self.motion.course(start, RunValues(p.ravel(), levels.ravel(), channel))
+
+    def _run(self, course: Cuts, d: np.ndarray) -> Any:
+        """Outputs, states, residual of the start, and its solution."""
+        run = self._of(course)
+        with self._stops_at(d):
+            return run(d, self.guess, *course.arguments)
 
     def _of(self, course: Cuts) -> Compiled:
         """The compiled run for a course and others of its pattern."""
@@ -282,10 +270,10 @@ class CompiledRun:
         start, motion = self.setup.differentiable_start, self.motion
         d, guess = ca.MX.sym("d", self.design.size), ca.MX.sym("guess", self.guess.size)
         arguments = course.symbols
-        p, right, z, levels, channel = self._given(d)
-        x0, solution, residual = start.function(p, right, z, guess)
-        states, _ = motion.motion(course)(x0, p, levels, channel, *arguments)
-        outputs = self._outputs(states, p, levels, channel)
+        right, z, *values = self.design.function(d)
+        x0, solution, residual = start.function(values[0], right, z, guess)
+        states, _ = motion.motion(course)(x0, *values, *arguments)
+        outputs = self._outputs(states, *values)
         totals = states[-1 - motion.integrals : -1, -1]
         return ca.Function(
             "run", [d, guess, *arguments], [ca.vertcat(ca.vec(outputs), totals), states, residual, solution]
@@ -298,11 +286,13 @@ class CompiledRun:
                 "the linkage does not reach there, or the values are too far from the last ones"
             )
 
-    def _call(self, function: ca.Function, *arguments: Any) -> Any:
+    @contextmanager
+    def _stops_at(self, d: np.ndarray) -> Iterator[None]:
+        """Report where an integration that fails was."""
         try:
-            return call(function, *arguments)
+            yield
         except RuntimeError as error:
-            raise SimulationError(self._stopped(arguments[0], reason_of(error))) from None
+            raise SimulationError(self._stopped(d, reason_of(error))) from None
 
     def _stopped(self, d: np.ndarray, why: str) -> str:
         return (
@@ -316,47 +306,3 @@ class CompiledRun:
             for e, low in zip(self.design.entries, self.design.places[:-1], strict=True)
         ]
         return ", ".join(parts)
-
-
-class Compiled:
-    """A compiled function and its derivatives, for one pattern of cuts.
-
-    Parameters
-    ----------
-    outputs : int, optional
-        Number of its outputs, from the first, that are differentiated; by default all.
-    """
-
-    def __init__(self, function: ca.Function, outputs: int | None = None):
-        self.function = function
-        arguments = function.mx_in()
-        self._values = function if outputs is None else ca.Function("values", arguments, function(*arguments)[:outputs])
-        self._derivatives: dict[tuple[str, int], ca.Function] = {}
-
-    def derivative(self, kind: str, count: int) -> ca.Function:
-        """Derivatives, "forward" or "reverse", in a number of directions."""
-        if (kind, count) not in self._derivatives:
-            self._derivatives[kind, count] = getattr(self._values, kind)(count)
-        return self._derivatives[kind, count]
-
-
-def lengths_of(directions: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return how far forward sensitivities go along directions, for the size of which their results are divided (k,).
-
-    The error test of an integrator compares a derivative with its absolute tolerance, below which a derivative by a
-    stiffness of 1e6 N/m would be as a whole: the derivative by its relative change is what counts.
-
-    Parameters
-    ----------
-    directions : numpy.ndarray
-        By column (n, k).
-    values : numpy.ndarray
-        Values of what changes along them (n,).
-    """
-    lengths: np.ndarray = np.max(np.abs(directions * values[:, None]), axis=0, initial=1.0)
-    return lengths
-
-
-def still(arguments: Sequence[np.ndarray], count: int) -> list[np.ndarray]:
-    """Seeds of arguments that do not change in any of a number of directions."""
-    return [np.zeros((ca.DM(a).size1(), count * ca.DM(a).size2())) for a in arguments]

@@ -16,8 +16,8 @@ from ..model.conditions import Condition, read_conditions
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries
 from ..model.symbols import Input, Parameter, StateVariable
+from ..numerics.lazy import cached_property
 from ..results.state import State
-from .differentiable_motion import channel_over
 from .differentiable_start import DifferentiableStart
 
 
@@ -142,13 +142,13 @@ class DesignVariables:
         return Entry(key, f"right side of {read[0].label}", "condition", labels.index(read[0].label), np.zeros(1))
 
     # --- setting --------------------------------------------------------------------------
-    def arguments(self, d: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX, ca.MX]:
-        """``p, right sides, z estimate, levels, channel`` as functions of the vector."""
-        signals, grid = self._setup.signals, self._setup.grid
-        p, right = ca.MX(ca.DM(self._setup.p)), ca.MX(ca.DM(self.start.right))
-        z, levels = ca.MX(ca.DM(self.start.z_estimate)), ca.MX(ca.DM(signals.level_values))
-        channel = ca.MX(ca.DM(channel_over(signals, grid)))
-        steps = ca.DM(np.diff(grid)).T
+    @cached_property
+    def function(self) -> ca.Function:
+        """``d -> (right sides, z estimate, p, levels, channel)``: the start and the run by the vector."""
+        signals, grid, start = self._setup.signals, self._setup.grid, self.start
+        given = start.right, start.z_estimate, self._setup.p, signals.level_values, signals.channel_over(grid)
+        right, z, p, levels, channel = (ca.MX(ca.DM(part)) for part in given)
+        d, steps = ca.MX.sym("d", self.size), ca.DM(np.diff(grid)).T
         for entry, low, high in zip(self.entries, self.places[:-1], self.places[1:], strict=True):
             entry_values = d[int(low) : int(high)]
             if entry.kind == "parameter":
@@ -162,7 +162,7 @@ class DesignVariables:
             elif entry.kind == "samples":
                 channel[2 * entry.index, :] = entry_values[:-1].T
                 channel[2 * entry.index + 1, :] = (entry_values[1:] - entry_values[:-1]).T / steps
-        return p, right, z, levels, channel
+        return ca.Function("given", [d], [right, z, p, levels, channel])
 
     @property
     def varied(self) -> list[int]:

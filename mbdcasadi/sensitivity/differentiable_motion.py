@@ -27,7 +27,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..arguments.inputs import Signals
+from ..arguments.values import RunValues
 from ..assembly.setup import Setup
 from ..equations.recovery import Recovery
 from ..equations.switching.time_breaks import resolution
@@ -56,7 +56,7 @@ COURSES = 64
 
 
 class DifferentiableMotion:
-    """A simulation as functions of ``(x0, p, levels, channel)``, and of its course.
+    """A simulation as functions of its start and of :class:`RunValues`, and of its course.
 
     Parameters
     ----------
@@ -70,6 +70,19 @@ class DifferentiableMotion:
         True if switches in the state are cuts too; without, they are integrated over.
     reversible : bool
         True if it is differentiated backwards: by `varied`, the inputs and the start.
+
+    Attributes
+    ----------
+    values : RunValues
+        Values of the parameters and inputs as they were given.
+    course_varies : bool
+        True if the course depends on the parameters that change.
+    pieces : int
+        Pieces of the whole motion, at whose ends the state is brought back onto the constraints.
+    poses : numpy.ndarray
+        Coordinates at the outputs at these values (n_t, n); none if that run fails.
+    held : HeldMotion
+        The motion with the switches held that are held now.
     """
 
     def __init__(
@@ -82,46 +95,40 @@ class DifferentiableMotion:
         in_state: bool = True,
         reversible: bool = False,
     ):
-        numeric, signals, grid = setup.numeric, setup.signals, setup.grid
+        numeric, signals, grid, start = setup.numeric, setup.signals, setup.grid, setup.start
         if signals.controller or signals.polynomials:
             raise ModelError(
                 "inputs= takes numbers, samples and expressions here; a SampledController or the polynomials of an "
                 "optimal solution cannot be differentiated or compiled: give samples of them"
             )
         self.numeric, self.grid, self.signals, self.redundant = numeric, grid, signals, setup.has_redundant_rows
+        self.values = RunValues(numeric.p, signals.level_values, signals.channel_over(grid))
         self._integrands = ca.SX(0, 1) if integrands is None else integrands
-        self.integrals = self._integrands.numel()
         self.form = choose_formulation(numeric, integrator, redundant=self.redundant)
-        self._abstol = integrator.abstol
-        self._integrator, self._given = integrator, frozenset(varied)
+        self._integrator, self._given, self._in_state = integrator, frozenset(varied), in_state
         self._is_reversible = reversible and integrator.is_multistep
         self._courses: OrderedDict[tuple[Any, ...], Cuts] = OrderedDict()
-        self._has_gaps = has_gaps(numeric.eom.mechanism)
         self.load_limit = LoadLimit(setup, integrator)
-        start = setup.start
         self._timed = timed_equations(setup, self._integrands)
-        self._parts = parts_of_motion(numeric, signals, self._integrands)
-        self._in_time = SwitchesInTime(numeric, signals, self._parts)
-        self._varied = self._in_time.depend_on(varied)
-        unmoved = [node for node, moves in zip(self._in_time.nodes, self._varied, strict=True) if not moves]
-        self._one_sided = OneSidedWarnings(unmoved, differentiates=in_state)
-        #: whether the course depends on the parameters that change
-        self.course_varies = bool(self._timed.parameters & frozenset(varied))
-        self._in_state = in_state
+        self.course_varies = bool(self._timed.parameters & self._given)
         # from zero the search of IDAS for forces that depend on reactions, |λ|, may fail
         self._unknowns = perturbed(np.r_[start.a, start.lam])
+        self._find_switches()
         self._hold(frozenset())
-        #: pieces of the whole motion, at whose ends the state is brought back onto the constraints
-        self.pieces = 1
-        if self._is_reversible and self.signals.is_sampled:
-            # CasADi does not restart IDAS where samples change, and repeats stretches of the motion with the samples
-            # of another interval for the adjoint: gradients were off by up to a third, and where the repetition took
-            # more steps than the motion it ended the process. Each interval is an integration of its own.
-            self.pieces = grid.size - 1
-        #: coordinates at the outputs at the typical parameters (n_t, n); none if that run fails
-        typical = numeric.p, signals.level_values, self.channel()
-        self.poses = self.poses_from(np.r_[start.q, start.v, start.z], *typical)
+        # CasADi does not restart IDAS where samples change, and repeats stretches of the motion with the samples of
+        # another interval for the adjoint: gradients were off by up to a third, and where the repetition took more
+        # steps than the motion it ended the process. Each interval is an integration of its own.
+        self.pieces = grid.size - 1 if self._is_reversible and signals.is_sampled else 1
+        self.poses = self.poses_from(np.r_[start.q, start.v, start.z], self.values)
         self._cut_where_it_drifts()
+
+    def _find_switches(self) -> None:
+        """Find what jumps in the equations, inputs and integrands, and what of it in time alone."""
+        self._parts = parts_of_motion(self.numeric, self.signals, self._integrands)
+        self._in_time = SwitchesInTime(self.numeric, self.signals, self._parts)
+        self._varied = self._in_time.depend_on(self._given)
+        unmoved = [node for node, moves in zip(self._in_time.nodes, self._varied, strict=True) if not moves]
+        self._one_sided = OneSidedWarnings(unmoved, differentiates=self._in_state)
 
     def _hold(self, active: frozenset[int]) -> None:
         """Hold the switches in the state and the active ones in time, and compile the system."""
@@ -144,7 +151,6 @@ class DifferentiableMotion:
             first = system.numeric.eom.p.numel()
             levels = range(first, first + self.signals.levels.numel())
             backwards = ReversibleIntegrator(dae, self._integrator, self._given | frozenset(levels))
-        #: motion with the switches held that are held now
         self.held = HeldMotion(
             system,
             CompiledIntegrator(dae, self._integrator),
@@ -152,6 +158,11 @@ class DifferentiableMotion:
             self._unknowns if dae.z.numel() else np.zeros(0),
             DECAY * PIECES / float(self.grid[-1] - self.grid[0]),
         )
+
+    @property
+    def integrals(self) -> int:
+        """Number of integrals."""
+        return int(self._integrands.numel())
 
     @property
     def state_size(self) -> int:
@@ -168,66 +179,49 @@ class DifferentiableMotion:
         """True if a course depends on the start, or its steps on what the motion meets."""
         return self.follows_state or self.load_limit.is_needed
 
-    @property
-    def channel_size(self) -> tuple[int, int]:
-        """Rows and columns of the channel of sampled inputs."""
-        rows = self.signals.channel.numel()
-        return rows, self.grid.size - 1 if rows else 0
-
-    def channel(self) -> np.ndarray:
-        """Values of the channel as the inputs were given."""
-        return channel_over(self.signals, self.grid)
-
-    def _stretch(self, first: int, last: int) -> np.ndarray:
-        """Times of the grid from one to another, both included."""
-        return self.grid[first:] if last == -1 else self.grid[first : last + 1]
+    def symbols(self, intervals: int, kind: Any = ca.MX) -> RunValues:
+        """Symbols for the values of parameters and inputs over some intervals."""
+        sizes = (self.numeric.eom.p.numel(), 1), (self.signals.levels.numel(), 1)
+        shapes = *sizes, (self.signals.channel.numel(), intervals)
+        return RunValues(*[kind.sym(name, *shape) for name, shape in zip(RunValues._fields, shapes, strict=True)])
 
     def _max_step(self, timed: TimeDependence) -> float | None:
         """Longest step; free flight has steps that jump over short contacts, and over what passes quickly."""
         span = float(self.grid[-1] - self.grid[0])
-        watched = span / WATCH_POINTS if self._has_gaps else None
+        watched = span / WATCH_POINTS if has_gaps(self.numeric.eom.mechanism) else None
         limits = timed.max_step, watched, self.load_limit.max_step
         return min([limit for limit in limits if limit is not None], default=None)
 
     # --- the course at values of the parameters -----------------------------------------------
-    def course(
-        self,
-        x0: np.ndarray | None,
-        p: np.ndarray,
-        levels: np.ndarray,
-        channel: np.ndarray,
-        first: int = 0,
-        last: int = -1,
-    ) -> Cuts:
+    def course(self, x0: np.ndarray | None, values: RunValues, grid: np.ndarray | None = None) -> Cuts:
         """Find where the motion is cut.
 
         Parameters
         ----------
         x0 : numpy.ndarray or None
             Start ``(q, v, z)``; not needed unless the motion :attr:`needs_start`.
-        p, levels, channel : numpy.ndarray
-            Values of the parameters, of the inputs that are numbers, and of sampled inputs in the stretch.
-        first, last : int
-            Stretch of the grid.
+        values : RunValues
+            Values of the parameters and inputs.
+        grid : numpy.ndarray, optional
+            A stretch of the output times; all of them by default.
 
         Raises
         ------
         SimulationError
             At a jump through which no derivative can be carried, with the name of the element.
         """
-        key = (*[None if a is None else a.tobytes() for a in (x0, p, levels, channel)], first, last)
+        grid = self.grid if grid is None else grid
+        key = (*[None if a is None else a.tobytes() for a in (x0, *values)], grid[0], grid[-1])
         if key not in self._courses:
-            self._courses[key] = self._found_course(x0, p, levels, channel, first, last)
+            self._courses[key] = self._found_course(x0, values, grid)
             while len(self._courses) > COURSES:
                 self._courses.popitem(last=False)
         return self._courses[key]
 
-    def _found_course(
-        self, x0: np.ndarray | None, p: np.ndarray, levels: np.ndarray, channel: np.ndarray, first: int, last: int
-    ) -> Cuts:
+    def _found_course(self, x0: np.ndarray | None, values: RunValues, grid: np.ndarray) -> Cuts:
         if x0 is not None:
-            self.load_limit.look(x0, p, levels, channel, first, last)
-        grid, whole = self._stretch(first, last), self.grid
+            self.load_limit.look(x0, values, grid)
+        p, whole = values.p, self.grid
         timed = dependence_at(self._timed, p, float(whole[0]), float(whole[-1]))
         obstacle = timed.obstacle()
         if obstacle is not None:
@@ -240,7 +234,7 @@ class DifferentiableMotion:
             self.held,
             grid,
             np.r_[x0, np.zeros(self.integrals)] if self.follows_state else None,
-            (p, levels, channel),
+            values,
             stops=np.union1d(timed.stops, timed.jumps),
             max_step=max_step,
             watch_step=float(whole[-1] - whole[0]) / WATCH_POINTS,
@@ -301,22 +295,22 @@ class DifferentiableMotion:
         return np.array(natural)
 
     # --- the motion ----------------------------------------------------------------------------
-    def motion(self, course: Cuts, first: int = 0, last: int = -1) -> ca.Function:
-        """Return ``(x0, p, levels, channel, cuts, sides, borders) -> (X, end)`` over a stretch of the grid.
+    def motion(self, course: Cuts, grid: np.ndarray | None = None) -> ca.Function:
+        """Return ``(x0, p, levels, channel, cuts, sides, borders) -> (X, end)`` over the grid or a stretch of it.
 
         The states stand by column (n_x, n_t): ``(q, v, z)``, integrals, and a
         clock; `end` is the state on the constraints after the last cut. The last
         three arguments are those of the course, and of others of its pattern.
         Pieces of equal steps share a compiled integrator.
         """
-        return motion_function(self, course, self._stretch(first, last))
+        return motion_function(self, course, self.grid if grid is None else grid)
 
-    def poses_from(self, x0: np.ndarray, p: np.ndarray, levels: np.ndarray, channel: np.ndarray) -> np.ndarray:
+    def poses_from(self, x0: np.ndarray, values: RunValues) -> np.ndarray:
         """Coordinates at the outputs of one run (n_t, n); none if it fails, which a later one reports."""
         n = self.numeric.eom.q.numel()
-        course = self.course(x0, p, levels, channel)
+        course = self.course(x0, values)
         try:
-            states = call(self.motion(course), x0, p, levels, channel, *course.arguments)[0].full()
+            states = call(self.motion(course), x0, *values, *course.arguments)[0].full()
         except RuntimeError:
             return np.zeros((0, n))
         return states[:n].T if self.reached(states) else np.zeros((0, n))
@@ -330,47 +324,34 @@ class DifferentiableMotion:
         if not self.numeric.eom.Phi.numel() or not len(self.poses):
             return
         drift = max(largest(self.numeric.position(float(t), q)[0]) for t, q in zip(self.grid, self.poses, strict=True))
-        needed = np.clip(np.ceil(np.sqrt(drift / (ACCEPTED * self._abstol))), 1, min(PIECES, self.grid.size - 1))
+        needed = np.clip(
+            np.ceil(np.sqrt(drift / (ACCEPTED * self._integrator.abstol))), 1, min(PIECES, self.grid.size - 1)
+        )
         self.pieces = max(self.pieces, int(needed))
 
-    def reached(self, states: np.ndarray, first: int = 0) -> bool:
+    def reached(self, states: np.ndarray, grid: np.ndarray | None = None) -> bool:
         """True if an integration got to its end, by its clock, and all is finite."""
-        offsets = self.grid[first:][: states.shape[1]] - self.grid[first]
+        grid = self.grid if grid is None else grid
+        offsets = grid - grid[0]
         on_time = np.abs(states[-1] - offsets) <= 1e-6 * offsets[-1]
         return bool(np.all(np.isfinite(states))) and bool(np.all(on_time))
 
     # --- outputs -------------------------------------------------------------------------
-    def outputs(self, expressions: Sequence[ca.SX], first: int = 0, last: int = -1) -> ca.Function:
-        """Return ``(X, p, levels, channel) -> Y``: expressions, stacked, at every output of a stretch (n_y, n_t)."""
-        eom = self.numeric.eom
+    def outputs(self, expressions: Sequence[ca.SX], grid: np.ndarray | None = None) -> ca.Function:
+        """Return ``(X, p, levels, channel) -> Y``: expressions, stacked, at the outputs or some of them (n_y, n_t)."""
+        grid = self.grid if grid is None else grid
         at_one = self.at_one_output(ca.vertcat(ca.SX(0, 1), *[ca.vec(e) for e in expressions]))
-        grid = self._stretch(first, last)
-        n_t, rows = grid.size, self.channel_size[0]
-        states = ca.MX.sym("X", self.state_size + 1, n_t)
-        p, levels = ca.MX.sym("p", eom.p.numel()), ca.MX.sym("levels", self.signals.levels.numel())
-        channel = ca.MX.sym("channel", rows, n_t - 1 if rows else 0)
+        states, values = ca.MX.sym("X", self.state_size + 1, grid.size), self.symbols(grid.size - 1)
+        p, levels = (ca.repmat(part, 1, grid.size) for part in (values.p, values.levels))
         # the interval that ends at an output holds its inputs too; the first output takes the first interval
-        before = [max(k - 1, 0) for k in range(n_t)]
-        by_output = channel[:, before] if rows else ca.MX(0, n_t)
-        values = at_one.map(n_t)(
-            ca.DM(grid).T, states[:-1, :], ca.repmat(p, 1, n_t), ca.repmat(levels, 1, n_t), by_output
-        )
-        names = ["X", "p", "levels", "channel"]
-        return ca.Function("outputs", [states, p, levels, channel], [values], names, ["Y"])
+        by_output = values.channel[:, [max(k - 1, 0) for k in range(grid.size)]]
+        results = at_one.map(grid.size)(ca.DM(grid).T, states[:-1, :], p, levels, by_output)
+        return ca.Function("outputs", [states, *values], [results], ["X", *RunValues._fields], ["Y"])
 
     def at_one_output(self, expression: ca.SX) -> ca.Function:
         """``(t, x, p, levels, channel) -> values`` at one output."""
         eom, kind = self.numeric.eom, ca.MX if self.numeric.eom.Q_depends_on_lam else ca.SX
-        arguments = [
-            kind.sym(name, size)
-            for name, size in (
-                ("t", 1),
-                ("x", self.state_size),
-                ("p", eom.p.numel()),
-                ("levels", self.signals.levels.numel()),
-                ("channel", self.channel_size[0]),
-            )
-        ]
+        arguments = [kind.sym("t"), kind.sym("x", self.state_size), *self.symbols(1, kind)]
         t, x, p, levels, channel = arguments
         n, k = eom.q.numel(), eom.z.numel()
         x = projected(Recovery(self.numeric, redundant=self.redundant), t, x, p)
@@ -379,9 +360,3 @@ class DifferentiableMotion:
         a, lam = self.numeric.forward_dynamics(redundant=self.redundant)(t, q, v, z, u, p)
         values = eom.function(expression)(t, q, v, a, z, lam, u, p)
         return ca.Function("output", arguments, [values])
-
-
-def channel_over(signals: Signals, grid: np.ndarray) -> np.ndarray:
-    """Values of the channel of sampled inputs in the intervals of a grid (rows, k)."""
-    channel = signals.channel_from(grid[:-1])
-    return np.zeros((0, 0)) if channel is None else channel

@@ -10,6 +10,7 @@ from collections import deque
 
 import numpy as np
 
+from ..arguments.values import RunValues
 from ..assembly.setup import Setup
 from ..errors import MechanismError
 from ..integrators import Integrator
@@ -39,31 +40,18 @@ class LoadLimit:
         self._setup, self._integrator = setup, integrator
         self.is_needed = meets_loads(setup.eom, setup.signals) or has_gaps(setup.eom.mechanism)
         self._shortest = np.inf
-        self._known: dict[tuple[int, int], deque[np.ndarray]] = {}
+        self._known: dict[tuple[float, float], deque[np.ndarray]] = {}
 
-    def look(
-        self, start: np.ndarray, p: np.ndarray, levels: np.ndarray, channel: np.ndarray, first: int = 0, last: int = -1
-    ) -> None:
-        """Look for loads on the motion from a start over a stretch of the grid, unless one near to it is known.
-
-        Parameters
-        ----------
-        start : numpy.ndarray
-            State ``(q, v, z)``.
-        p, levels, channel : numpy.ndarray
-            Values of the parameters, of the inputs that are numbers, and of sampled inputs in the stretch.
-        first, last : int
-            The stretch.
-        """
+    def look(self, start: np.ndarray, values: RunValues, grid: np.ndarray) -> None:
+        """Look for loads on the motion from a state ``(q, v, z)`` over a grid, unless one near to it is known."""
         if not self.is_needed:
             return
-        values = np.concatenate([start, p, levels, channel.ravel()])
-        known = self._known.setdefault((first, last), deque(maxlen=REMEMBERED))
-        if any(np.all(np.abs(values - other) <= NEAR * np.abs(other) + ZERO) for other in known):
+        point = np.concatenate([start, *map(np.ravel, values)])
+        known = self._known.setdefault((grid[0], grid[-1]), deque(maxlen=REMEMBERED))
+        if any(np.all(np.abs(point - other) <= NEAR * np.abs(other) + ZERO) for other in known):
             return
-        known.append(values)
-        grid = self._setup.grid[first:] if last == -1 else self._setup.grid[first : last + 1]
-        found = shortest_unseen_load(self._setup.at_values(grid, p, levels, channel), self._integrator, start)
+        known.append(point)
+        found = shortest_unseen_load(self._setup.at_values(grid, values), self._integrator, start)
         if found < self._shortest:  # a power of two, so that nearly equal loads share what is compiled
             self._shortest = float(2.0 ** np.floor(np.log2(found)))
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
+from ..arguments.values import RunValues
 from ..equations.recovery import Recovery
 from ..integrators.compiled import MAX_STEPS
 from ..simulation.schedule import Piece, Schedule
@@ -19,14 +20,11 @@ if TYPE_CHECKING:
 
 def motion_function(motion: DifferentiableMotion, course: Cuts, grid: np.ndarray) -> ca.Function:
     """Return ``(x0, p, levels, channel, cuts, sides, borders) -> (X, end)`` over a grid."""
-    size, rows = motion.state_size - motion.integrals, motion.channel_size[0]
-    x0, p = ca.MX.sym("x0", size), ca.MX.sym("p", motion.numeric.eom.p.numel())
-    levels = ca.MX.sym("levels", motion.signals.levels.numel())
-    channel = ca.MX.sym("channel", rows, grid.size - 1 if rows else 0)
+    x0, values = ca.MX.sym("x0", motion.state_size - motion.integrals), motion.symbols(grid.size - 1)
     cuts, sides, borders = course.symbols
-    walk = _Walk(motion, course, grid, ca.vertcat(x0, ca.MX.zeros(motion.integrals + 1)), (p, levels, channel), sides)
+    walk = _Walk(motion, course, grid, ca.vertcat(x0, ca.MX.zeros(motion.integrals + 1)), values, sides)
     walk.run(cuts, borders)
-    arguments = [x0, p, levels, channel, cuts, sides, borders]
+    arguments = [x0, *values, cuts, sides, borders]
     names = ["x0", "p", "levels", "channel", "cuts", "sides", "borders"]
     return ca.Function("motion", arguments, [ca.horzcat(*walk.columns), walk.end()], names, ["X", "end"])
 
@@ -38,8 +36,8 @@ class _Walk:
     ----------
     x : casadi.MX
         Start, with the integrals and the clock of the whole.
-    arguments : tuple of casadi.MX
-        Parameters, levels of the inputs, values of the channel.
+    values : RunValues
+        Values of the parameters and inputs, as expressions.
     sides : casadi.MX
         Sides of the switches by piece (switches, pieces).
 
@@ -55,12 +53,12 @@ class _Walk:
         course: Cuts,
         grid: np.ndarray,
         x: ca.MX,
-        arguments: tuple[ca.MX, ca.MX, ca.MX],
+        values: RunValues,
         sides: ca.MX,
     ):
         self._motion, self._course, self._grid, self._x = motion, course, grid, x
-        self._p, self._levels, self._channel = arguments
-        self._sides, self._sampled = sides, bool(motion.channel_size[0])
+        self._p, self._levels, self._channel = values
+        self._sides, self._sampled = sides, motion.signals.is_sampled
         self._piece, self._begin, self._on_constraints = 0, float(grid[0]), True
         self.columns = [x]
 

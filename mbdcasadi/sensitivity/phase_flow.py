@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,11 +15,10 @@ from ..errors import ModelError, SimulationError
 from ..integrators import Integrator
 from ..integrators.failures import reason_of
 from ..model.mechanism import Mechanism
-from ..numerics.console import call
 from ..results.phases import present
 from ..results.state import State
 from ..results.trajectory import Trajectory
-from .compiled_run import lengths_of, still
+from .derivatives import Compiled, lengths_of
 from .differentiable_motion import DifferentiableMotion
 
 
@@ -119,18 +118,18 @@ class PhaseFlow:
             raise ModelError(
                 "sensitivities: through changes of the mechanism inputs= takes numbers and expressions, no samples"
             )
-        self.p, self.levels = setup.p, np.asarray(setup.signals.level_values, float)
         self._varied = directions
         varied = [k for k, x in enumerate(self.mechanism.parameters) if x in directions.parameters]
         self.motion = DifferentiableMotion(setup, integrator, varied=varied)
+        self.p = setup.p
         self.x0 = np.r_[first.q, first.v, first.z]
         shown = self._with_absent_parameters([present(e, whole, self.mechanism) for e in outputs], whole, values)
         known = [self.eom.contains(e) for e in shown]
         self._shown = [e for e, has in zip(shown, known, strict=True) if has]
         self.rows = np.repeat(np.array(known, bool), [e.numel() for e in outputs])
-        self.dlevels = np.zeros((self.levels.size, directions.count))
+        self._dlevels = np.zeros((self.motion.values.levels.size, directions.count))
         for k, place in setup.signals.level_places.items():
-            self.dlevels[place] = directions.inputs.get(self.mechanism.inputs[k], 0.0)
+            self._dlevels[place] = directions.inputs.get(self.mechanism.inputs[k], 0.0)
 
     def _with_absent_parameters(
         self, expressions: Sequence[ca.SX], whole: Mechanism, values: np.ndarray
@@ -160,31 +159,29 @@ class PhaseFlow:
 
     def over(self, dx0: np.ndarray, dp: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Outputs (n_t, n_y) with variations (n_t, n_y, k), and the last state with its own."""
-        motion, k = self.motion, dx0.shape[1]
-        channel = motion.channel()
-        course = motion.course(self.x0, self.p, self.levels, channel)
-        run = motion.motion(course)
-        known = [self.x0, self.p, self.levels, channel, *course.arguments]
+        motion, values, k = self.motion, self.motion.values, dx0.shape[1]
+        course = motion.course(self.x0, values)
+        run = Compiled(motion.motion(course))
+        known = [self.x0, *values, *course.arguments]
         results = self._integrated(run, *known)
         states = results[0].full()
         if not motion.reached(states):
             raise SimulationError("sensitivities: the integrator stopped within a phase", time=float(self.part.t[0]))
-        lengths = lengths_of(np.vstack([dp, self.dlevels]), np.r_[self.p, self.levels])
-        seeds = [part * lengths for part in (dx0, dp, self.dlevels)]
-        moved = self._integrated(run.forward(k), *known, *results, *seeds, *still([channel, *course.arguments], k))
-        outputs = motion.outputs(self._shown)
-        output_arguments = [results[0], self.p, self.levels, channel]
-        y = outputs(*output_arguments)
-        dy = call(outputs.forward(k), *output_arguments, y, moved[0], *seeds[1:], *still([channel], k))
+        lengths = lengths_of(np.vstack([dp, self._dlevels]), np.r_[self.p, values.levels])
+        seeds = [part * lengths for part in (dx0, dp, self._dlevels)]
+        moved = self._integrated(run.changes, known, results, *seeds)
+        outputs, given = Compiled(motion.outputs(self._shown)), [results[0], *values]
+        y = outputs(*given)
+        dy = outputs.changes(given, [y], moved[0], *seeds[1:])
         n_t, n_y = states.shape[1], int(np.sum(self.rows))
-        values, slopes = np.full((n_t, self.rows.size), np.nan), np.full((n_t, self.rows.size, k), np.nan)
-        values[:, self.rows] = y.full().T
+        shown, slopes = np.full((n_t, self.rows.size), np.nan), np.full((n_t, self.rows.size, k), np.nan)
+        shown[:, self.rows] = y.full().T
         slopes[:, self.rows] = dy.full().reshape(n_y, k, n_t).transpose(2, 0, 1) / lengths
-        return values, slopes, results[1].full().ravel(), moved[1].full() / lengths
+        return shown, slopes, results[1].full().ravel(), moved[1].full() / lengths
 
-    def _integrated(self, function: ca.Function, *arguments: Any) -> Any:
+    def _integrated(self, function: Callable[..., Any], *arguments: Any) -> Any:
         try:
-            return call(function, *arguments)
+            return function(*arguments)
         except RuntimeError as error:
             raise SimulationError(
                 f"the derivatives of the motion from t = {self.part.t[0]:.6g} s on stopped: {reason_of(error)}; take "
@@ -195,11 +192,10 @@ class PhaseFlow:
     # --- at one instant ------------------------------------------------------------------------
     def at(self, expression: ca.SX, here: VariedState) -> tuple[np.ndarray, np.ndarray]:
         """An expression at a state, and its variations (n, k)."""
-        function, channel, k = self.motion.at_one_output(ca.vec(expression)), self._no_samples, here.dt.size
-        known = [here.time, here.x, self.p, self.levels, channel]
+        function, known = Compiled(self.motion.at_one_output(ca.vec(expression))), self._at(here.time, here.x)
         value = function(*known)
-        seeds = [here.dt[None, :], here.dx, here.dp, self.dlevels, *still([channel], k)]
-        return value.full().ravel(), call(function.forward(k), *known, value, *seeds).full()
+        change = function.changes(known, [value], here.dt[None, :], here.dx, here.dp, self._dlevels)
+        return value.full().ravel(), change.full()
 
     def outputs_at(self, here: VariedState) -> tuple[np.ndarray, np.ndarray]:
         """All outputs at a state (n_y,), and their variations (n_y, k)."""
@@ -213,15 +209,14 @@ class PhaseFlow:
         """Rates of ``(q, v, z)``."""
         eom = self.eom
         function = self.motion.at_one_output(ca.vertcat(eom.v, eom.a, eom.z_rate))
-        return np.asarray(function(time, x, self.p, self.levels, self._no_samples).full().ravel())
+        return np.asarray(function(*self._at(time, x)).full().ravel())
 
     def rate_of(self, expression: ca.SX, time: float, x: np.ndarray) -> float:
         """Rate of an expression along the motion."""
-        function = self.motion.at_one_output(expression)
-        known = [time, x, self.p, self.levels, self._no_samples]
-        seeds = [1.0, self.rates(time, x), 0 * self.p, 0 * self.levels, self._no_samples]
-        return float(call(function.forward(1), *known, function(*known), *seeds))
+        function, known = Compiled(self.motion.at_one_output(expression)), self._at(time, x)
+        rates = self.rates(time, x)[:, None]
+        return float(function.changes(known, [function(*known)], np.ones((1, 1)), rates))
 
-    @property
-    def _no_samples(self) -> np.ndarray:
-        return np.zeros((self.motion.channel_size[0], 1))
+    def _at(self, time: float, x: np.ndarray) -> list[Any]:
+        """Arguments of a function at one output; there are no samples."""
+        return [time, x, self.p, self.motion.values.levels, np.zeros((0, 1))]

@@ -21,6 +21,7 @@ from ..numerics.console import keyboard_interrupts
 from ..simulation.changes.events import read_events
 from ..simulation.simulate import simulate
 from .compiled_run import CompiledRun, MotionSetup
+from .derivatives import Compiled
 from .design_variables import DesignVariables, PhasedDesignVariables, same
 from .phase_flow import Directions
 from .phased_variation import EventVariation, phased_variation
@@ -264,12 +265,10 @@ def _through_changes(
 
 def _start_slopes(design: DesignVariables) -> np.ndarray:
     """Derivatives of the start ``(q, v, z)`` by the design variables (n_x, k)."""
-    start = design.start
-    d = ca.MX.sym("d", design.size)
-    p, right, z, *_ = design.arguments(d)
-    function = ca.Function("start", [d], [start.function(p, right, z, start.guess)[0]])
-    x = function(design.values)
-    return np.asarray(function.forward(design.size)(design.values, x, np.eye(design.size)).full())
+    start, d = design.start, ca.MX.sym("d", design.size)
+    right, z, p, *_ = design.function(d)
+    of_start = Compiled(ca.Function("start", [d], [start.function(p, right, z, start.guess)[0]]))
+    return np.asarray(of_start.changes([design.values], [of_start(design.values)], np.eye(design.size)).full())
 
 
 def _listed(parameters: Any) -> list[Parameter]:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 import casadi as ca
 import numpy as np
 
+from ..arguments.values import RunValues
 from ..equations.impact_law import jump
 from ..equations.switching.switches import margin_rates_of, margins_of, sides_of
 from ..errors import SimulationError, warn
@@ -54,8 +55,8 @@ class BorderPassage:
         Equations with their switches held, and their integrator.
     x : numpy.ndarray or None
         The start (n_x,); None if all switches are switches in time, and nothing need be integrated.
-    values : tuple of numpy.ndarray
-        Values of the parameters, of the inputs that are numbers, and of sampled inputs by output interval (rows, k).
+    values : RunValues
+        Values of the parameters and inputs.
     stops : numpy.ndarray
         Times over which no step may go, s.
     max_step : float, optional
@@ -78,7 +79,7 @@ class BorderPassage:
         held: HeldMotion,
         grid: np.ndarray,
         x: np.ndarray | None,
-        values: tuple[np.ndarray, np.ndarray, np.ndarray],
+        values: RunValues,
         *,
         stops: np.ndarray,
         max_step: float | None,
@@ -376,7 +377,7 @@ class BorderPassage:
     def _columns(self, times: np.ndarray) -> np.ndarray:
         """Values of the channel in the intervals that end at times (rows, k)."""
         place = np.clip(np.searchsorted(self._grid, times, side="left") - 1, 0, self._grid.size - 2)
-        return self._channel[:, place] if self._channel.shape[0] else np.zeros((0, times.size))
+        return self._channel[:, place]
 
     def _switching(self, sides: np.ndarray) -> list[np.ndarray]:
         """Quantities, their rates, and rates of the state, at the present state."""

@@ -16,15 +16,15 @@ from .changes.events import Crossing, EventWatch
 from .checks.failure_diagnosis import singular_stop
 from .checks.resolution import Resolution
 from .checks.uniqueness import Uniqueness
-from .checks.unseen_loads import UnseenLoad, UnseenLoads
+from .checks.unseen_loads import UnseenLoads
 from .outputs import Outputs
 from .path import Path
 from .schedule import Piece
 from .singular.passage import Passage, SingularPassage, Trail
 from .singular.regularity import Regularity
+from .stepper import SteppedSystem, Stepper
 from .stepping.compiled_stepper import CompiledStepper
 from .stepping.piece_projection import PieceProjection
-from .stepping.stepper import SteppedSystem, Stepper
 from .stepping.whole_stepper import WholeStepper
 
 if TYPE_CHECKING:
@@ -51,33 +51,33 @@ class Arc:
     ----------
     stepper : Stepper
         Advances it.
-    watch, passage, resolution, uniqueness
-        Look for events, singular poses, what the steps did not follow, and reactions that are not unique.
+    watch, passage, resolution, unseen_loads, uniqueness
+        Look for events, singular poses, what the steps did not follow or passed over, and reactions that are not
+        unique.
     trail : Trail
         States since the motion last began smoothly.
     """
 
     def __init__(self, run: Run, mode: Any, state: State):
-        modes, signals, self._integrator = run.modes, run.setup.signals, run.integrator
+        modes, integrator = run.modes, run.integrator
         self.mode, self.numeric = mode, modes.numeric(mode)
-        self.resolution = Resolution(self.numeric)
         self.uniqueness = Uniqueness(self.numeric)
-        self._unseen_loads = UnseenLoads(self.numeric, signals)
         self._own_events = modes.events(mode)
         self.watch = EventWatch(
             self.numeric.eom, (*self._own_events, *run.events), run.instant, run.transitions.resting
         )
         regularity = Regularity(self.numeric, state.t, state.q)
         system = SteppedSystem(
-            self.numeric, signals, modes.levels, run.integrator, self.resolution, run.span, run.redundant, run.max_step
+            self.numeric, run.setup.signals, modes.levels, integrator, run.span, run.redundant, run.max_step
         )
         self.stepper: Stepper
-        if run.integrator.runs_whole:
+        if integrator.runs_whole:
             self.stepper = WholeStepper(system, watch=self.watch, decides=self.decides, may_fold=regularity.is_needed)
         else:
             self.stepper = CompiledStepper(system)
+        self.resolution, self.unseen_loads = Resolution(self.stepper), UnseenLoads(self.stepper)
         self.passage = SingularPassage(regularity, self.stepper.outputs)
-        self._projection = PieceProjection(self.stepper, run.integrator.reltol, only_wanted=not self.watch.events)
+        self._projection = PieceProjection(self.stepper, only_wanted=not self.watch.events)
         self.trail = Trail()
 
     def is_own(self, event: Event) -> bool:
@@ -104,7 +104,7 @@ class Arc:
             times = piece.times[: len(stopped.x)]
             nothing = np.zeros((times.size, self.resolution.terms.size))
             return piece, Path(np.r_[piece.start, times], np.vstack([x, stopped.x]), nothing), stopped
-        return piece.refined(path.times[1:]) if self._integrator.runs_whole else piece, path, None
+        return piece.refined(path.times[1:]) if self.stepper.integrator.runs_whole else piece, path, None
 
     def outputs(self, passage: Passage | None) -> Outputs:
         """Return what makes outputs of states, on the way across a singular pose if there is one."""
@@ -114,34 +114,12 @@ class Arc:
         self, piece: Piece, path: Path, passage: Passage | None
     ) -> tuple[Path, IntegrationFailure | None]:
         """Return a path on the constraints, up to the first state that cannot be brought there, and the failure."""
-        x, apart = path.x[1:], None
-        if not path.on_constraints:
-            x, apart = self._projection.states(piece, path, self.outputs(passage), across=passage is not None)
+        if path.on_constraints:
+            self.stepper.note_turning(path.x[1:])
+            return path, None
+        x, apart = self._projection.states(piece, path, self.outputs(passage), across=passage is not None)
         self.stepper.note_turning(x)
         return replace(path, times=path.times[: len(x) + 1], x=np.vstack([path.x[:1], x])), apart
-
-    def first_touch(self, path: Path) -> tuple[float, np.ndarray] | None:
-        """First time at which a piece is to end, as a contact closes that its steps did not follow; and stops."""
-        guided = self._integrator.runs_whole
-        return self.resolution.first_touch(path, self.stepper.outputs.accelerations, guides_steps=guided)
-
-    def first_unseen_load(self, path: Path) -> UnseenLoad | None:
-        """First load that the steps of a path passed over."""
-        stepper, tolerances = self.stepper, (self._integrator.reltol, self._integrator.abstol)
-        return self._unseen_loads.first(path, stepper.outputs, stepper.way_from, *tolerances)
-
-    def shortest_load(self, path: Path) -> float:
-        """Duration of the shortest load on a path, s; infinite if there is none."""
-        tolerances = self._integrator.reltol, self._integrator.abstol
-        return self._unseen_loads.shortest(path, self.stepper.outputs, *tolerances)
-
-    def shortest_contact(self, path: Path) -> float:
-        """Shortest time in which a path would pass through what it meets, s; infinite if it meets nothing."""
-        return self.resolution.shortest_contact(path, self.stepper.outputs.accelerations)
-
-    def note(self, path: Path) -> None:
-        """Take note of a path that counts."""
-        self.resolution.note(path, self.stepper.way_from, self._integrator.reltol, self._integrator.abstol)
 
     def crossings(self, path: Path, passage: Passage | None) -> list[Crossing]:
         """Events on a path, up to the instant of the first that decides how the run goes on.
@@ -189,7 +167,3 @@ class Arc:
         if passage is None and self.passage.smallest(path) < REALLY_SINGULAR:
             raise singular_stop(self.numeric, entry, *trail.before(entry))
         return passage
-
-    def sentences(self) -> list[str]:
-        """Sentences on what the steps of the integrator did not resolve."""
-        return self.resolution.sentences(self._integrator.reltol, self._integrator.abstol)

@@ -25,7 +25,7 @@ from ..results.validity import validity_conditions
 from .arc import Arc, ends_run, resets_or_ends
 from .changes.events import Crossing
 from .changes.impacts import INSTANT
-from .changes.modes import Modes
+from .changes.modes import Block, Modes
 from .changes.transitions import Transitions
 from .checks.failure_diagnosis import cause_of_failure, singular_event
 from .checks.unseen_loads import meets_loads
@@ -250,7 +250,7 @@ class Run:
             passage = arc.passage_from(path, self._schedule.smooth_until)
         if passage is not None:
             return self._advance_across(piece, path, passage)
-        touch = arc.first_touch(path) if failure is None else None
+        touch = arc.resolution.first_touch(path) if failure is None else None
         if touch is not None and touch[0] - piece.start >= NEW_START * piece.length:
             piece, path, failure = self._integrated(piece.until(touch[0]))
             self._extra_stops = touch[1]
@@ -270,7 +270,7 @@ class Run:
         """
         failure = None
         for _ in range(LOOKS):
-            load = self._arc.first_unseen_load(path)
+            load = self._arc.unseen_loads.first(path)
             if load is None:
                 break
             if load.interval:
@@ -310,7 +310,7 @@ class Run:
             x = np.where((times > deciding[0].time)[:, None], deciding[0].x, x)
         if failure is None and passage is None and times.size:
             counted = path.until(deciding[0].time if deciding else float(times[-1]))
-            arc.note(counted)
+            arc.resolution.note(counted)
             if self.keeps_paths:
                 self._paths.append(counted)
         kept = np.flatnonzero(piece.wanted[:count])
@@ -360,14 +360,18 @@ class Run:
         self._arc.trail.begin(self._time, self._x)
 
     def _keep(self, times: np.ndarray, x: np.ndarray, since: np.ndarray, outputs: Outputs | None = None) -> None:
+        """Record outputs at states."""
+        if times.size:
+            self._record((outputs or self._arc.stepper.outputs).block(times, x, since))
+
+    def _record(self, block: Block) -> None:
         """Record outputs, up to the one at which friction leaves the reactions open."""
-        if not times.size:
-            return
         arc = self._arc
-        block = (outputs or arc.stepper.outputs).block(times, x, since)
         t, q, v, _, z, lam, u = block
         lost = arc.uniqueness.first_lost(t, q, v, z, lam, u)
-        self.modes.check(arc.mode, self._builder.add(arc.mode, *(part[:lost] for part in block)))
+        unique = block if lost is None else tuple(part[:lost] for part in block)
+        self._builder.add(arc.mode, unique)
+        self.modes.check(arc.mode, unique)
         if lost is not None:
             raise SimulationError(
                 f"{arc.uniqueness.sentence(float(t[lost]))}; what was computed is in .partial", time=float(t[lost])
@@ -390,7 +394,7 @@ class Run:
             statistics.formulation = self.modes.prefix + arc.stepper.formulation.name
             if self.redundant:
                 statistics.notes.append(LEAST_NORM)
-            self._keep(np.array([state.t]), self._x[None, :], np.array([state.t]))
+            self._record(tuple(np.array(part)[None] for part in state.arguments[:-1]))
 
     def _occurrence(self, crossing: Crossing) -> EventOccurrence:
         state = self._arc.stepper.outputs.state(crossing.time, crossing.x)
@@ -502,8 +506,8 @@ class Run:
         if not self._paths:
             return np.inf
         path = Path.joined(self._paths)
-        return min(self._arc.shortest_load(path), self._arc.shortest_contact(path))
+        return min(self._arc.unseen_loads.shortest(path), self._arc.resolution.shortest_contact(path))
 
     def unresolved(self) -> list[str]:
         """Sentences on what the steps of the integrator did not resolve."""
-        return list(dict.fromkeys(sentence for arc in self._arcs.values() for sentence in arc.sentences()))
+        return list(dict.fromkeys(sentence for arc in self._arcs.values() for sentence in arc.resolution.sentences()))

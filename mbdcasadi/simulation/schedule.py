@@ -170,6 +170,7 @@ class Schedule:
             watch = grid[owner] + place * (np.diff(grid) / pieces)[owner]
         self.times, self.wanted = self._merged(grid[1:], np.concatenate([jumps, samples, stops, watch]))
         self._stops, self._jumps, self._samples = (self._marked(extra) for extra in (stops, jumps, samples))
+        self._breaks = self._jumps | self._samples
         self._starts_at_jump = self._near(jumps, self.start)
 
     def _merged(self, grid: np.ndarray, extra: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -193,7 +194,7 @@ class Schedule:
         return marked
 
     def _near(self, times: np.ndarray, time: float) -> bool:
-        return bool(np.any(np.abs(times - time) <= self.tolerance))
+        return bool((np.abs(times - time) <= self.tolerance).any())
 
     @property
     def size(self) -> int:
@@ -210,7 +211,7 @@ class Schedule:
 
     def next_break(self, first: int) -> int:
         """Index of the next time, from one on, at which the integrator must restart; the last one at the latest."""
-        found = np.flatnonzero(self._jumps[first:] | self._samples[first:])
+        found = np.flatnonzero(self._breaks[first:])
         return first + int(found[0]) if found.size else self.size - 1
 
     def joined(self, size: int, first: int, steps: int) -> int:
@@ -232,7 +233,7 @@ class Schedule:
     def break_within(self, time: float, span: float) -> int | None:
         """Index of a jump or sample at a time or shortly after it; None if there is none."""
         first, last = int(np.searchsorted(self.times, time)), self.index_after(time + span)
-        found = np.flatnonzero((self._jumps | self._samples)[first:last])
+        found = np.flatnonzero(self._breaks[first:last])
         return first + int(found[0]) if found.size else None
 
     def after_jump(self, index: int) -> float | None:
@@ -242,7 +243,7 @@ class Schedule:
     def smooth_until(self, time: float) -> float:
         """Return the next time after another at which something changes: a jump, a stop, a sample; the end at last."""
         first = self.index_after(time)
-        found = np.flatnonzero((self._jumps | self._samples | self._stops)[first:])
+        found = np.flatnonzero(self._breaks[first:] | self._stops[first:])
         return float(self.times[first + found[0]]) if found.size else self.end
 
     def piece(self, start: float, first: int, last: int) -> Piece:

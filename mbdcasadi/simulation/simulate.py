@@ -160,9 +160,9 @@ def simulate(
     return found[-1]
 
 
-def _checked(run: Run, motion: Trajectory) -> Trajectory:
-    """A motion with notes on its tolerances, after warnings of what it passed."""
-    motion.statistics.notes += notes_on_range(motion, run.integrator.abstol)
+def _checked(run: Run, motion: Trajectory, moved: np.ndarray) -> Trajectory:
+    """A motion with notes on its tolerances and its ranges, after warnings of what it passed."""
+    motion.statistics.notes += notes_on_range(motion, moved, run.integrator.abstol)
     motion.statistics.notes += grown_error(motion, run.steps)
     _report_exceeded_limits(run.setup.mechanism, motion)
     report_validity(motion, run.unresolved())
@@ -190,12 +190,12 @@ def _through_phases(
     return motion
 
 
-def _resolved(run: Run, motion: Trajectory, *, may_repeat: bool, progress: bool) -> tuple[Run, Trajectory]:
-    """A run whose absolute tolerance resolves the range of its motion, or a note that this one does not."""
-    abstol = run.integrator.abstol
-    finer = tolerance_for(motion.q, abstol)
+def _resolved(run: Run, motion: Trajectory, *, may_repeat: bool, progress: bool) -> tuple[Run, Trajectory, np.ndarray]:
+    """A run whose absolute tolerance resolves the ranges of its motion, and these, or a note that it does not."""
+    abstol, moved = run.integrator.abstol, ranges(motion.q)
+    finer = tolerance_for(moved, abstol)
     if finer is None:
-        return run, motion
+        return run, motion, moved
     if may_repeat:
         again = Run(
             run.setup,
@@ -210,9 +210,9 @@ def _resolved(run: Run, motion: Trajectory, *, may_repeat: bool, progress: bool)
             pass
         else:
             repeated.statistics.notes.append(f"abstol = {finer:.1e}, as the motion stays within a small range")
-            return again, repeated
+            return again, repeated, ranges(repeated.q)
     motion.statistics.notes.append(unresolved_range(motion.q, abstol))
-    return run, motion
+    return run, motion, moved
 
 
 def _modes(setup: Setup, events: Sequence[Event]) -> Modes:

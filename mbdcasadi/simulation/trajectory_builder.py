@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from ..results.trajectory import EventOccurrence, Statistics, Trajectory
-from .changes.modes import Modes
+from .changes.modes import Block, Modes
 
 #: ``(t, q, v, z, u) -> (q, v, a, lam, u)``: interpolated states brought back onto the constraints.
 Refine = Callable[..., tuple[np.ndarray, ...]]
@@ -29,25 +29,17 @@ class TrajectoryBuilder:
         self.modes, self.p = modes, p
         self.events: list[EventOccurrence] = []
         self.statistics = Statistics()
-        self._blocks: list[Sequence[np.ndarray]] = []
+        self._blocks: list[Block] = []
         self._spans: list[tuple[float, Any, Refine]] = []
 
     def enter(self, time: float, mode: Any, refine: Refine) -> None:
         """Note that a mode holds from a time on, and how states in it are interpolated."""
         self._spans.append((time, mode, refine))
 
-    def add(self, mode: Any, *block: np.ndarray) -> Trajectory:
-        """Append ``t, q, v, a, z, lam, u`` of some outputs in a mode, each by row; return them as a motion in it."""
-        motion = self.motion_in(mode, *block)
+    def add(self, mode: Any, block: Block) -> None:
+        """Append some outputs in a mode."""
         if block[0].size:
-            t, q, v, a, z, _, u = block
-            self._blocks.append((t, q, v, a, z, self.modes.multipliers(mode, motion), u))
-        return motion
-
-    def motion_in(self, mode: Any, *block: np.ndarray) -> Trajectory:
-        """Outputs in a mode as a motion of the mechanism in that mode."""
-        t, q, v, a, z, lam, u = block
-        return Trajectory(self.modes.variant(mode), t, q, v, a, z, lam, u, self.p)
+            self._blocks.append(self.modes.whole_block(mode, block))
 
     @property
     def is_empty(self) -> bool:
@@ -91,8 +83,8 @@ class TrajectoryBuilder:
                 rows = which == k
                 _, mode, refine = spans[k]
                 own_q, own_v, a, lam, own_u = refine(t[rows], q[rows], v[rows], z[rows], u[rows])
-                motion = self.motion_in(mode, t[rows], own_q, own_v, a, z[rows], lam, own_u)
-                parts.append((np.flatnonzero(rows), own_q, own_v, a, modes.multipliers(mode, motion), own_u))
+                block = modes.whole_block(mode, (t[rows], own_q, own_v, a, z[rows], lam, own_u))
+                parts.append((np.flatnonzero(rows), own_q, own_v, a, block[5], own_u))
             rows, *columns = (np.concatenate(part) for part in zip(*parts, strict=True))
             order = np.argsort(rows)
             q, v, a, lam, u = (column[order] for column in columns)

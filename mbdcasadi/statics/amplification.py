@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import warn
 from ..kinematics.mobility import mobility
 from ..kinematics.singular import describe_singularity
-from ..numerics.tolerances import NEARLY_SINGULAR, RANK
+from ..numerics.tolerances import RANK
 from .statics import Statics
 
 #: Relative singular value below which reactions may be amplified, and by how much before it is reported.
@@ -54,12 +54,11 @@ def amplification(statics: Statics, x: np.ndarray) -> Amplification | None:
     near = (relative > RANK) & (relative < NEAR_SINGULAR_LOADS)
     reaction = float(np.linalg.norm(reactions[near]))
     factor = reaction / load if reaction > REPORTED * load > 0 else 0.0
-    around = mobility(numeric, statics.t, q) if np.min(relative) < NEARLY_SINGULAR else None
-    singular = around is not None and around.singular
-    if not factor and not singular:
+    around = mobility(numeric, statics.t, q)
+    if not factor and not around.singular:
         return None
-    pose = describe_singularity(numeric, statics.t, q, shaky=around is not None and bool(around.shaky))
-    return Amplification(factor, reaction, singular, pose.text)
+    pose = describe_singularity(numeric, statics.t, q, around)
+    return Amplification(factor, reaction, around.singular, pose.text)
 
 
 def warn_of(pose: Amplification) -> None:

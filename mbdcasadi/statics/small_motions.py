@@ -111,6 +111,7 @@ def _eigen(right: np.ndarray, left: np.ndarray, count: int) -> tuple[np.ndarray,
     speed = max(float(np.max(np.abs(np.linalg.eigvals(matrix)))), np.finfo(float).tiny)
     unit = np.where(np.arange(len(matrix)) < count, speed, 1.0)
     values, vectors = np.linalg.eig(matrix * unit[:, None] / unit)
+    # the left eigenvectors, also if two of the right ones are all but the same
     rows = np.linalg.pinv(vectors, rcond=1e-15)
     condition = np.linalg.norm(rows, axis=1) * np.linalg.norm(vectors, axis=0)
     return values.astype(complex), (vectors / unit[:, None]).astype(complex), EIGENVALUE_TOLERANCE * speed * condition

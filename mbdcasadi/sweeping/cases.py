@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments.values import pairs_of, position_in
-from ..errors import MechanismError, ModelError
+from ..errors import ModelError
 from ..model.mechanism import Mechanism
 from ..model.quantities import refuse_twice
 from ..model.symbols import Input, Parameter, number
@@ -106,10 +106,8 @@ def latin_hypercube(ranges: Any, count: int, seed: int | None = None) -> dict[Sy
     ----------
     McKay, Beckman, Conover, Technometrics 21, 1979.
     """
-    try:
-        from scipy.stats import qmc
-    except ImportError:
-        raise MechanismError('latin_hypercube needs scipy; install it by pip install "mbdcasadi[analysis]"') from None
+    from scipy.stats import qmc
+
     pairs = _pairs(ranges, "latin_hypercube")
     if seed is not None and (not isinstance(seed, int | np.integer) or seed < 0):
         raise ModelError(f"latin_hypercube: seed must be an integer that is not negative, got {seed!r}")

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from ..arguments.values import RunValues
 from ..errors import MechanismError, ModelError, warn
+from ..numerics.lazy import cached_property
 from ..sensitivity.compiled_run import MotionSetup
-from ..sensitivity.cuts import Cuts
-from ..sensitivity.differentiable_motion import channel_over
 from ..sensitivity.load_limit import LoadLimit
 from ..simulation.time_dependence import timed_equations
 from .cases import farthest
@@ -47,37 +47,39 @@ class Jobs:
 
     def __init__(self, setup: MotionSetup, plan: Plan, named: list[tuple[Any, ca.SX]]):
         self._plan, self.setup = plan, setup
+        self._shared: Any = None
+        self._channel = setup.signals.channel_over(setup.grid)
         self._path = StartPath(setup)
-        self._prepare(named)
+        self._prepare([e for _, e in named])
         #: numbers that are kept of a case
         self.width = setup.grid.size * sum(e.numel() for _, e in named)
 
-    def _prepare(self, named: list[tuple[Any, ca.SX]]) -> None:
+    def _prepare(self, outputs: list[ca.SX]) -> None:
         """Make what the cases share."""
-        plan = self._plan
-        parameters = self.setup.mechanism.parameters
-        varied = [k for k, own in enumerate(parameters) if np.ptp(plan.p[:, k]) > 0]
-        self._motion = self.setup.motion(varied, in_state=False)
-        channel = self._motion.channel()
-        spread = self._spread()
-        poses = []
-        for x0, p, levels in spread[:RANGES]:
-            try:
-                poses.append(self._motion.poses_from(x0, p, levels, channel))
-            except MechanismError:  # the case itself says why
-                continue
-        if self.setup.resolve_all(poses):
+        varied = [k for k in range(self.setup.p.size) if np.ptp(self._plan.p[:, k]) > 0]
+        self._motion, spread = self.setup.motion(varied, in_state=False), self._spread()
+        if self._resolves_more(self._motion.poses_from, spread):
             self._motion = self.setup.motion(varied, in_state=False)
-        self._look_for_loads(self._motion.load_limit, spread, channel)
-        self._outputs = self._motion.outputs([e for _, e in named])
+        self._look_for_loads(self._motion.load_limit, spread)
+        self._outputs = self._motion.outputs(outputs)
         self._parcels: dict[tuple[Any, ...], Parcel] = {}
 
-    def _look_for_loads(
-        self, limit: LoadLimit, spread: list[tuple[np.ndarray, np.ndarray, np.ndarray]], channel: np.ndarray
-    ) -> None:
+    def _resolves_more(
+        self, poses_from: Callable[[np.ndarray, RunValues], np.ndarray], spread: list[tuple[np.ndarray, RunValues]]
+    ) -> bool:
+        """Take an absolute tolerance that resolves the motions of some cases; True if it is another one."""
+        poses = []
+        for x0, values in spread[:RANGES]:
+            try:
+                poses.append(poses_from(x0, values))
+            except MechanismError:  # the case itself says why
+                continue
+        return self.setup.resolve_all(poses)
+
+    def _look_for_loads(self, limit: LoadLimit, spread: list[tuple[np.ndarray, RunValues]]) -> None:
         """Limit the steps by loads on the motions of cases; report if these are not all."""
-        for x0, p, levels in spread:
-            limit.look(x0, p, levels, channel)
+        for x0, values in spread:
+            limit.look(x0, values, self.setup.grid)
         if limit.is_needed and self._plan.count > PROBED:
             warn(
                 f"sweep: contacts and loads that come and go were looked for in {PROBED} of {self._plan.count} cases, "
@@ -85,45 +87,45 @@ class Jobs:
                 f"{PROBED} cases at a time"
             )
 
-    def _spread(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Starts, parameters and numbers of the inputs of the cases whose values are farthest from each other."""
+    def _spread(self) -> list[tuple[np.ndarray, RunValues]]:
+        """Starts of the cases whose values are farthest from each other, and these values."""
         plan = self._plan
         chosen = farthest(np.hstack([plan.p, plan.levels]), PROBED)
         starts, reached = self._path.starts(plan.p[chosen])
         usable = reached & np.all(np.isfinite(starts), axis=1)
-        return [(x0, plan.p[k], plan.levels[k]) for x0, k in zip(starts[usable], chosen[usable], strict=True)]
+        return [(x0, self._values(k)) for x0, k in zip(starts[usable], chosen[usable], strict=True)]
+
+    def _values(self, k: int) -> RunValues:
+        """Values of parameters and inputs of a case."""
+        return RunValues(self._plan.p[k], self._plan.levels[k], self._channel)
 
     def courses(self, cases: np.ndarray) -> tuple[dict[int, Any], dict[int, str]]:
         """Cuts of the motions of cases, and the reasons why some have none."""
-        courses, failures = {}, out_of_limits(self.setup, self._plan.p, cases)
-        channel = self._motion.channel()
-        shared: Cuts | None = None
-        for k in cases:
-            if int(k) in failures:
-                continue
-            if shared is not None:
-                courses[int(k)] = shared
-                continue
+        courses: dict[int, Any] = {}
+        failures = out_of_limits(self.setup, self._plan.p, cases)
+        for k in (int(k) for k in cases if int(k) not in failures):
             try:
-                courses[int(k)] = self._motion.course(None, self._plan.p[k], self._plan.levels[k], channel)
+                courses[k] = self._course(k)
             except MechanismError as error:
-                failures[int(k)] = str(error)
-                continue
-            if not self._motion.course_varies:
-                shared = courses[int(k)]
+                failures[k] = str(error)
         return courses, failures
+
+    def _course(self, k: int) -> Any:
+        """The cuts of the motion of a case; one object for all if they do not depend on it."""
+        if self._shared is not None:
+            return self._shared
+        course = self._motion.course(None, self._values(k))
+        self._shared = None if self._motion.course_varies else course
+        return course
 
     def parcel(self, course: Any) -> Parcel | WholeParcel:
         """The compiled batch for a course and others of its pattern."""
         if course.pattern not in self._parcels:
             setup, motion = self.setup, self._motion
-            n_x, n_p = setup.differentiable_start.function.size1_out(0), setup.p.size
-            x0, p = ca.MX.sym("x0", n_x), ca.MX.sym("p", n_p)
-            levels, cuts = ca.MX.sym("levels", setup.signals.levels.numel()), course.symbols
-            channel = motion.channel()
-            states, _ = motion.motion(course)(x0, p, levels, channel, *cuts)
-            values = self._outputs(states, p, levels, channel)
-            run = ca.Function("run", [x0, p, levels, *cuts], [values, states[-1, -1]])
+            x0, cuts = ca.MX.sym("x0", setup.differentiable_start.function.size1_out(0)), course.symbols
+            values = motion.symbols(1)._replace(channel=self._channel)
+            states, _ = motion.motion(course)(x0, *values, *cuts)
+            run = ca.Function("run", [x0, *values[:2], *cuts], [self._outputs(states, *values), states[-1, -1]])
             self._parcels[course.pattern] = Parcel(run, self._path, float(setup.grid[-1] - setup.grid[0]))
         return self._parcels[course.pattern]
 
@@ -164,40 +166,31 @@ class WholeJobs(Jobs):
 
     in_threads = True
 
-    def _prepare(self, named: list[tuple[Any, ca.SX]]) -> None:
-        refuse_unsuited(self.setup)
-        self._named = [e for _, e in named]
-        self._whole: WholeParcel | None = None
-        spread, setup = self._spread(), self.setup
-        parcel = WholeParcel(setup, self._path, [setup.eom.q], len(spread))
-        poses = []
-        for x0, p, levels in spread[:RANGES]:
-            try:
-                course = [part[None, ...] for part in times_of(setup, p).arguments]
-            except MechanismError:  # the case itself says why
-                continue
-            values = parcel.results(x0[None, :], p[None, :], levels[None, :], tuple(course))[0][0]
-            poses.append(values.reshape(setup.grid.size, -1))
-        setup.resolve_all(poses)
-        limit = LoadLimit(setup, setup.integrator)
-        channel = channel_over(setup.signals, setup.grid)
-        self._look_for_loads(limit, spread, channel)
-        self._load_step = limit.max_step
+    def _prepare(self, outputs: list[ca.SX]) -> None:
+        setup = self.setup
+        refuse_unsuited(setup)
+        self._of_cases, spread = outputs, self._spread()
+        trial = WholeParcel(setup, self._path, [setup.eom.q], len(spread))
 
-    def courses(self, cases: np.ndarray) -> tuple[dict[int, Any], dict[int, str]]:
-        setup, failures = self.setup, out_of_limits(self.setup, self._plan.p, cases)
-        found: dict[int, Any] = {}
-        same = None if timed_equations(setup).depends else times_of(setup, setup.p, self._load_step)
-        for k in (int(k) for k in cases if int(k) not in failures):
-            try:
-                found[k] = same or times_of(setup, self._plan.p[k], self._load_step)
-            except MechanismError as error:
-                failures[k] = str(error)
-        return found, failures
+        def poses_from(x0: np.ndarray, values: RunValues) -> np.ndarray:
+            course = tuple(part[None, ...] for part in times_of(setup, values.p).arguments)
+            q = trial.results(x0[None, :], values.p[None, :], values.levels[None, :], course)[0][0]
+            return q.reshape(setup.grid.size, -1)
+
+        self._resolves_more(poses_from, spread)
+        limit = LoadLimit(setup, setup.integrator)
+        self._look_for_loads(limit, spread)
+        self._load_step = limit.max_step
+        self._shared = None if timed_equations(setup).depends else times_of(setup, setup.p, self._load_step)
+
+    def _course(self, k: int) -> Any:
+        return self._shared or times_of(self.setup, self._plan.p[k], self._load_step)
+
+    @cached_property
+    def _whole(self) -> WholeParcel:
+        return WholeParcel(self.setup, self._path, self._of_cases, self._plan.count)
 
     def parcel(self, course: Any) -> WholeParcel:
-        if self._whole is None:
-            self._whole = WholeParcel(self.setup, self._path, self._named, self._plan.count)
         return self._whole
 
 

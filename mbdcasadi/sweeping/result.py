@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from ..errors import MechanismError, ModelError
+from ..errors import ModelError
 from ..model.mechanism import Mechanism
 from ..model.symbols import Parameter
+from ..numerics.lazy import optional_package
 from ..results.notebook import html_table
 from ..sensitivity.design_variables import same
 
@@ -128,10 +129,7 @@ class Sweep:
 
         They have the name of the parameter, or ``name.value`` if an output is called so.
         """
-        try:
-            import xarray as xr
-        except ImportError:
-            raise MechanismError('to_xarray needs xarray; install it by pip install "mbdcasadi[data]"') from None
+        xr = optional_package("xarray", "to_xarray", "data")
         coordinates: dict[str, Any] = {"t": ("t", self.t, {"units": "s"}), "case": np.arange(len(self))}
         taken = {*self.names, "t", "case", "axis", "failure"}
         for key, values in self.cases.items():

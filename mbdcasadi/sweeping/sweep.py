@@ -129,13 +129,19 @@ def sweep(
     store = None if file is None else SweepFile(file, plan.fingerprint(named))
     for block in store.read() if store else []:
         result.take(*block)
-    began = clock.perf_counter()
+    _collect(_blocks(executor, plan, named, np.flatnonzero(~result.done), batch), result, store, progress=progress)
+    return result
+
+
+def _collect(blocks: Iterator[Block], result: Sweep, store: SweepFile | None, *, progress: bool) -> None:
+    """Take finished cases as they come, into the file, too; an error holds those that were finished."""
+    began, count = clock.perf_counter(), result.done.size
     try:
         with (
             keyboard_interrupts("sweep"),
             progress_bar(count, "sweep", "case", show=progress, done=int(np.sum(result.done))) as bar,
         ):
-            for block in _blocks(executor, plan, named, np.flatnonzero(~result.done), batch):
+            for block in blocks:
                 result.take(*block)
                 if store is not None:
                     store.append(*block)
@@ -143,7 +149,7 @@ def sweep(
     except Interrupted:
         raise Interrupted(
             f"sweep: stopped by the user after {int(np.sum(result.done))} of {count} cases; .partial holds them"
-            + (f", and so does {file}" if file else ""),
+            + (f", and so does {store.path}" if store else ""),
             partial=result,
         ) from None
     except BrokenExecutor as error:
@@ -156,7 +162,6 @@ def sweep(
         raise FileError(f"{error}; .partial holds the cases that were finished", partial=result) from None
     finally:
         result.seconds = clock.perf_counter() - began
-    return result
 
 
 def _blocks(

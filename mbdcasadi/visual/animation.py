@@ -9,6 +9,7 @@ from typing import Any
 from ..errors import MechanismError
 from ..model.mechanism import Mechanism
 from ..model.quantities import yes_or_no
+from ..numerics.lazy import cached_property
 from ..numerics.writing import whole_file, writable
 from .drawing.draw import trace_options
 from .film import Film, film
@@ -28,16 +29,17 @@ class Animation:
         The page, with everything that it needs in it.
     """
 
+    live = False
+    #: title and height of the frame in a notebook, the latter without plots, pixels
+    _title, _height = "animation", 520
+
     def __init__(self, taken: Film, forces: bool):
         self.film, self.forces = taken, forces
-        self._html: str | None = None
 
-    @property
+    @cached_property
     def html(self) -> str:
         """The page, with everything that it needs in it."""
-        if self._html is None:
-            self._html = page(self.film, self.forces)
-        return self._html
+        return page(self.film, self.forces)
 
     def save(self, path: str | Path) -> None:
         """Write it as ``.html``, ``.gif`` or ``.mp4``, by the ending of the path.
@@ -47,17 +49,17 @@ class Animation:
         MechanismError
             For another ending, and for ``.mp4`` without ffmpeg.
         """
-        writer = writer_for(path)
+        writer = writer_for(path, self.live)
         with whole_file(path) as temporary:
             writer(self, temporary)
 
     def _repr_html_(self) -> str:
         """The page within a frame, for notebooks."""
         text = self.html.replace("&", "&amp;").replace('"', "&quot;")
-        height = 520 + 150 * len(self.film.curves)
+        height = self._height + 150 * len(self.film.plots)
         return (
             f'<iframe srcdoc="{text}" style="width:100%;height:{height}px;border:0" '
-            'sandbox="allow-scripts allow-downloads" title="animation"></iframe>'
+            f'sandbox="allow-scripts allow-downloads" title="{self._title}"></iframe>'
         )
 
     def __repr__(self) -> str:
@@ -135,25 +137,24 @@ def animate(
     >>> animate(motion, "motion.html", trace=[tip], plots={"angle, rad": arm.phi})  # doctest: +SKIP
     """
     alive = yes_or_no(live, "animate", "live")
-    if path is not None and not alive:
+    if path is not None:
         # a path that cannot be written is reported before the work
-        writer_for(path)
+        writer_for(path, alive)
         writable(path)
     flags = {n: yes_or_no(v, "animate", n) for n, v in (("names", names), ("centroids", centroids))}
     shown = yes_or_no(forces, "animate", "forces")
     options = trace_options(trace, forces=True, tooltips=True, **flags)
     if alive:
-        from .live import live_animation
+        from .live import LiveAnimation, LiveModel, stage
 
-        return live_animation(
-            motion, options, initial=initial, parameters=parameters, inputs=inputs, plots=plots, speed=speed,
-            forces=shown, title=title, path=path,
-        )  # fmt: skip
-    _refuse_live_arguments(motion, initial=initial, parameters=parameters, inputs=inputs)
-    taken = film(motion, options, plots, fps, speed, title)
-    if shown:
-        taken.sample.need_reactions("animate")
-    animation = Animation(taken, shown)
+        model = LiveModel(motion, initial, parameters, inputs)
+        animation: Animation = LiveAnimation(model, stage(model, options, plots, speed, title), shown)
+    else:
+        _refuse_live_arguments(motion, initial=initial, parameters=parameters, inputs=inputs)
+        taken = film(motion, options, plots, fps, speed, title)
+        if shown:
+            taken.sample.need_reactions("animate")
+        animation = Animation(taken, shown)
     if path is not None:
         animation.save(path)
     return animation
@@ -189,9 +190,11 @@ _WRITERS: dict[str, Callable[[Animation, Path], None]] = {
 }  # fmt: skip
 
 
-def writer_for(path: str | Path) -> Callable[[Animation, Path], None]:
-    """Return the function that writes a path, by its ending."""
+def writer_for(path: str | Path, live: bool = False) -> Callable[[Animation, Path], None]:
+    """Return the function that writes a path, by its ending; of a live mechanism a page alone."""
     ending = Path(path).suffix.lower()
+    if live and ending not in (".html", ".htm"):
+        raise MechanismError(f"animate: live=True writes a page, which ends in .html, got '{path}'")
     if ending not in _WRITERS:
         raise MechanismError(f"animate: '{path}' must end in .html, .gif or .mp4")
     if ending == ".mp4":

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import MechanismError
-from ..model.symbols import number
+from ..model.symbols import positive
 from ..numerics.lazy import cached_property
 from ..results.columns import read_lines
 from ..results.trajectory import Trajectory
@@ -115,8 +115,8 @@ def film(
     if not isinstance(motion, Trajectory) or len(motion) < 2 or motion.t[-1] <= motion.t[0]:
         raise MechanismError("animate: takes a motion over some time, as simulate and kinematics return it")
     duration = float(motion.t[-1] - motion.t[0])
-    fps = _positive(fps, "fps")
-    speed = usual_speed(duration) if speed is None else _positive(speed, "speed")
+    fps = positive(fps, "animate", "fps")
+    speed = usual_speed(duration) if speed is None else positive(speed, "animate", "speed")
     count = max(2, round(duration / speed * fps) + 1)
     if count > MOST_FRAMES:
         raise MechanismError(
@@ -151,13 +151,6 @@ def film(
         name,
         options.names,
     )
-
-
-def _positive(value: Any, name: str) -> float:
-    positive = number(value, "animate", name)
-    if positive <= 0:
-        raise MechanismError(f"animate: {name} must be positive, got {positive:g}")
-    return positive
 
 
 def usual_speed(duration: float) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -13,8 +12,8 @@ import numpy as np
 
 from ..errors import MechanismError, MechanismWarning
 from ..model.bodies import Body
-from ..model.symbols import number
-from ..numerics.writing import whole_file, writable
+from ..model.symbols import positive
+from ..numerics.lazy import cached_property
 from ..results.columns import read_lines
 from ..results.state import State
 from ..results.trajectory import Trajectory
@@ -55,18 +54,16 @@ class LiveAnimation(Animation):
         The page, with everything that it needs in it.
     """
 
+    live = True
+    _title = "mechanism"
+
     def __init__(self, model: LiveModel, film: Film, forces: bool):
         super().__init__(film, forces)
-        self._model = model
+        self._model, self._height = model, 560 + 20 * len(model.sliders)
 
-    @property
+    @cached_property
     def html(self) -> str:
         """The page, with everything that it needs in it."""
-        if self._html is None:
-            self._html = self._page()
-        return self._html
-
-    def _page(self) -> str:
         film, store = self.film, LiveColumns()
         data = page_data(film, store, self.forces)
         functions = self._model.functions(store.expressions)
@@ -84,65 +81,9 @@ class LiveAnimation(Animation):
             )
         return text
 
-    def save(self, path: str | Path) -> None:
-        """Write the page.
-
-        Raises
-        ------
-        MechanismError
-            For a file that does not end in ``.html``.
-        """
-        refuse_other_than_html(path)
-        with whole_file(path) as temporary:
-            Path(temporary).write_text(self.html, encoding="utf-8")
-
-    def _repr_html_(self) -> str:
-        """The page within a frame, for notebooks."""
-        text = self.html.replace("&", "&amp;").replace('"', "&quot;")
-        height = 560 + 150 * len(self.film.plots) + 20 * len(self._model.sliders)
-        return (
-            f'<iframe srcdoc="{text}" style="width:100%;height:{height}px;border:0" '
-            'sandbox="allow-scripts allow-downloads" title="mechanism"></iframe>'
-        )
-
     def __repr__(self) -> str:
         sliders = ", ".join(f"'{slider.name}'" for slider in self._model.sliders)
         return f"LiveAnimation of {self.film.title or 'a mechanism'}, with sliders {sliders or 'for nothing'}"
-
-
-def live_animation(
-    mechanism: Any,
-    options: Options,
-    *,
-    initial: Any,
-    parameters: Any,
-    inputs: Any,
-    plots: Mapping[str, Any] | None,
-    speed: float | None,
-    forces: bool,
-    title: str | None,
-    path: str | Path | None,
-) -> LiveAnimation:
-    """Make the page of a mechanism; see :func:`animate` for the arguments."""
-    if path is not None:
-        refuse_other_than_html(path)
-        writable(path)
-    model = LiveModel(mechanism, initial, parameters, inputs)
-    rate = 1.0 if speed is None else number(speed, "animate", "speed")
-    if rate <= 0:
-        raise MechanismError(f"animate: speed must be positive, got {rate:g}")
-    drawn = replace(options, names=True, velocities=True)  # to be switched on
-    taken = replace(_stage(model, drawn, plots or {}, rate, title), names=options.names)
-    animation = LiveAnimation(model, taken, forces)
-    if path is not None:
-        animation.save(path)
-    return animation
-
-
-def refuse_other_than_html(path: str | Path) -> None:
-    """Raise for a path that is no page."""
-    if Path(path).suffix.lower() not in (".html", ".htm"):
-        raise MechanismError(f"animate: live=True writes a page, which ends in .html, got '{path}'")
 
 
 class LiveColumns(Columns):
@@ -202,24 +143,28 @@ class LiveSample(Sample):
         return np.vstack(rows)
 
 
-def _stage(model: LiveModel, options: Options, plots: Mapping[str, Any], speed: float, title: str | None) -> Film:
-    """Scene, picture and plots, sized by the first seconds of the motion."""
+def stage(
+    model: LiveModel, options: Options, plots: Mapping[str, Any] | None, speed: float | None, title: str | None
+) -> Film:
+    """Scene, picture and plots, sized by the first seconds of the motion; see :func:`animate` for the arguments."""
+    rate = 1.0 if speed is None else positive(speed, "animate", "speed")
     motion = _preview(model)
     source: State | Trajectory = model.start if motion is None else motion
     times = None if motion is None else np.linspace(motion.t[0], motion.t[-1], POSES)
     sample = LiveSample(source, model, times)
-    scene, scale = compose(sample, options)
+    scene, scale = compose(sample, replace(options, names=True, velocities=True))  # to be switched on
     poses = scene.poses(sample)
     traced = sample[options.paths].reshape(-1, 2)
     box = room(scene, poses, traced)
     scene = with_placed_names(scene, poses, box, PAPER / float(box[1, 0] - box[0, 0]))
     name = model.mechanism.name if title is None else str(title)
-    quantities = read_lines(plots)
+    quantities = read_lines(plots or {})
     for _, column in quantities.values():
         model.eom.function(column)  # raises for symbols that the mechanism does not have
     # a film of nothing: the page finds its own frames
     return Film(
-        source, sample, scene, poses, scale, box, options.paths, quantities, sample.t, [], speed, 60.0, name, False  # type: ignore[arg-type]
+        source, sample, scene, poses, scale, box, options.paths, quantities, sample.t, [], rate, 60.0, name,  # type: ignore[arg-type]
+        options.names,
     )  # fmt: skip
 
 

@@ -80,3 +80,14 @@ def test_parameters_move_the_instants():
     eom = sled_with([push(lambda sled: mbd.if_else(t < 2 * at, 0, 1))], parameters=[at])
     for value in (1.0, 2.5):
         assert explicit_time(eom).breaks(np.array([value]), 0, 10)[0].times.tolist() == [2 * value]
+
+
+def test_it_is_found_once_for_the_same_inputs():
+    force = mbd.Input("force")
+    eom = sled_with([push(lambda sled: force)], inputs=[force])
+    late, early = (ca.SX(mbd.if_else(t < instant, 0, 1)) for instant in (3, 2))
+    assert explicit_time(eom, late) is explicit_time(eom, late)
+    for inputs, instant in ((late, 3), (early, 2)):
+        found, _ = explicit_time(eom, inputs).breaks(np.zeros(0), 0, 10)
+        np.testing.assert_allclose(found.times, [instant], rtol=1e-13)
+    assert explicit_time(eom, None, late) is not explicit_time(eom, late)

@@ -118,11 +118,24 @@ def test_a_slope_that_is_not_finite():
         (lambda x: mbd.if_else(x > 0, x**2, 0), None),
         (lambda x: mbd.spline(x, [0, 1, 2, 4], [0, 1, 0, 3]), None),
         (lambda x: x**2, None),
+        (lambda x: mbd.sign(x) * x, "x passes zero"),
+        (lambda x: ca.floor(x), "x passes a whole number"),
+        (lambda x: mbd.fmax(x, 0) ** 2, None),
+        (lambda x: mbd.fmax(x, 0) ** 2 + mbd.fabs(x - 1), "fabs(x - 1) bends"),
+        (lambda x: ca.atan2(x, 2), None),
     ],
 )
 def test_kinks_are_found_where_slopes_jump(function, where):
     found = kinks_in(ca.SX(function(ca.SX.sym("x"))))
     assert (where in found[0]) if where else not found
+
+
+def test_a_kink_in_the_cost_ends_the_search_at_once():
+    """No other guess helps a solver with derivatives, and the message does not have to wait."""
+    problem, u, _block = rest_to_rest(lower=-5, upper=5)
+    error = failed(problem.replace(running_cost=mbd.fabs(u)), intervals=6)
+    assert "running_cost has a kink where fabs(u) bends" in str(error) and "mbd.absolute" in str(error)
+    assert "tried:" not in str(error) and "infeasible" not in str(error)
 
 
 @pytest.mark.slow

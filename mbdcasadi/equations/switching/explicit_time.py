@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from ...model.cache import ExpressionKey
 from ...numerics.lazy import cached_property
 from ...numerics.scattered import scattered
 from ..derivation import Equations
@@ -61,10 +62,13 @@ class ConstraintJump:
 
 
 def explicit_time(eom: Equations, inputs: ca.SX | None = None, integrands: ca.SX | None = None) -> ExplicitTime:
-    """:class:`ExplicitTime` of the equations; kept for a mechanism if neither inputs nor integrands depend on time."""
-    if not any(e is not None and e.numel() and ca.depends_on(e, eom.t) for e in (inputs, integrands)):
-        return eom.mechanism.cache.get_or_create("explicit time", lambda: ExplicitTime(eom))
-    return ExplicitTime(eom, inputs, integrands)
+    """:class:`ExplicitTime` of the equations; kept for a mechanism and for what contains the time."""
+    cache = eom.mechanism.cache
+    given = [e for e in (inputs, integrands) if e is not None]
+    if not any(e.numel() and ca.depends_on(e, eom.t) for e in given):
+        return cache.get_or_create("explicit time", lambda: ExplicitTime(eom))
+    key = ("explicit time", inputs is None, *map(ExpressionKey, given))
+    return cache.get_or_create(key, lambda: ExplicitTime(eom, inputs, integrands), bounded=True)
 
 
 class ExplicitTime:

@@ -40,6 +40,8 @@ typedef fmi3Byte byte_t;
 #define FMU_STATE FMUState
 #define DESERIALIZE Deserialize
 #define RATES ContinuousStateDerivatives
+#define NUMBERS Float64
+#define COUNTED , size_t values
 #ifdef FMI3_FUNCTION_PREFIX
 #define FUNCTION_PREFIX FMI3_FUNCTION_PREFIX
 #endif
@@ -77,7 +79,6 @@ SHOWN fmi3Instance NAMED(fmi3InstantiateModelExchange)(fmi3String name, fmi3Stri
                                                        fmi3Boolean visible, fmi3Boolean logging,
                                                        fmi3InstanceEnvironment environment,
                                                        fmi3LogMessageCallback log) {
-  (void)name; (void)resources; (void)visible; (void)logging;
   return instantiate(token, HAS_MODEL_EXCHANGE, "this unit was exported for co-simulation alone", environment, log);
 }
 
@@ -85,8 +86,6 @@ SHOWN fmi3Instance NAMED(fmi3InstantiateCoSimulation)(
     fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible, fmi3Boolean logging,
     fmi3Boolean event_mode, fmi3Boolean early_return, const fmi3ValueReference intermediate[], size_t count,
     fmi3InstanceEnvironment environment, fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update) {
-  (void)name; (void)resources; (void)visible; (void)logging; (void)early_return; (void)intermediate; (void)count;
-  (void)update;
   unit* c = instantiate(token, HAS_CO_SIMULATION, "this unit was exported for model exchange alone", environment, log);
   if (c) c->has_event_mode = event_mode;
   return c;
@@ -96,7 +95,6 @@ SHOWN fmi3Instance NAMED(fmi3InstantiateScheduledExecution)(
     fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible, fmi3Boolean logging,
     fmi3InstanceEnvironment environment, fmi3LogMessageCallback log, fmi3ClockUpdateCallback clock, fmi3Callback lock,
     fmi3Callback unlock) {
-  (void)name; (void)resources; (void)visible; (void)logging; (void)clock; (void)lock; (void)unlock;
   return instantiate(token, 0, "this unit is for co-simulation and model exchange", environment, log);
 }
 
@@ -125,21 +123,6 @@ STATUS NAMED(fmi3SetFloat64)(fmi3Instance c, const fmi3ValueReference vr[], size
   return STATUSES[set_values(of(c), vr, count, value)];
 }
 
-static fmi3Status no_such(fmi3Instance c, size_t count) {
-  return count ? refuse(c, "all variables of this unit are of type Float64") : fmi3OK;
-}
-
-#define ABSENT(type, kind)                                                                                           \
-  STATUS NAMED(fmi3Get##type)(fmi3Instance c, const fmi3ValueReference vr[], size_t count, kind value[],             \
-                              size_t values) {                                                                       \
-    (void)vr; (void)value; (void)values;                                                                             \
-    return no_such(c, count);                                                                                        \
-  }                                                                                                                  \
-  STATUS NAMED(fmi3Set##type)(fmi3Instance c, const fmi3ValueReference vr[], size_t count, const kind value[],       \
-                              size_t values) {                                                                       \
-    (void)vr; (void)value; (void)values;                                                                             \
-    return no_such(c, count);                                                                                        \
-  }
 ABSENT(Float32, float)
 ABSENT(Int8, int8_t)
 ABSENT(UInt8, uint8_t)
@@ -154,35 +137,29 @@ ABSENT(String, fmi3String)
 
 STATUS NAMED(fmi3GetBinary)(fmi3Instance c, const fmi3ValueReference vr[], size_t count, size_t sizes[],
                             fmi3Binary value[], size_t values) {
-  (void)vr; (void)sizes; (void)value; (void)values;
   return no_such(c, count);
 }
 
 STATUS NAMED(fmi3SetBinary)(fmi3Instance c, const fmi3ValueReference vr[], size_t count, const size_t sizes[],
                             const fmi3Binary value[], size_t values) {
-  (void)vr; (void)sizes; (void)value; (void)values;
   return no_such(c, count);
 }
 
 STATUS NAMED(fmi3GetClock)(fmi3Instance c, const fmi3ValueReference vr[], size_t count, fmi3Boolean value[]) {
-  (void)vr; (void)value;
   return no_such(c, count);
 }
 
 STATUS NAMED(fmi3SetClock)(fmi3Instance c, const fmi3ValueReference vr[], size_t count, const fmi3Boolean value[]) {
-  (void)vr; (void)value;
   return no_such(c, count);
 }
 
 STATUS NAMED(fmi3GetNumberOfVariableDependencies)(fmi3Instance c, fmi3ValueReference vr, size_t* count) {
-  (void)vr; (void)count;
   return refuse(c, "the dependencies are those of the model description");
 }
 
 STATUS NAMED(fmi3GetVariableDependencies)(fmi3Instance c, fmi3ValueReference vr, size_t elements[],
                                           fmi3ValueReference independents[], size_t others[],
                                           fmi3DependencyKind kinds[], size_t count) {
-  (void)vr; (void)elements; (void)independents; (void)others; (void)kinds; (void)count;
   return refuse(c, "the dependencies are those of the model description");
 }
 
@@ -196,7 +173,6 @@ STATUS NAMED(fmi3GetDirectionalDerivative)(fmi3Instance c, const fmi3ValueRefere
 STATUS NAMED(fmi3GetAdjointDerivative)(fmi3Instance c, const fmi3ValueReference unknown[], size_t unknowns,
                                        const fmi3ValueReference known[], size_t knowns, const fmi3Float64 seed[],
                                        size_t seeds, fmi3Float64 result[], size_t results) {
-  (void)unknown; (void)unknowns; (void)known; (void)knowns; (void)seed; (void)seeds; (void)result; (void)results;
   return refuse(c, "adjoint derivatives are not available");
 }
 
@@ -204,33 +180,21 @@ STATUS NAMED(fmi3EnterConfigurationMode)(fmi3Instance c) { return refuse(c, "the
 
 STATUS NAMED(fmi3ExitConfigurationMode)(fmi3Instance c) { return refuse(c, "there are no structural parameters"); }
 
-/* Functions of clocks, by the types of what they take beyond the instance. */
-#define NO_CLOCKS_2(name, A, B) \
-  STATUS NAMED(name)(fmi3Instance c, A a, B b) { (void)a; (void)b; return refuse(c, "there are no clocks"); }
-#define NO_CLOCKS_3(name, A, B, C) \
-  STATUS NAMED(name)(fmi3Instance c, A a, B b, C d) { \
-    (void)a; (void)b; (void)d; \
-    return refuse(c, "there are no clocks"); \
-  }
-#define NO_CLOCKS_4(name, A, B, C, D) \
-  STATUS NAMED(name)(fmi3Instance c, A a, B b, C d, D e) { \
-    (void)a; (void)b; (void)d; (void)e; \
-    return refuse(c, "there are no clocks"); \
-  }
-#define NO_CLOCKS_5(name, A, B, C, D, E) \
-  STATUS NAMED(name)(fmi3Instance c, A a, B b, C d, D e, E f) { \
-    (void)a; (void)b; (void)d; (void)e; (void)f; \
-    return refuse(c, "there are no clocks"); \
-  }
-NO_CLOCKS_4(fmi3GetIntervalDecimal, const fmi3ValueReference*, size_t, fmi3Float64*, fmi3IntervalQualifier*)
-NO_CLOCKS_5(fmi3GetIntervalFraction, const fmi3ValueReference*, size_t, uint64_t*, uint64_t*, fmi3IntervalQualifier*)
-NO_CLOCKS_3(fmi3GetShiftDecimal, const fmi3ValueReference*, size_t, fmi3Float64*)
-NO_CLOCKS_4(fmi3GetShiftFraction, const fmi3ValueReference*, size_t, uint64_t*, uint64_t*)
-NO_CLOCKS_3(fmi3SetIntervalDecimal, const fmi3ValueReference*, size_t, const fmi3Float64*)
-NO_CLOCKS_4(fmi3SetIntervalFraction, const fmi3ValueReference*, size_t, const uint64_t*, const uint64_t*)
-NO_CLOCKS_3(fmi3SetShiftDecimal, const fmi3ValueReference*, size_t, const fmi3Float64*)
-NO_CLOCKS_4(fmi3SetShiftFraction, const fmi3ValueReference*, size_t, const uint64_t*, const uint64_t*)
-NO_CLOCKS_2(fmi3ActivateModelPartition, fmi3ValueReference, fmi3Float64)
+#define NO_CLOCKS(name, ...) \
+  STATUS NAMED(name)(fmi3Instance c, __VA_ARGS__) { return refuse(c, "there are no clocks"); }
+NO_CLOCKS(fmi3GetIntervalDecimal, const fmi3ValueReference vr[], size_t count, fmi3Float64 interval[],
+          fmi3IntervalQualifier qualifier[])
+NO_CLOCKS(fmi3GetIntervalFraction, const fmi3ValueReference vr[], size_t count, uint64_t counter[],
+          uint64_t resolution[], fmi3IntervalQualifier qualifier[])
+NO_CLOCKS(fmi3GetShiftDecimal, const fmi3ValueReference vr[], size_t count, fmi3Float64 shift[])
+NO_CLOCKS(fmi3GetShiftFraction, const fmi3ValueReference vr[], size_t count, uint64_t counter[], uint64_t resolution[])
+NO_CLOCKS(fmi3SetIntervalDecimal, const fmi3ValueReference vr[], size_t count, const fmi3Float64 interval[])
+NO_CLOCKS(fmi3SetIntervalFraction, const fmi3ValueReference vr[], size_t count, const uint64_t counter[],
+          const uint64_t resolution[])
+NO_CLOCKS(fmi3SetShiftDecimal, const fmi3ValueReference vr[], size_t count, const fmi3Float64 shift[])
+NO_CLOCKS(fmi3SetShiftFraction, const fmi3ValueReference vr[], size_t count, const uint64_t counter[],
+          const uint64_t resolution[])
+NO_CLOCKS(fmi3ActivateModelPartition, fmi3ValueReference clock, fmi3Float64 time)
 
 STATUS NAMED(fmi3EvaluateDiscreteStates)(fmi3Instance c) { return STATUSES[settle(of(c))]; }
 
@@ -251,13 +215,11 @@ STATUS NAMED(fmi3UpdateDiscreteStates)(fmi3Instance c, fmi3Boolean* again, fmi3B
 /* --- model exchange ------------------------------------------------------------------------------------- */
 
 STATUS NAMED(fmi3GetNumberOfEventIndicators)(fmi3Instance c, size_t* count) {
-  (void)c;
   *count = N_INDICATORS;
   return fmi3OK;
 }
 
 STATUS NAMED(fmi3GetNumberOfContinuousStates)(fmi3Instance c, size_t* count) {
-  (void)c;
   *count = N_X;
   return fmi3OK;
 }
@@ -272,7 +234,6 @@ STATUS NAMED(fmi3EnterStepMode)(fmi3Instance c) {
 
 STATUS NAMED(fmi3GetOutputDerivatives)(fmi3Instance c, const fmi3ValueReference vr[], size_t count,
                                        const int32_t orders[], fmi3Float64 value[], size_t values) {
-  (void)vr; (void)orders; (void)value; (void)values;
   return count ? refuse(c, "derivatives of outputs in time are not available") : fmi3OK;
 }
 
@@ -280,7 +241,6 @@ STATUS NAMED(fmi3DoStep)(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi
                          fmi3Boolean* needs_event_handling, fmi3Boolean* terminate, fmi3Boolean* early_return,
                          fmi3Float64* last_time) {
   instance* s = of(c);
-  (void)no_return;
   if (needs_event_handling) *needs_event_handling = false;
   if (terminate) *terminate = false;
   if (early_return) *early_return = false;

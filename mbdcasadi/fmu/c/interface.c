@@ -2,7 +2,15 @@
 
    The file of a version includes this one after its types, with status_t, component_t, boolean_t and string_t for
    them, FMI(name) for a name with the prefix of the version, the words that versions spell differently (FMU_STATE,
-   DESERIALIZE, RATES), and a struct `unit` whose first member is the instance. */
+   DESERIALIZE, RATES, NUMBERS), COUNTED for the parameter that counts values beside references, and a struct `unit`
+   whose first member is the instance. */
+
+/* the standard gives many functions more than this unit needs */
+#if defined(__GNUC__)
+#pragma GCC diagnostic ignored "-Wunused-parameter"
+#elif defined(_MSC_VER)
+#pragma warning(disable : 4100)
+#endif
 
 #if defined(_WIN32)
 #define SHOWN __declspec(dllexport)
@@ -17,6 +25,8 @@
 #define NAMED(name) name
 #endif
 #define STATUS SHOWN status_t
+#define QUOTED(x) #x
+#define TEXT(x) QUOTED(x)
 
 static const status_t STATUSES[] = {FMI(OK), FMI(Warning), FMI(Discard), FMI(Error)};
 static const char* const CATEGORIES[] = {"logEvents", "logStatusWarning", "logStatusDiscard", "logStatusError"};
@@ -34,7 +44,6 @@ static status_t enter(component_t c, enum mode mode) {
 }
 
 STATUS NAMED(FMI(SetDebugLogging))(component_t c, boolean_t on, size_t count, const string_t categories[]) {
-  (void)c; (void)on; (void)count; (void)categories;
   return FMI(OK);
 }
 
@@ -54,6 +63,21 @@ STATUS NAMED(FMI(Reset))(component_t c) {
   return FMI(OK);
 }
 
+/* --- variables of other types ------------------------------------------------------------------------------ */
+
+static status_t no_such(component_t c, size_t count) {
+  return count ? refuse(c, "all variables of this unit are of type " TEXT(NUMBERS)) : FMI(OK);
+}
+
+#define ABSENT(type, kind)                                                                                        \
+  STATUS NAMED(PASTED(FMI(Get), type))(component_t c, const unsigned vr[], size_t count, kind value[] COUNTED) {  \
+    return no_such(c, count);                                                                                     \
+  }                                                                                                               \
+  STATUS NAMED(PASTED(FMI(Set), type))(component_t c, const unsigned vr[], size_t count,                          \
+                                       const kind value[] COUNTED) {                                              \
+    return no_such(c, count);                                                                                     \
+  }
+
 /* --- saved states ----------------------------------------------------------------------------------------- */
 
 STATUS NAMED(PASTED(FMI(Get), FMU_STATE))(component_t c, void** state) {
@@ -65,13 +89,11 @@ STATUS NAMED(PASTED(FMI(Get), FMU_STATE))(component_t c, void** state) {
 STATUS NAMED(PASTED(FMI(Set), FMU_STATE))(component_t c, void* state) { return STATUSES[restore(of(c), state)]; }
 
 STATUS NAMED(PASTED(FMI(Free), FMU_STATE))(component_t c, void** state) {
-  (void)c;
   if (state) { free(*state); *state = NULL; }
   return FMI(OK);
 }
 
 STATUS NAMED(PASTED(PASTED(FMI(Serialized), FMU_STATE), Size))(component_t c, void* state, size_t* size) {
-  (void)c; (void)state;
   *size = SAVED_BYTES;
   return FMI(OK);
 }
@@ -97,7 +119,6 @@ STATUS NAMED(FMI(EnterContinuousTimeMode))(component_t c) { return enter(c, CONT
 
 STATUS NAMED(FMI(CompletedIntegratorStep))(component_t c, boolean_t no_return, boolean_t* enter_event_mode,
                                            boolean_t* terminate) {
-  (void)c; (void)no_return;
   *enter_event_mode = *terminate = 0;
   return FMI(OK);
 }

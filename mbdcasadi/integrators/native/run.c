@@ -6,7 +6,7 @@
    A state is y = (q, v, z, integrals); the integrals take no part in the error test. Nothing is allocated in a step,
    and all that changes belongs to one run: runs in several threads share nothing but the functions. */
 
-/* --- what Python knows too (run.py mirrors these) ------------------------------------------------- */
+/* --- what Python knows too (run.py reads these declarations) ------------------------------------------------- */
 
 typedef long long integer;
 

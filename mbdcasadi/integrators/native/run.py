@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 import threading
 import weakref
 from collections.abc import Sequence
@@ -26,6 +27,12 @@ EXTRA_ROWS = 2048
 EXTRA_BYTES = 4_000_000
 #: Constants that the engines take from ``stretch``.
 CONSTANTS = ("SAFETY", "LEAST", "MOST", "MOST_SAMPLES", "PROJECTIONS", "LOOSE")
+#: Numbers of a system and settings of a stretch, under the names of the engine.
+SIZES = ("coordinates", "states", "multipliers", "inputs", "integrals", "switches")
+SETTINGS = (
+    "start", "reltol", "abstol", "max_step", "seconds", "most_steps", "every_step", "spacing", "keep_samples", "fall",
+    "stiff_after",
+)  # fmt: skip
 #: Folder of the C that all methods share.
 FOLDER = Path(__file__).parent
 
@@ -43,91 +50,28 @@ _HEAD = """\
 """
 
 
-class _Function(ctypes.Structure):
-    _fields_ = (
-        ("code", c_void_p),
-        ("tape", c_void_p),
-        ("constants", c_void_p),
-        ("count", c_longlong),
-        ("work", c_longlong),
-    )
+#: Types of members of the structures of the engines; any pointer is an address.
+_TYPES = {"double": c_double, "integer": c_longlong, "int": c_int, "code_t": c_void_p}
 
 
-class _System(ctypes.Structure):
-    _fields_ = (
-        *((name, c_longlong) for name in ("coordinates", "states", "multipliers", "inputs", "integrals", "switches")),
-        *((name, c_longlong) for name in ("events", "event_needs_dynamics")),
-        *(
-            (name, _Function)
-            for name in ("input", "dynamics", "quadrature", "projection", "switching", "event", "slopes")
-        ),
-    )
+@cache
+def _structure(name: str) -> type[ctypes.Structure]:
+    """Structure of the engine under its name in C, laid out as it is declared there."""
+    source = (_shipped("run.c") + _shipped("cases.c")).replace("const ", "").replace("volatile ", "")
+    declared = re.sub(r"/\*.*?\*/", "", source, flags=re.DOTALL).split(f"}} {name};")[0].rsplit("{", 1)[1]
+    fields: list[tuple[str, Any]] = []
+    for kind, names in re.findall(r"(\w+)(\*? [^;]+);", declared):
+        for field in "".join(names.split()).split(","):
+            # the star of a declaration with one name may stand beside its type
+            own = c_void_p if "*" in field else _TYPES.get(kind) or _structure(kind)
+            fields.append((field.strip("*"), own))
+    return type(name, (ctypes.Structure,), {"_fields_": fields})
 
 
-class _Stretch(ctypes.Structure):
-    _fields_ = (
-        ("start", c_double),
-        ("x", c_void_p),
-        ("count", c_longlong),
-        ("times", c_void_p),
-        ("stops", c_void_p),
-        ("channels", c_void_p),
-        ("channel", c_longlong),
-        ("p", c_void_p),
-        ("levels", c_void_p),
-        ("weights", c_void_p),
-        ("reltol", c_double),
-        ("abstol", c_double),
-        ("max_step", c_double),
-        ("accuracy", c_double),
-        ("seconds", c_double),
-        ("most_steps", c_longlong),
-        ("halt", c_void_p),
-        ("every_step", c_longlong),
-        ("samples", c_longlong),
-        ("spacing", c_double),
-        ("keep_samples", c_longlong),
-        ("offset", c_void_p),
-        ("band", c_void_p),
-        ("side", c_void_p),
-        ("direction", c_void_p),
-        ("decides", c_void_p),
-        ("fall", c_double),
-        ("stiff_after", c_longlong),
-        ("capacity", c_longlong),
-        ("step", c_double),
-        ("across", c_longlong),
-        ("passed", c_double),
-        ("eigenvalue", c_double),
-        ("regularity", c_double),
-        ("stiff", c_longlong),
-        ("not_stiff", c_longlong),
-        ("out_times", c_void_p),
-        ("out_x", c_void_p),
-        ("out_integrals", c_void_p),
-        ("out_index", c_void_p),
-        ("recorded", c_longlong),
-        ("reached", c_longlong),
-        ("steps", c_longlong),
-        ("rejected", c_longlong),
-        ("evaluations", c_longlong),
-        ("time", c_double),
-        ("least_regularity", c_double),
-        ("status", c_int),
-    )
-
-
-class _Cases(ctypes.Structure):
-    _fields_ = (
-        *((name, c_longlong) for name in ("parameters", "levels", "outputs", "rows", "output_needs_dynamics")),
-        ("output", _Function),
-        ("starts", c_void_p),
-        ("p", c_void_p),
-        ("levels_of", c_void_p),
-        ("stride", c_longlong),
-        *((name, c_void_p) for name in ("times", "channels", "max_step", "stops", "wanted")),
-        *((name, c_void_p) for name in ("values", "status", "reached", "work")),
-    )
+@cache
+def _shipped(name: str) -> str:
+    """C of this folder."""
+    return (FOLDER / name).read_text(encoding="utf-8")
 
 
 def defined(module: Any, names: Sequence[str]) -> str:
@@ -143,9 +87,9 @@ def engine_source(steps: str) -> str:
     steps : str
         C code of the method, with its ``mbd_advance``; it stands below ``run.c`` and above ``cases.c``.
     """
-    run, cases = ((FOLDER / name).read_text(encoding="utf-8") for name in ("run.c", "cases.c"))
     operations = interpreter_in_c().replace("\n", " \\\n")
-    return f"{_HEAD}\n{defined(stretch, CONSTANTS)}\n#define OPERATIONS \\\n{operations}\n\n{run}\n{steps}\n{cases}"
+    above = f"{_HEAD}\n{defined(stretch, CONSTANTS)}\n#define OPERATIONS \\\n{operations}\n\n"
+    return f"{above}{_shipped('run.c')}\n{steps}\n{_shipped('cases.c')}"
 
 
 _lock = threading.Lock()
@@ -178,11 +122,10 @@ def _engine(steps: str, using: build.Compiler, folder: str) -> ctypes.CDLL:
     library.mbd_complete.argtypes = [c_void_p, c_void_p, c_longlong, *[c_void_p] * 6]
     library.mbd_run_cases.restype = None
     library.mbd_run_cases.argtypes = [c_void_p, c_void_p, c_void_p, c_longlong, c_longlong]
-    kinds = {"mbd_size_of_stretch": _Stretch, "mbd_size_of_system": _System, "mbd_size_of_cases": _Cases}
-    for name, kind in kinds.items():
-        size = getattr(library, name)
+    for name in ("stretch", "system", "cases"):
+        size = getattr(library, f"mbd_size_of_{name}")
         size.restype = c_longlong
-        if size() != ctypes.sizeof(kind):
+        if size() != ctypes.sizeof(_structure(f"{name}_t")):
             raise build.CompilationError(f"the compiler {using.name} lays structures out in another way")
     return library
 
@@ -209,13 +152,8 @@ class NativeRun:
         self._halt = np.zeros(1, np.int32)
         self._halt_address = self._halt.ctypes.data
         self._state = self.compiled
-        found = _System(
-            coordinates=system.coordinates,
-            states=system.states,
-            multipliers=system.multipliers,
-            inputs=system.inputs,
-            integrals=system.integrals,
-            switches=system.switches,
+        found = _structure("system_t")(
+            **{name: getattr(system, name) for name in SIZES},
             events=0 if watched is None else watched.size,
             event_needs_dynamics=watched is not None and watched.needs_dynamics,
         )
@@ -253,68 +191,34 @@ class NativeRun:
         rows, given = _Rows(self.system, s.times.size + 8 + extra), _Arrays()
         task = self._task(s, progress, rows, given)
         self.library.mbd_advance(self._run, ctypes.addressof(task))
-        progress.step, progress.regularity = task.step, task.regularity
-        progress.across, progress.passed = bool(task.across), task.passed
-        progress.eigenvalue = task.eigenvalue
-        progress.stiff, progress.not_stiff = task.stiff, task.not_stiff
-        r = task.recorded
+        for name in vars(progress):
+            setattr(progress, name, getattr(task, name))
         return Reached(
-            rows.times[:r].copy(),
-            rows.x[:r].copy(),
-            rows.integrals[:r].copy(),
-            rows.index[:r].copy(),
-            Status(task.status),
-            task.steps,
-            task.rejected,
-            task.evaluations,
-            task.least_regularity,
+            **{name: array[: task.recorded].copy() for name, array in vars(rows).items()},
+            **{name: getattr(task, name) for name in ("steps", "rejected", "evaluations", "least_regularity")},
+            status=Status(task.status),
         )
 
-    def _task(self, s: Stretch, progress: Progress, rows: _Rows, given: _Arrays) -> _Stretch:
+    def _task(self, s: Stretch, progress: Progress, rows: _Rows, given: _Arrays) -> Any:
         """A stretch for the engine, which reads arrays that are kept in `given` and writes into the rows."""
         watched = self.watched
         none = np.zeros(0 if watched is None else watched.size)
-        return _Stretch(
-            start=s.start,
-            x=given.doubles(s.x),
+        of_events = {name: getattr(s, name) for name in ("offset", "band", "side")}
+        return _structure("stretch_t")(
+            **{name: getattr(s, name) for name in SETTINGS},
+            **{name: given.doubles(getattr(s, name)) for name in ("x", "times", "channels", "p", "levels", "weights")},
+            **{name: given.doubles(values if values.size else none) for name, values in of_events.items()},
+            **vars(progress),
+            **{f"out_{name}": given.address(array) for name, array in vars(rows).items()},
             count=s.times.size,
-            times=given.doubles(s.times),
             stops=given.ints(s.stops),
-            channels=given.doubles(s.channels),
             channel=self.system.channel,
-            p=given.doubles(s.p),
-            levels=given.doubles(s.levels),
-            weights=given.doubles(s.weights),
-            reltol=s.reltol,
-            abstol=s.abstol,
-            max_step=s.max_step,
             accuracy=ACCURACY,
-            seconds=s.seconds,
-            most_steps=s.most_steps,
             halt=self._halt_address,
-            every_step=s.every_step,
             samples=SAMPLES,
-            spacing=s.spacing,
-            keep_samples=s.keep_samples,
-            offset=given.doubles(s.offset if s.offset.size else none),
-            band=given.doubles(s.band if s.band.size else none),
-            side=given.doubles(s.side if s.side.size else none),
             direction=given.ints(none if watched is None else watched.direction),
             decides=given.ints(none if watched is None else watched.decides),
-            fall=s.fall,
-            stiff_after=s.stiff_after,
             capacity=rows.times.size,
-            step=progress.step,
-            across=progress.across,
-            passed=progress.passed,
-            eigenvalue=progress.eigenvalue,
-            regularity=progress.regularity,
-            stiff=progress.stiff,
-            not_stiff=progress.not_stiff,
-            out_times=given.address(rows.times),
-            out_x=given.address(rows.x),
-            out_integrals=given.address(rows.integrals),
-            out_index=given.address(rows.index),
         )
 
     def complete(
@@ -330,7 +234,7 @@ class NativeRun:
         system, given, count = self.system, _Arrays(), times.size
         a, lam = np.empty((count, system.coordinates)), np.empty((count, system.multipliers))
         u = np.empty((count, system.inputs))
-        task = _Stretch(channel=system.channel, p=given.doubles(p), levels=given.doubles(levels))
+        task = _structure("stretch_t")(channel=system.channel, p=given.doubles(p), levels=given.doubles(levels))
         self.library.mbd_complete(
             self._run,
             ctypes.addressof(task),
@@ -373,27 +277,20 @@ class NativeRun:
         number = len(cases.starts)
         status, reached = np.zeros(number, np.int32), np.zeros(number)
         entry = _entry(output, 0)
-        work = np.empty(entry.work)
-        asked = _Cases(
+        written = {"values": values, "status": status, "reached": reached, "work": np.empty(entry.work)}
+        asked = _structure("cases_t")(
+            **{name: arrays.doubles(getattr(cases, name)) for name in ("starts", "p", "times", "channels", "max_step")},
             parameters=cases.p.shape[1],
             levels=cases.levels.shape[1],
             outputs=values.shape[2],
             rows=values.shape[1],
             output_needs_dynamics=cases.needs_dynamics,
             output=entry,
-            starts=arrays.doubles(cases.starts),
-            p=arrays.doubles(cases.p),
             levels_of=arrays.doubles(cases.levels),
             stride=count if len(cases.times) > 1 else 0,
-            times=arrays.doubles(cases.times),
-            channels=arrays.doubles(cases.channels),
-            max_step=arrays.doubles(cases.max_step),
             stops=arrays.ints(cases.stops),
             wanted=arrays.ints(cases.wanted),
-            values=values.ctypes.data,
-            status=status.ctypes.data,
-            reached=reached.ctypes.data,
-            work=work.ctypes.data,
+            **{name: array.ctypes.data for name, array in written.items()},
         )
         self.library.mbd_run_cases(self._run, ctypes.addressof(task), ctypes.addressof(asked), 0, number)
         return status, reached
@@ -430,13 +327,13 @@ class _Arrays:
         return place
 
 
-def _entry(code: Code, k: int) -> _Function:
+def _entry(code: Code, k: int) -> Any:
     """A function for the engine: compiled if it is."""
     if code.library is not None:
         address, work = code.entry(k)
-        return _Function(code=address, work=work + 1)
+        return _structure("function_t")(code=address, work=work + 1)
     tape: Tape = code.tapes[k]
-    return _Function(
+    return _structure("function_t")(
         tape=tape.instructions.ctypes.data,
         constants=tape.constants.ctypes.data,
         count=tape.size,

@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 
 from ..element import Element, refuse_kinds
-from ..quantities import Quantities, quantity
+from ..quantities import quantity
 from ..symbols import state_of
 
 #: Kinds of symbols that the rate of a state must not depend on.
@@ -85,11 +85,9 @@ class FirstOrderLag(Element):
 
     def __init__(self, name: str, command: Any, time_constant: Any, initial: Any = 0.0):
         super().__init__(name)
-        read = Quantities(self.description)
         self.command = ca.SX(quantity(command, self.description, "command"))
         refuse_kinds(self.command, _UNKNOWN, self.description, "a command depends on positions and velocities")
-        self.time_constant = read(time_constant, "time_constant", above=0.0)
-        self.limits = read.limits
+        self.time_constant = self.read(time_constant, "time_constant", above=0.0)
         self.output = state_of(self, f"{name}.output", initial)
         self.rates = {self.output: (self.command - self.output) / self.time_constant}
 

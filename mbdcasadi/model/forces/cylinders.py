@@ -8,7 +8,8 @@ from typing import Any
 import casadi as ca
 
 from ...numerics.lazy import cached_property
-from ..quantities import Quantities, quantity
+from ..element import Element
+from ..quantities import quantity
 from ..symbols import StateVariable, state_of
 from ..validity import ValidityCondition
 from .springs import TSDA
@@ -60,18 +61,16 @@ class Cylinder(TSDA):
         rod_pressure: Any = 0.0,
         damping: Any = 0.0,
     ):
-        what = f"{self.kind} '{name}'"
-        read = Quantities(what)
-        self.bore = read(bore, "bore", above=0.0, fixed=True)
-        self.rod = read(rod, "rod", at_least=0.0, fixed=True)
-        read(self.bore - self.rod, "bore less rod", above=0.0)
+        Element.__init__(self, name)  # the force depends on what is read first
+        self.bore = self.read(bore, "bore", above=0.0, fixed=True)
+        self.rod = self.read(rod, "rod", at_least=0.0, fixed=True)
+        self.read(self.bore - self.rod, "bore less rod", above=0.0)
         self.area = math.pi / 4 * self.bore**2
         self.rod_area = math.pi / 4 * (self.bore**2 - self.rod**2)
-        self.pressure = ca.SX(quantity(pressure, what, "pressure"))
-        self.rod_pressure = ca.SX(quantity(rod_pressure, what, "rod_pressure"))
+        self.pressure = ca.SX(quantity(pressure, self.description, "pressure"))
+        self.rod_pressure = ca.SX(quantity(rod_pressure, self.description, "rod_pressure"))
         self.thrust = self.pressure * self.area - self.rod_pressure * self.rod_area
         super().__init__(name, a, b, damping=damping, actuator=-self.thrust)
-        self.limits = read.limits
 
 
 class HydraulicCylinder(Cylinder):
@@ -125,24 +124,18 @@ class HydraulicCylinder(Cylinder):
     ):
         p, p_rod = pressures or (state_of(self, f"{name}.pressure"), state_of(self, f"{name}.rod_pressure"))
         super().__init__(name, a, b, bore, rod, p, p_rod, damping)
-        read = Quantities(self.description, self.limits)
-        self.volume = read(volume, "volume", above=0.0, fixed=True)
-        self.bulk_modulus = read(bulk_modulus, "bulk_modulus", above=0.0)
-        self.middle_length = read(middle_length, "middle_length", above=0.0, fixed=True)
-        self.limits = read.limits
+        self.volume = self.read(volume, "volume", above=0.0, fixed=True)
+        self.bulk_modulus = self.read(bulk_modulus, "bulk_modulus", above=0.0)
+        self.middle_length = self.read(middle_length, "middle_length", above=0.0, fixed=True)
         self.flow = ca.SX(quantity(flow, self.description, "flow"))
         self.rod_flow = ca.SX(quantity(rod_flow, self.description, "rod_flow"))
         out = self.length - self.middle_length
         chamber, rod_chamber = self.volume + self.area * out, self.volume - self.rod_area * out
         rise = self.bulk_modulus * (self.flow - self.area * self.rate) / chamber
         rod_rise = self.bulk_modulus * (self.rod_flow + self.rod_area * self.rate) / rod_chamber
-        self.validity_conditions = (
-            ValidityCondition(
-                chamber / self.volume - _EMPTY, f"{self.description}: the chamber on the piston's side is empty"
-            ),
-            ValidityCondition(
-                rod_chamber / self.volume - _EMPTY, f"{self.description}: the chamber on the rod's side is empty"
-            ),
+        self.validity_conditions = tuple(
+            ValidityCondition(space / self.volume - _EMPTY, f"{self.description}: the chamber on the {side} is empty")
+            for space, side in ((chamber, "piston's side"), (rod_chamber, "rod's side"))
         )
         self.rates = {p: rise, p_rod: rod_rise}
 
@@ -190,17 +183,15 @@ class GasSpring(TSDA):
         ambient: Any = ATMOSPHERE,
         damping: Any = 0.0,
     ):
-        what = f"{self.kind} '{name}'"
-        read = Quantities(what)
-        self.area = read(area, "area", above=0.0, fixed=True)
-        self.charge = read(pressure, "pressure", above=0.0, fixed=True)
-        self.exponent = read(exponent, "exponent", at_least=1.0)
-        self.ambient = read(ambient, "ambient", at_least=0.0)
-        self.dead_length = read(dead_length, "dead_length", at_least=0.0, fixed=True)
-        self.column = read(charged_length - dead_length, "charged_length less dead_length", above=0.0, fixed=True)
-        self._loss = read(damping, "damping", at_least=0.0)
+        Element.__init__(self, name)
+        self.area = self.read(area, "area", above=0.0, fixed=True)
+        self.charge = self.read(pressure, "pressure", above=0.0, fixed=True)
+        self.exponent = self.read(exponent, "exponent", at_least=1.0)
+        self.ambient = self.read(ambient, "ambient", at_least=0.0)
+        self.dead_length = self.read(dead_length, "dead_length", at_least=0.0, fixed=True)
+        self.column = self.read(charged_length - dead_length, "charged_length less dead_length", above=0.0, fixed=True)
+        self._loss = self.read(damping, "damping", at_least=0.0)
         super().__init__(name, a, b, law=self._tension)
-        self.limits = read.limits
         within = "the length is below dead_length, at which the gas has no volume"
         self.validity_conditions = (
             ValidityCondition((self.length - self.dead_length) / self.column, f"{self.description}: {within}"),

@@ -11,7 +11,7 @@ import casadi as ca
 from ...errors import ModelError
 from ..expressions import fabs, fmax, fmin, if_else, positive_power
 from ..immutable import Immutable
-from ..quantities import Quantities, quantity
+from ..quantities import HasQuantities, quantity
 from ..symbols import number
 
 #: ``χ v`` as a function of the restitution.
@@ -22,7 +22,7 @@ DAMPING: dict[str, Callable[[Any], Any]] = {
 }
 
 
-class HuntCrossley(Immutable):
+class HuntCrossley(Immutable, HasQuantities):
     """``F = k δ^n (1 + χ δ̇)``, never negative: an elastic contact whose energy loss grows with the speed.
 
     Parameters
@@ -41,12 +41,9 @@ class HuntCrossley(Immutable):
     """
 
     def __init__(self, stiffness: Any, exponent: Any = 1.5, damping: Any = 0.0):
-        what = "HuntCrossley"
-        read = Quantities(what)
-        self.stiffness = read(stiffness, "stiffness", above=0.0)
-        self.exponent = read(exponent, "exponent", at_least=1.0)
-        self.damping = read(damping, "damping", at_least=0.0)
-        self.limits = read.limits
+        self.stiffness = self.read(stiffness, "stiffness", above=0.0)
+        self.exponent = self.read(exponent, "exponent", at_least=1.0)
+        self.damping = self.read(damping, "damping", at_least=0.0)
 
     @classmethod
     def from_restitution(
@@ -79,12 +76,11 @@ class HuntCrossley(Immutable):
         what = "HuntCrossley.from_restitution"
         if model not in DAMPING:
             raise ModelError(f"{what}: model must be one of {', '.join(DAMPING)}, got {model!r}")
-        read = Quantities(what)
-        e = read(restitution, "restitution", at_least=0.0)
-        read(1 - ca.SX(e), "1 - restitution", at_least=0.0)
+        e = quantity(restitution, what, "restitution", at_least=0.0)
+        quantity(1 - ca.SX(e), what, "1 - restitution", at_least=0.0)
         if model == "flores":
-            read(e, "restitution", above=0.0)
-        v = read(impact_speed, "impact_speed", above=0.0)
+            quantity(e, what, "restitution", above=0.0)
+        v = quantity(impact_speed, what, "impact_speed", above=0.0)
         return cls(stiffness, exponent, DAMPING[model](e) / v)
 
     def __call__(self, penetration: ca.SX, rate: ca.SX) -> ca.SX:

@@ -9,7 +9,7 @@ import casadi as ca
 from ...errors import ModelError
 from ..bodies import as_body, ground
 from ..element import Element
-from ..quantities import Quantities, known_value, quantity
+from ..quantities import known_value, quantity
 from ..symbols import StateVariable, state_of
 
 
@@ -78,16 +78,14 @@ class DCMotor(Element):
             raise ModelError(
                 f"{self.description} turns '{self.body.name}', which carries the housing too: it would do nothing"
             )
-        read = Quantities(self.description)
         self.voltage = ca.SX(quantity(voltage, self.description, "voltage"))
-        self.constant = read(constant, "constant", above=0.0, fixed=True)
-        self.resistance = read(resistance, "resistance", above=0.0, fixed=True)
+        self.constant = self.read(constant, "constant", above=0.0, fixed=True)
+        self.resistance = self.read(resistance, "resistance", above=0.0, fixed=True)
         without = known_value(quantity(inductance, self.description, "inductance", at_least=0.0, fixed=True)) == 0
-        self.inductance = 0.0 if without else read(inductance, "inductance", above=0.0)
+        self.inductance = 0.0 if without else self.read(inductance, "inductance", above=0.0)
         self.ratio = quantity(ratio, self.description, "ratio", fixed=True)
         if known_value(self.ratio) == 0:
             raise ModelError(f"{self.description}: the ratio is zero, so that the motor would turn nothing")
-        self.limits = read.limits
         left = self.voltage - self.constant * self.ratio * (self.body.omega - self.opposite.omega)
         if not without:
             self.current = state_of(self, f"{name}.current", current)

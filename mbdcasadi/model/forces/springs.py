@@ -14,7 +14,7 @@ from ..element import Element
 from ..expressions import norm
 from ..geometry.splines import spline, spline_integral
 from ..immutable import Immutable
-from ..quantities import Quantities, function_of, quantity
+from ..quantities import function_of, quantity
 from ..rates import time_derivative
 from .laws import stored_energy
 
@@ -232,7 +232,6 @@ class Bushing(Element):
     ):
         super().__init__(name)
         self.markers = self.a, self.b = markers_on_two(a, b, self.description)
-        read = Quantities(self.description)
 
         def by_axis(value: Any, quantity_name: str) -> ca.SX:
             parts = list(value) if isinstance(value, list | tuple) else [value, value]
@@ -242,15 +241,14 @@ class Bushing(Element):
                 )
             return ca.vertcat(
                 *[
-                    ca.SX(read(part, f"{quantity_name} {axis}", at_least=0.0))
+                    ca.SX(self.read(part, f"{quantity_name} {axis}", at_least=0.0))
                     for part, axis in zip(parts, "xy", strict=True)
                 ]
             )
 
         self.stiffness, self.damping = by_axis(stiffness, "stiffness"), by_axis(damping, "damping")
-        self.angular_stiffness = read(angular_stiffness, "angular_stiffness", at_least=0.0)
-        self.angular_damping = read(angular_damping, "angular_damping", at_least=0.0)
-        self.limits = read.limits
+        self.angular_stiffness = self.read(angular_stiffness, "angular_stiffness", at_least=0.0)
+        self.angular_damping = self.read(angular_damping, "angular_damping", at_least=0.0)
         self.displacement = self.a.axes.T @ (self.b.position - self.a.position)
         self.angle = self.b.angle - self.a.angle
         self.virtual_work = ((self.displacement, self.force), (self.angle, self.torque))

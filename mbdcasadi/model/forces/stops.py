@@ -12,7 +12,7 @@ from ...numerics.lazy import cached_property
 from ..bodies import ground, markers_on_two
 from ..element import BEYOND_COORDINATES, Element, owners, refuse_kinds
 from ..expressions import distance, fmax
-from ..quantities import Quantities, function_of, quantity
+from ..quantities import function_of, quantity
 from ..rates import time_derivative
 from ..validity import Smoothing
 from .laws import continuous_force, pushing_force, stored_energy
@@ -37,7 +37,7 @@ class _OneSided(Element):
         return pushing_force(self.law, self.gap, self.rate, self.description)
 
     @cached_property
-    def smoothings(self) -> tuple[Smoothing, ...]:
+    def smoothings(self) -> tuple[Smoothing, ...]:  # type: ignore[override]
         """Quantities that change within a short time: the force."""
         course = continuous_force(self.law, self.gap, self.force, self.description)
         return (Smoothing(course, 1.0, f"{self.description}: its {self._effort}", "or soften the law", course),)
@@ -161,12 +161,10 @@ class Rope(_OneSided):
     def __init__(self, name: str, a: Any, b: Any, length: Any, stiffness: Any, damping: Any = 0.0):
         super().__init__(name)
         self.markers = self.a, self.b = markers_on_two(a, b, self.description)
-        read = Quantities(self.description)
-        self.length = read(length, "length", above=0.0)
+        self.length = self.read(length, "length", above=0.0)
         refuse_kinds(self.length, BEYOND_COORDINATES, self.description, "a length depends on coordinates and time only")
-        self.stiffness = read(stiffness, "stiffness", above=0.0)
-        self.damping = read(damping, "damping", at_least=0.0)
-        self.limits = read.limits
+        self.stiffness = self.read(stiffness, "stiffness", above=0.0)
+        self.damping = self.read(damping, "damping", at_least=0.0)
         self.law = _Elongation(self.stiffness, self.damping)
         self.distance = distance(self.a, self.b)
         self.elongation = self.distance - self.length

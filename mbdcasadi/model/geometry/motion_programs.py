@@ -14,7 +14,7 @@ import numpy as np
 
 from ...errors import ModelError
 from ..immutable import Immutable
-from ..symbols import number
+from ..symbols import number, positive
 
 
 def cycloidal(s: ca.SX) -> ca.SX:
@@ -81,8 +81,7 @@ class ProgramSegment:
     kind: ClassVar[str] = "segment"
 
     def __post_init__(self) -> None:
-        if number(self.duration, self.kind, "duration") <= 0:
-            raise ModelError(f"{self.kind}: duration must be positive, got {self.duration}")
+        positive(self.duration, self.kind, "duration")
         if self.level is not None:
             number(self.level, self.kind, "level")
         if self.law not in LAWS:

@@ -12,7 +12,7 @@ from ...numerics.lazy import cached_property
 from ..bodies import Body, Marker, as_body, markers_on_two
 from ..element import ConstraintElement, at_poses
 from ..rates import time_derivative
-from ..symbols import symbols_of
+from ..symbols import check_name, symbols_of
 
 
 class Joint(ConstraintElement):
@@ -41,18 +41,18 @@ class Joint(ConstraintElement):
         self.a, self.b = a, b
         super().__init__(name, rows, row_labels, (a, b))
 
-    @staticmethod
-    def pair(name: str, a: Any, b: Any) -> tuple[Marker, Marker]:
-        """Return the two markers of a joint; raise an error if they are not markers, or are on one body.
+    def pair(self, name: str, a: Any, b: Any) -> tuple[Marker, Marker]:
+        """Name the joint, and return its two markers; raise an error if they are not markers, or are on one body.
 
         Parameters
         ----------
         name : str
-            Name of the joint, for the message.
+            Name of the joint.
         a, b : Marker
             The markers.
         """
-        return markers_on_two(a, b, f"joint '{name}'")
+        self.name = check_name(name, type(self).__name__)
+        return markers_on_two(a, b, self.description)
 
 
 def as_carrier(value: Any, a: Marker, b: Marker, what: str) -> Body:

@@ -16,7 +16,6 @@ from ..element import cross
 from ..events import Event
 from ..geometry.cam_outlines import CamOutline
 from ..geometry.curves import Curve
-from ..quantities import Quantities
 from ..symbols import Coordinate, values_of
 from ..validity import ValidityCondition
 from .base import Joint
@@ -94,7 +93,7 @@ class CamFlatFollower(_Contact):
 
     def __init__(self, name: str, cam: Any, face: Any, outline: CamOutline):
         a, b = self.pair(name, cam, face)
-        what = f"joint '{name}'"
+        what = self.description
         self.outline = as_outline(outline, what)
         self.limits = (*positive_radius(what, self.outline), *convex(what, self.outline))
         self.parameter = Coordinate(f"{name}.parameter", touching_place(self.outline, a, b))
@@ -146,12 +145,11 @@ class CamPointFollower(_Contact):
 
     def __init__(self, name: str, cam: Any, point: Any, outline: CamOutline, roller_radius: Any = 0.0):
         a, b = self.pair(name, cam, point)
-        what = f"joint '{name}'"
+        what = self.description
         self.outline = as_outline(outline, what)
-        read = Quantities(what)
-        self.roller_radius = read(roller_radius, "roller_radius", at_least=0.0, fixed=True)
+        self.roller_radius = self.read(roller_radius, "roller_radius", at_least=0.0, fixed=True)
         wide = wide_enough(what, self.outline, self.roller_radius)
-        self.limits = (*read.limits, *positive_radius(what, self.outline), *wide)
+        self.limits = (*self.limits, *positive_radius(what, self.outline), *wide)
         radius = float(values_of(self.roller_radius)[0, 0])
         start = nearest_place(self.outline, a, b, radius)
         self.parameter = Coordinate(f"{name}.parameter", start)
@@ -203,7 +201,7 @@ class CamCam(_Contact):
 
     def __init__(self, name: str, a: Any, b: Any, outline_a: CamOutline, outline_b: CamOutline):
         a, b = self.pair(name, a, b)
-        what = f"joint '{name}'"
+        what = self.description
         self.outline, self.outline_b = as_outline(outline_a, what), as_outline(outline_b, what)
         fitting(what, self.outline, self.outline_b)
         self.limits = positive_radius(what, self.outline, self.outline_b)
@@ -256,7 +254,7 @@ class PointOnCurve(Joint):
     def __init__(self, name: str, a: Any, b: Any, curve: Curve):
         a, b = self.pair(name, a, b)
         if not isinstance(curve, Curve):
-            raise ModelError(f"joint '{name}': curve must be a Curve, got {curve!r}")
+            raise ModelError(f"{self.description}: curve must be a Curve, got {curve!r}")
         self.curve = curve
         self.parameter = Coordinate(f"{name}.parameter", nearest_place(curve, a, b, 0.0))
         self.coordinates = (self.parameter,)

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 from ..bodies import as_marker
 from ..element import ConstraintElement
 from ..quantities import in_radians, quantity, vector2
+from ..symbols import check_name
 from .base import Joint
 from .lower_pairs import distance_row
 
@@ -87,11 +88,11 @@ class AbsoluteDistance(ConstraintElement):
     kind = "constraint"
 
     def __init__(self, name: str, marker: Any, point: Any, distance: Any):
-        what = f"constraint '{name}'"
-        self.marker = as_marker(marker, what, "marker")
-        self.point = vector2(point, what, "point")
+        self.name = check_name(name, type(self).__name__)
+        self.marker = as_marker(marker, self.description, "marker")
+        self.point = vector2(point, self.description, "point")
         self.distance = distance
-        row, self.limits = distance_row(what, self.marker.position - self.point, distance)
+        row = distance_row(self, self.marker.position - self.point, distance)
         super().__init__(name, row, (), (self.marker,))
 
 

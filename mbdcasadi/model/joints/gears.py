@@ -11,7 +11,7 @@ from ...errors import ModelError
 from ...numerics.lazy import cached_property
 from ..bodies import Body, Marker, ground, rotation
 from ..element import at_poses
-from ..quantities import Limit, Quantities, known_value, quantity, yes_or_no
+from ..quantities import known_value, quantity, yes_or_no
 from ..symbols import values_of
 from ..validity import ValidityCondition
 from .base import AlongLine, Joint, as_carrier, from_estimate
@@ -80,8 +80,9 @@ class Gear(Joint):
         carrier: Body = ground,
     ):
         a, b = self.pair(name, a, b)
-        what = f"joint '{name}'"
-        self.radius_a, self.radius_b, self.limits = _two_radii(what, radius_a, radius_b)
+        what = self.description
+        self.radius_a = self.read(radius_a, "radius_a", above=0.0, fixed=True)
+        self.radius_b = self.read(radius_b, "radius_b", above=0.0, fixed=True)
         self.internal = yes_or_no(internal, what, "internal")
         self.carrier = as_carrier(carrier, a, b, what)
         sign = -1 if self.internal else 1
@@ -115,18 +116,6 @@ class Gear(Joint):
     def tooth_force(self) -> ca.SX:
         """Tangential force of b on a at the pitch point, N; positive turns a counter-clockwise."""
         return -self.multipliers
-
-
-def _two_radii(what: str, radius_a: Any, radius_b: Any) -> tuple[Any, Any, tuple[Limit, ...]]:
-    """Return two positive radii and their limits."""
-    (first, limits), (second, more) = _radius(what, radius_a, "radius_a"), _radius(what, radius_b, "radius_b")
-    return first, second, (*limits, *more)
-
-
-def _radius(what: str, radius: Any, name: str = "radius") -> tuple[Any, tuple[Limit, ...]]:
-    """Return a positive radius and its limits."""
-    read = Quantities(what)
-    return read(radius, name, above=0.0, fixed=True), read.limits
 
 
 def _rolled(a: Marker, b: Marker, radius: Any) -> ca.SX:
@@ -173,7 +162,7 @@ class RackAndPinion(Joint):
 
     def __init__(self, name: str, rack: Any, pinion: Any, radius: Any):
         a, b = self.pair(name, rack, pinion)
-        self.radius, self.limits = _radius(f"joint '{name}'", radius)
+        self.radius = self.read(radius, "radius", above=0.0, fixed=True)
         super().__init__(name, a, b, _rolled(a, b, self.radius))
 
     @cached_property
@@ -212,7 +201,7 @@ class Rolling(AlongLine, Joint):
 
     def __init__(self, name: str, wheel: Any, surface: Any, radius: Any):
         a, b = self.pair(name, surface, wheel)
-        self.radius, self.limits = _radius(f"joint '{name}'", radius)
+        self.radius = self.read(radius, "radius", above=0.0, fixed=True)
         above = ca.dot(a.y_axis, b.position - a.position) - self.radius
         super().__init__(name, a, b, ca.vertcat(above, _rolled(a, b, self.radius)), ("contact", "rolling"))
         leaving = "the normal force is negative: the wheel would leave the track, but the joint pulls it"
@@ -255,7 +244,7 @@ class Coupler(Joint):
 
     def __init__(self, name: str, a: Any, b: Any, ratio: Any, carrier: Body = ground):
         a, b = self.pair(name, a, b)
-        what = f"joint '{name}'"
+        what = self.description
         self.ratio = quantity(ratio, what, "ratio", fixed=True)
         if known_value(self.ratio) == 0:
             raise ModelError(f"{what}: the ratio is zero, so that b would not turn; use a RelativeAngle")
@@ -301,8 +290,9 @@ class Belt(Joint):
         self, name: str, a: Any, b: Any, radius_a: Any, radius_b: Any, crossed: bool = False, carrier: Body = ground
     ):
         a, b = self.pair(name, a, b)
-        what = f"joint '{name}'"
-        self.radius_a, self.radius_b, self.limits = _two_radii(what, radius_a, radius_b)
+        what = self.description
+        self.radius_a = self.read(radius_a, "radius_a", above=0.0, fixed=True)
+        self.radius_b = self.read(radius_b, "radius_b", above=0.0, fixed=True)
         self.crossed = yes_or_no(crossed, what, "crossed")
         self.carrier = as_carrier(carrier, a, b, what)
         self.leans_on_ground = self.carrier.is_ground

@@ -8,7 +8,8 @@ import casadi as ca
 
 from ...errors import ModelError
 from ...numerics.lazy import cached_property
-from ..quantities import Limit, Quantities, known_value, quantity
+from ..element import ConstraintElement
+from ..quantities import known_value, quantity
 from ..rates import time_derivative
 from .base import AlongLine, Joint, relative_angle
 
@@ -96,14 +97,14 @@ class Weld(Joint):
         super().__init__(name, a, b, rows, ("x", "y", "angle"))
 
 
-def distance_row(what: str, d: ca.SX, distance: Any) -> tuple[ca.SX, tuple[Limit, ...]]:
-    """Return the row ``(d·d - C²) / (2 C)``, m with a multiplier in N, smooth at any pose, and the limits of C."""
-    read = Quantities(what)
-    length = quantity(distance, what, "distance")
-    if known_value(length) == 0:
-        raise ModelError(f"{what}: the distance is zero, at which the constraint is singular; use a Revolute")
-    read(length, "distance", above=0.0)
-    return (ca.sumsqr(d) - ca.SX(length) ** 2) / (2 * ca.SX(length)), read.limits
+def distance_row(element: ConstraintElement, d: ca.SX, distance: Any) -> ca.SX:
+    """Return the row ``(d·d - C²) / (2 C)`` of an element, m with a multiplier in N, smooth at any pose."""
+    if known_value(quantity(distance, element.description, "distance")) == 0:
+        raise ModelError(
+            f"{element.description}: the distance is zero, at which the constraint is singular; use a Revolute"
+        )
+    length = ca.SX(element.read(distance, "distance", above=0.0))
+    return (ca.sumsqr(d) - length**2) / (2 * length)
 
 
 class Distance(Joint):
@@ -142,8 +143,7 @@ class Distance(Joint):
     def __init__(self, name: str, a: Any, b: Any, distance: Any):
         a, b = self.pair(name, a, b)
         self.distance = distance
-        row, self.limits = distance_row(f"joint '{name}'", b.position - a.position, distance)
-        super().__init__(name, a, b, row)
+        super().__init__(name, a, b, distance_row(self, b.position - a.position, distance))
 
     @cached_property
     def tension(self) -> ca.SX:
@@ -174,6 +174,6 @@ class PointOnLine(AlongLine, Joint):
 
     def __init__(self, name: str, a: Any, b: Any, offset: Any = 0.0):
         a, b = self.pair(name, a, b)
-        self.offset = quantity(offset, f"joint '{name}'", "offset")
+        self.offset = quantity(offset, self.description, "offset")
         row = ca.dot(a.y_axis, b.position - a.position) - self.offset
         super().__init__(name, a, b, row)

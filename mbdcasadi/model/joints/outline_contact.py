@@ -14,7 +14,7 @@ from ..element import at_poses
 from ..geometry.cam_outlines import CamOutline
 from ..geometry.curves import Curve, least
 from ..geometry.shapes import rotation_matrix
-from ..quantities import Limit, Quantities
+from ..quantities import Limit, quantity
 from ..symbols import symbols_of, values_of
 
 
@@ -117,11 +117,12 @@ def positive_radius(what: str, *outlines: CamOutline) -> tuple[Limit, ...]:
 
 def _limits(what: str, name: str, outline: CamOutline, value: Callable[[float], Any]) -> tuple[Limit, ...]:
     """Return limits on a value that must be positive along an outline, if it depends on parameters."""
-    read = Quantities(what)
+    limits: list[Limit] = []
     if symbols_of(value(0.1)):
         for place in outline.samples[:: len(outline.samples) // 90]:
-            read(value(float(place)), f"{name} at the parameter {place:.4g}", above=0.0)
-    return read.limits
+            named = f"{name} at the parameter {place:.4g}"
+            quantity(value(float(place)), what, named, above=0.0, limits=limits)
+    return tuple(limits)
 
 
 def fitting(what: str, one: CamOutline, other: CamOutline) -> None:

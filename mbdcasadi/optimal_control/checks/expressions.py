@@ -2,50 +2,75 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
 from ...equations.switching.continuity import continuous_switches
-from ...equations.switching.switches import hold
+from ...equations.switching.switches import Switch, hold
 from ...printing import to_text
 from ..phase import Phase
 from ..placeholders import placeholders_in
 
 if TYPE_CHECKING:
     from ..phase_solution import PhaseSolution
+    from ..problem import OptimalControlProblem
     from ..solution import Solution
 
-#: Operations whose slope jumps, or that jump themselves.
-_KINKS = (ca.OP_FABS, ca.OP_FMAX, ca.OP_FMIN, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL)
+#: Operations whose slope jumps where their operands are equal, or the only one is zero.
+_BENDING = (ca.OP_FABS, ca.OP_FMAX, ca.OP_FMIN)
 #: Longest text of an expression in a message.
 _LONGEST = 60
 
 
 def kinks_in(expression: ca.SX) -> list[str]:
-    """Return in words where the slope of an expression jumps: at operations such as ``fabs``, and at comparisons."""
+    """Return in words where the slope of an expression jumps: at operations such as ``fabs``, and at comparisons.
+
+    The square of a positive part is smooth, and is not named.
+    """
     whole = ca.vertcat(expression, *[p.expression for p in placeholders_in(expression)])
     symbols = ca.vertcat(ca.SX(0, 1), *ca.symvar(whole))
     function = ca.Function("f", [symbols], [whole])
-    nodes = function.instructions_sx()
-    bends = [nodes[k] for k in range(function.n_instructions()) if function.instruction_id(k) in _KINKS]
-    if bends:
-        return [f"{_text(node)} bends" for node in bends]
-    (held,), switches = hold([whole])
+    instructions = function.instructions_sx()
+    nodes = [(function.instruction_id(k), instructions[k]) for k in range(function.n_instructions())]
+    angles = [node.element_hash() for op, node in nodes if op == ca.OP_ATAN2]  # they jump at ±π alone
+    held, switches = hold([whole, ca.jacobian(whole, symbols)], free=angles)
     count = symbols.numel()
-    smooth = continuous_switches(
-        [held, ca.jacobian(held, symbols)], switches, symbols, np.zeros(count), np.ones(count), ca.SX(0, 1), np.zeros(0)
-    )
-    return [f"{_text(switch.natural)} passes zero" for switch in switches if switch.node not in smooth]
+    smooth = continuous_switches(held, switches, symbols, np.zeros(count), np.ones(count), ca.SX(0, 1), np.zeros(0))
+    sharp = [switch for switch in switches if switch.node not in smooth]
+    return _named(sharp, [node for op, node in nodes if op in _BENDING], symbols)
 
 
-def kinks_of(solution: Solution) -> str:
-    """Return in words the kinks in the cost and in the path conditions of a problem; empty if there are none."""
-    problem = solution.problem
-    found = [(name, kinks_in(expression)) for name, expression in _expressions(problem.phases)]
-    found.append(("terminal_cost", kinks_in(problem.terminal_cost)))
+def _named(sharp: list[Switch], bends: list[ca.SX], symbols: ca.SX) -> list[str]:
+    """Switches over which a slope jumps, in words, each by the operation of `bends` whose border is the same."""
+    borders = [node.dep(0) if node.n_dep() == 1 else node.dep(0) - node.dep(1) for node in bends]
+    place = np.random.default_rng(0).uniform(0.5, 1.5, symbols.numel())
+    passed = ca.Function("passed", [symbols], [ca.vertcat(*[switch.natural for switch in sharp], *borders)])
+    values = np.abs(passed(place).full().ravel())
+    found = []
+    for switch, border in zip(sharp, values, strict=False):
+        own = [node for node, other in zip(bends, values[len(sharp) :], strict=True) if np.isclose(border, other)]
+        value = "a whole number" if switch.whole else "zero"
+        found.append(f"{_text(own[0])} bends" if own else f"{_text(switch.natural)} passes {value}")
+    return list(dict.fromkeys(found))
+
+
+def kinks_in_costs(problem: OptimalControlProblem) -> str:
+    """Return in words the kinks in the costs of a problem; empty if there are none."""
+    costs = [("running_cost", phase.running_cost) for phase in problem.phases]
+    costs += [("the cost of a waypoint", w.cost) for phase in problem.phases for w in phase.waypoints]
+    return _kinks([*costs, ("terminal_cost", problem.terminal_cost)])
+
+
+def kinks_in_path(problem: OptimalControlProblem) -> str:
+    """Return in words the kinks in the path conditions of a problem; empty if there are none."""
+    return _kinks([(f"path: {c.label}", c.expression) for phase in problem.phases for c in phase.path])
+
+
+def _kinks(expressions: Iterable[tuple[str, ca.SX]]) -> str:
+    found = [(name, kinks_in(expression)) for name, expression in expressions]
     named = [f"{name} has a kink where {places[0]}" for name, places in found if places]
     if not named:
         return ""

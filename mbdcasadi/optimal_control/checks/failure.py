@@ -11,7 +11,7 @@ from ...errors import MechanismError
 from ..nlp.limit_sides import LimitSides
 from ..nlp.limits import time_of, variable_bounds
 from ..nlp.rows import OWN_UNIT, violations
-from .expressions import kinks_of, not_finite
+from .expressions import kinks_in_costs, kinks_in_path, not_finite
 
 if TYPE_CHECKING:
     from ..solution import Solution
@@ -112,7 +112,7 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
         worst = "; all demands are met at the last iterate" if not violations else ""
     else:
         worst = f"; least met is: {violations[0]}"
-    kinks = kinks_of(solution) if status != "Infeasible_Problem_Detected" else ""
+    kinks = kinks_in_costs(solution.problem) or kinks_in_path(solution.problem)
     wrong = not_finite(solution) if status in ("Invalid_Number_Detected", "Error_In_Step_Computation") else None
     if wrong is not None:
         iterations = solution.statistics.iterations

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from ...numerics.homotopy import Step, follow
+from ..checks.expressions import kinks_in_costs, kinks_in_path
 from ..checks.failure import OptimizationError, infeasible, not_found
 from ..nlp.solver import Solver, together
 from ..nlp.statistics import SolveStatistics, Stage
@@ -45,10 +46,13 @@ STARTS = 2
 
 
 def may_go_on(error: OptimizationError, options: dict) -> bool:
-    """Return True if a failure leaves open whether the problem has a solution, and the user did not ask to stop."""
+    """Return True if a failure leaves open whether the problem has a solution, and the user did not ask to stop.
+
+    With a kink in the cost a solver with derivatives would fail again from any guess.
+    """
     status = error.partial.statistics.status
     limited = status == "Maximum_Iterations_Exceeded" and "ipopt.max_iter" in options
-    return status in RESUMABLE and not limited
+    return status in RESUMABLE and not limited and not kinks_in_costs(error.partial.problem)
 
 
 class LimitSearch:
@@ -174,6 +178,7 @@ class LimitSearch:
             If the least violation is not zero, unless the solve that failed had met all demands at its end.
         """
         conflicting: list[tuple[Solution, dict[str, float]]] = []
+        smooth = not kinks_in_path(self._solver.problem)
         for guess in (nearest, self._second):
             solution, slacks, succeeded = self._solver.least_violation(self._meshes, guess, VIOLATION_ITERATIONS)
             total = sum(slacks.values())
@@ -183,7 +188,7 @@ class LimitSearch:
                 solved = self._solved(feasible, "all limits, from a motion that meets them")
                 if solved is not None:
                     return solved.point
-            elif succeeded and failure.largest_violations:
+            elif succeeded and smooth and failure.largest_violations:
                 conflicting.append((solution, slacks))
                 if len(conflicting) == STARTS:
                     least = min(conflicting, key=lambda pair: sum(pair[1].values()))

@@ -25,7 +25,7 @@ from ...numerics.tolerances import AT_REST
 from ...results.state import State
 from ...results.trajectory import Trajectory
 from .impacts import jump_to
-from .modes import Modes
+from .modes import Block, Modes
 
 #: Share by which friction at rest may exceed its limit, and accelerations point the wrong way, by rounding.
 FRICTION_TOLERANCE = 1e-7
@@ -108,7 +108,13 @@ class FrictionModes(Modes):
             return Event(_breaks(friction), leaves, direction=1, terminal=True)
         return Event(_stops(friction), friction.sliding_speed, direction=-int(SENSE[sense]), terminal=True)
 
-    def check(self, mode: FrictionMode, motion: Trajectory) -> None:
+    def _motion(self, mode: FrictionMode, block: Block) -> Trajectory:
+        """Outputs in a mode as a motion of the mechanism in that mode."""
+        t, q, v, a, z, lam, u = block
+        return Trajectory(self.variant(mode), t, q, v, a, z, lam, u, self.setup.p)
+
+    def check(self, mode: FrictionMode, block: Block) -> None:
+        motion = self._motion(mode, block)
         for friction, one in zip(self.frictions, mode.senses, strict=True):
             speed = SENSE[one] * motion[friction.sliding_speed]
             allowed = 1e-6 * (1e-6 + np.max(np.abs(speed), initial=0.0)) + _speed_by_rounding(motion.t, motion.a)
@@ -138,6 +144,9 @@ class FrictionModes(Modes):
             else:
                 columns[:, k] = lam[:, own.row_names.index(name)]
         return columns
+
+    def whole_block(self, mode: FrictionMode, block: Block) -> Block:
+        return *block[:5], self.multipliers(mode, self._motion(mode, block)), block[6]
 
     @property
     def rest(self) -> ca.SX:

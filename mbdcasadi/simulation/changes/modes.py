@@ -16,6 +16,9 @@ from ...model.mechanism import Mechanism
 from ...results.state import State
 from ...results.trajectory import Trajectory
 
+#: ``t, q, v, a, z, lam, u`` of outputs, each by row.
+Block = tuple[np.ndarray, ...]
+
 
 class Modes(ABC):
     """The modes of a mechanism: in each of them its equations are smooth.
@@ -84,14 +87,18 @@ class Modes(ABC):
         """Raise if dependent constraint rows leave something undetermined."""
         return None
 
-    def check(self, mode: Any, motion: Trajectory) -> None:
-        """Raise if a motion does not belong to its mode."""
+    def check(self, mode: Any, block: Block) -> None:
+        """Raise if outputs do not belong to their mode."""
         return None
 
     # --- results of the whole mechanism -----------------------------------------------------------
     def multipliers(self, mode: Any, motion: Trajectory | State) -> np.ndarray:
         """Return the multipliers of the whole mechanism (k, m), of a motion or state in a mode."""
         return np.atleast_2d(motion.lam)
+
+    def whole_block(self, mode: Any, block: Block) -> Block:
+        """Return outputs in a mode with the multipliers of the whole mechanism."""
+        return block
 
     def whole(self, mode: Any, s: State, impulses: Any = None) -> State:
         """Return a state in a mode as one of the whole mechanism, perhaps with the impulses of an impact."""

@@ -40,9 +40,9 @@ def ranges(q: np.ndarray, share: float = RANGE_TOLERANCE) -> np.ndarray:
     return np.where(all_ranges > share * (1 + np.maximum(most, -least)), all_ranges, 0.0)
 
 
-def tolerance_for(q: np.ndarray, abstol: float) -> float | None:
-    """Absolute tolerance that resolves a motion of small range; None if the one it was made with does."""
-    size = largest(ranges(q))
+def tolerance_for(moved: np.ndarray, abstol: float) -> float | None:
+    """Absolute tolerance that resolves a motion of small :func:`ranges`; None if the one it was made with does."""
+    size = largest(moved)
     return max(ABSTOL_SHARE * size, SMALLEST_ABSTOL) if 0 < size < RESOLVED * abstol else None
 
 
@@ -68,9 +68,14 @@ def range_near_rounding(q: np.ndarray) -> list[str]:
     ]
 
 
-def notes_on_range(motion: Trajectory, abstol: float) -> list[str]:
-    """Sentences on a motion, or on coordinates in it, that the tolerance or rounding does not resolve."""
-    moved = ranges(motion.q)
+def notes_on_range(motion: Trajectory, moved: np.ndarray, abstol: float) -> list[str]:
+    """Sentences on a motion, or on coordinates in it, that the tolerance or rounding does not resolve.
+
+    Parameters
+    ----------
+    moved : numpy.ndarray
+        Its :func:`ranges` (n,).
+    """
     return small_motions(motion, moved, abstol) if largest(moved) else range_near_rounding(motion.q)
 
 

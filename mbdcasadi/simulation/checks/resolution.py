@@ -10,16 +10,17 @@ them; it is found on the path between them (see ``gap_closings``).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...equations.numeric import NumericEquations
 from ...integrators.compiled import IntegrationFailure
+from ...numerics.lazy import cached_property
 from ..contact.gap_closings import Closing, GapClosings
 from ..contact.watched_terms import watched_terms
-from ..path import Path, WayFrom
+from ..path import Path
+from ..stepper import Stepper
 
 #: Share of a smoothed quantity's span that the steps may miss (measured on a belt with v_t = 1e-4 m/s: below 0.07
 #: where the motion is as exact as the tolerances, 0.7 to 1 where it is a hundred times less exact than these).
@@ -83,47 +84,40 @@ class _Course:
 class Resolution:
     """Watches over the smoothed elements of a mechanism along a run.
 
-    Attributes
+    Parameters
     ----------
-    terms : WatchedTerms
-        Watched quantities, among them integrands along the motion.
+    stepper : Stepper
+        Method that advances the run, whose short integrations verify suspicions.
     """
 
-    def __init__(self, numeric: NumericEquations):
-        self._numeric = numeric
-        eom = numeric.eom
-        self.terms = terms = watched_terms(eom)
+    def __init__(self, stepper: Stepper):
+        self._stepper = stepper
+        self._numeric = numeric = stepper.numeric
+        self.terms = terms = watched_terms(numeric.eom)
         self._smoothings, self._owner, self._normal = terms.smoothings, terms.owners, terms.normal
         self._validity = terms.validity
-        self._closings = GapClosings(numeric, terms)
+        self._closings = GapClosings(stepper, terms)
         owners = {e: j for j, e in enumerate(self._owner)}
         self._gap_of = [owners.get(e) for e in terms.smoothed]
         self._last: _Course | None = None
         self._verifications = VERIFICATIONS
         self._spans = np.array([s.span for s in self._smoothings])
         self._is_load = np.array([s.scale is not None for s in self._smoothings], dtype=bool)
-        self._lightest = float(np.min(numeric.mass[numeric.mass > 0], initial=np.inf))
         self._blocks: list[tuple[np.ndarray, ...]] = []
         self._passed: dict[int, _Finding] = {}
         self._excesses: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
 
-    @property
-    def has_gaps(self) -> bool:
-        """True if there are outlines that may meet."""
-        return bool(self._owner)
+    @cached_property
+    def _lightest(self) -> float:
+        """Smallest mass, kg or kg m²."""
+        mass = self._numeric.mass
+        return float(np.min(mass[mass > 0], initial=np.inf))
 
-    def first_touch(
-        self, path: Path, accelerations: Callable[[Path, np.ndarray], np.ndarray], *, guides_steps: bool = False
-    ) -> tuple[float, np.ndarray] | None:
+    def first_touch(self, path: Path) -> tuple[float, np.ndarray] | None:
         """First time at which a piece is to end, as a contact closes that its steps did not follow; None if none does.
 
-        Parameters
-        ----------
-        accelerations : callable
-            ``(path, times) -> a`` by row, from the equations of motion.
-        guides_steps : bool
-            True for a method whose path holds what is interpolated inside long steps: stops then lead its steps into
-            a contact that they did not follow. Others find the way from a new start just before it.
+        The path of a method that runs over a whole piece holds what is interpolated inside long steps: stops then
+        lead its steps into a contact that they did not follow. Others find the way from a new start just before it.
 
         Returns
         -------
@@ -135,19 +129,19 @@ class Resolution:
         if not self._owner or path.times.size < 2:
             return None
         first = min(self._unseen(path), key=lambda c: c.time, default=None)
-        if not guides_steps:
+        if not self._stepper.integrator.runs_whole:
             blow = min(self._blows(path), default=np.inf)
             if first is not None and first.time <= blow:
-                return first.time, self._closings.stops(path, first, accelerations)
+                return first.time, self._closings.stops(path, first)
             return None if np.isinf(blow) else (blow, np.zeros(0))
-        spoiled = self._spoiled(path, accelerations)
+        spoiled = self._spoiled(path)
         if first is not None and (spoiled is None or first.time <= spoiled[1].time):
-            return first.time, self._closings.stops(path, first, accelerations)
+            return first.time, self._closings.stops(path, first)
         if spoiled is None:
             return None
         free, closing = spoiled
         start = float(free.times[0])
-        return start + BEFORE * (closing.time - start), self._closings.stops(free, closing, accelerations)
+        return start + BEFORE * (closing.time - start), self._closings.stops(free, closing)
 
     def _course(self, path: Path) -> _Course:
         """Watched quantities along a path; those of the last path are kept."""
@@ -185,9 +179,7 @@ class Resolution:
             found += [float(path.times[row]) + BEFORE * min(ahead)] if ahead else []
         return found
 
-    def _spoiled(
-        self, path: Path, accelerations: Callable[[Path, np.ndarray], np.ndarray]
-    ) -> tuple[Path, Closing] | None:
+    def _spoiled(self, path: Path) -> tuple[Path, Closing] | None:
         """First closing in intervals whose steps did not follow the force that arose; None if there is none.
 
         A long step whose stages jump over the contact may still meet it in the stages of its interpolation, with
@@ -206,26 +198,24 @@ class Resolution:
         # one long step spoils all the intervals that it spans
         for stretch in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if rows.size else []:
             length = float(path.times[stretch[-1] + 1] - path.times[stretch[0]])
-            free, closings = self._without_contact(path, int(stretch[0]), length, accelerations)
+            free, closings = self._without_contact(path, int(stretch[0]), length)
             closings = [closing for closing in closings if np.any(suspected[stretch, closing.owner])]
             if closings:
                 return free, min(closings, key=lambda closing: closing.time)
         return None
 
-    def _without_contact(
-        self, path: Path, first: int, length: float, accelerations: Callable[[Path, np.ndarray], np.ndarray]
-    ) -> tuple[Path, list[Closing]]:
+    def _without_contact(self, path: Path, first: int, length: float) -> tuple[Path, list[Closing]]:
         """Motion over some time from a time of a path on, with the acceleration there, and gaps that close on it."""
         n = self._numeric.eom.q.numel()
         time, x = path.times[first], path.x[first]
-        a, end = accelerations(path, path.times[first : first + 1])[0], x.copy()
+        a, end = self._stepper.outputs.accelerations(path, path.times[first : first + 1])[0], x.copy()
         end[:n] += length * x[n : 2 * n] + length**2 / 2 * a
         end[n : 2 * n] += length * a
         free = Path(np.array([time, time + length]), np.vstack([x, end]), np.zeros((1, 0)))
         known = self.terms.gaps(self.terms.table(free.times, free.x, self._numeric.p))
         return free, self._closings.unseen(free, known, np.zeros((1, len(self._owner))))
 
-    def shortest_contact(self, path: Path, accelerations: Callable[[Path, np.ndarray], np.ndarray]) -> float:
+    def shortest_contact(self, path: Path) -> float:
         """Time that it takes to pass through what a path meets, if nothing stopped it, s: the shortest one.
 
         A step that is longer may go through unawares. Infinite if nothing is met, or would not be left again within
@@ -236,26 +226,18 @@ class Resolution:
         met = (self._closed(path) > 0) & (self._course(path).gaps[:-1] > 0)
         found, length = np.inf, float(np.max(np.diff(path.times)))
         for k in np.flatnonzero(np.any(met, axis=1))[:MOST_CONTACTS]:
-            closings = self._without_contact(path, int(k), 2 * length, accelerations)[1]
+            closings = self._without_contact(path, int(k), 2 * length)[1]
             spells = [c.spell for c in closings if met[k, c.owner] and c.spell < length]
             found = min([found, *spells])
         return found
 
-    def note(self, path: Path, way_from: WayFrom, reltol: float, abstol: float) -> None:
-        """Take note of a piece that counts.
-
-        Parameters
-        ----------
-        way_from : callable
-            ``(time, x) -> (times -> states)``: short integrations, by which a suspicion is verified.
-        reltol, abstol : float
-            Tolerances of the integrator.
-        """
+    def note(self, path: Path) -> None:
+        """Take note of a piece that counts."""
         if not self.terms.size or path.times.size < 2:
             return
         if self._smoothings:
             missed, seen = self._followed(path)
-            self._acquit(path, missed, seen, way_from, reltol, abstol)
+            self._acquit(path, missed, seen)
             self._blocks.append((path.times[1:], np.diff(path.times), missed, seen))
         for closing in self._unseen(path):
             self._passed.setdefault(closing.owner, _Finding()).add(closing.time, closing.depth, closing.spell)
@@ -274,14 +256,13 @@ class Resolution:
         # over a long step the quadrature of what is never negative may be
         return missed, np.maximum(np.maximum(size[:-1], size[1:]), np.abs(path.integrals[:, n : 2 * n]) / 2)
 
-    def _acquit(
-        self, path: Path, missed: np.ndarray, seen: np.ndarray, way_from: WayFrom, reltol: float, abstol: float
-    ) -> None:
+    def _acquit(self, path: Path, missed: np.ndarray, seen: np.ndarray) -> None:
         """Take back what intervals missed of normal forces, if small steps confirm their motion.
 
         The rates are integrated outside the error test: a long step that ends just inside a contact, where its force
         is still small, spoils their integral and not the motion.
         """
+        reltol, abstol = self._stepper.integrator.tolerances
         matters = missed * np.diff(path.times)[:, None] > abstol * self._lightest
         suspected = matters & (missed > MISSED * self._spans * seen)
         for k in np.flatnonzero(np.any(suspected[:, self._normal], axis=1)):
@@ -290,7 +271,7 @@ class Resolution:
             self._verifications -= 1
             times = np.linspace(path.times[k], path.times[k + 1], CAREFUL + 1)[1:]
             try:
-                found = way_from(float(path.times[k]), path.x[k])(times)[-1]
+                found = self._stepper.way_from(float(path.times[k]), path.x[k])(times)[-1]
             except IntegrationFailure:
                 return
             if np.max(np.abs(found - path.x[k + 1])) <= CONFIRMED * reltol * (1 + np.max(np.abs(found))):
@@ -319,9 +300,9 @@ class Resolution:
                 found[:, k] = is_open[:, owner]
         return found
 
-    def sentences(self, reltol: float, abstol: float) -> list[str]:
-        """Remarks on a run with the tolerances of its integrator; one sentence for each element."""
-        found = self._missed(reltol, abstol)
+    def sentences(self) -> list[str]:
+        """Remarks on a run; one sentence for each element."""
+        found = self._missed()
         for k, finding in self._passed.items():
             owner = self._owner[k].description
             found.setdefault(
@@ -350,9 +331,10 @@ class Resolution:
                 unit = f" {condition.unit}" if condition.unit else ""
                 yield f"{condition.message} (first at t = {first:.6g} s, at worst {worst:.3g}{unit})"
 
-    def _missed(self, reltol: float, abstol: float) -> dict[str, str]:
+    def _missed(self) -> dict[str, str]:
         if not self._blocks:
             return {}
+        reltol, abstol = self._stepper.integrator.tolerances
         times, lengths, missed, seen = (np.concatenate(part) for part in zip(*self._blocks, strict=True))
         largest = np.max(seen, axis=0)
         # of a load that comes and goes, what is missed is measured by the largest of the time that it lasts

@@ -16,14 +16,13 @@ import numpy as np
 
 from ...arguments.inputs import Signals
 from ...equations import Equations
-from ...equations.numeric import NumericEquations
 from ...equations.switching.switch_functions import state_switches
 from ...integrators.compiled import IntegrationFailure
 from ...model.symbols import as_sx
 from ...numerics.evaluation import Evaluator
 from ..contact.watched_terms import has_gap
-from ..outputs import Outputs
-from ..path import Path, WayFrom, hermite_states
+from ..path import Path, hermite_states
+from ..stepper import Stepper
 
 #: Points of each output interval at which the quantities are evaluated.
 POINTS = 9
@@ -70,58 +69,45 @@ class UnseenLoads:
 
     Parameters
     ----------
-    signals : Signals
-        Inputs, of which expressions may switch with the motion too.
+    stepper : Stepper
+        Method that advances the run, whose short integrations verify suspicions.
     """
 
-    def __init__(self, numeric: NumericEquations, signals: Signals):
-        self._numeric = numeric
-        eom = numeric.eom
-        found = _quantities(eom, signals)
+    def __init__(self, stepper: Stepper):
+        self._stepper, self._numeric = stepper, stepper.numeric
+        eom = stepper.numeric.eom
+        found = _quantities(eom, stepper.signals)
         self._count, self.watched, self._quantities = found.switches, found.number, found.function
         self._z_rate = eom.function(eom.z_rate) if eom.z.numel() else None
         # by how much more than these limits something must be missed to be looked at
         self._doubt = 1.0
 
-    def first(self, path: Path, outputs: Outputs, way_from: WayFrom, reltol: float, abstol: float) -> UnseenLoad | None:
-        """First load on a path that its steps missed; None if there is none.
-
-        Parameters
-        ----------
-        path : Path
-            Between the outputs of an integrator.
-        outputs : Outputs
-            Makes accelerations of states.
-        way_from : callable
-            ``(time, x) -> (times -> states)``: short integrations, by which a suspicion is verified.
-        reltol, abstol : float
-            Tolerances of the integrator.
-        """
+    def first(self, path: Path) -> UnseenLoad | None:
+        """First load on a path, between the outputs of the integrator, that its steps missed; None if there is none."""
         if not self.watched or path.times.size < 2:
             return None
         instants, durations = self._instants(path, LONG * float(np.max(np.diff(path.times))))
         if not instants.size:
             return None
         n = self._numeric.eom.q.numel()
-        limits = self._limits(path, reltol, abstol)
-        for load in self._suspects(path, outputs, instants, durations, self._doubt * limits):
+        limits = self._limits(path)
+        for load in self._suspects(path, instants, durations, self._doubt * limits):
             k = load.interval
             try:
-                found = way_from(float(path.times[k]), path.x[k])(load.stops)[-1]
+                found = self._stepper.way_from(float(path.times[k]), path.x[k])(load.stops)[-1]
             except IntegrationFailure:  # the run itself will say why
                 return load
             missed = np.abs(found - path.x[k + 1])[n:]
             if np.any(missed > limits):
-                return self._from_its_begin(path, outputs, load, limits)
+                return self._from_its_begin(path, load, limits)
             # the path between outputs was not what the integrator followed
             self._doubt = min(2 * self._doubt, MOST_DOUBT)
         return None
 
-    def shortest(self, path: Path, outputs: Outputs, reltol: float, abstol: float) -> float:
+    def shortest(self, path: Path) -> float:
         """Duration of the shortest load on a path, whether steps missed it or not, s; infinite if there is none.
 
-        Parameters are those of :meth:`first`; the path is that of a whole run, as a load begins in one piece of it and
-        may end in another.
+        The path is that of a whole run, as a load begins in one piece of it and may end in another.
         """
         if not self.watched or path.times.size < 2:
             return np.inf
@@ -138,20 +124,21 @@ class UnseenLoads:
         if not low.size:
             return np.inf
         share = np.linspace(0, 1, SAMPLES)
-        rates = self._rates(path, outputs, (low[:, None] + (high - low)[:, None] * share).ravel())
+        rates = self._rates(path, (low[:, None] + (high - low)[:, None] * share).ravel())
         rates = rates.reshape(low.size, SAMPLES, -1)
         # what comes and goes, over what is there before and after
         loads = np.abs(rates - rates[:, :1] - share[:, None] * (rates[:, -1:] - rates[:, :1]))
         weight = (high - low) / (SAMPLES - 1)
-        counts = np.sum(loads, axis=1) * weight[:, None] / self._limits(path, reltol, abstol)
+        counts = np.sum(loads, axis=1) * weight[:, None] / self._limits(path)
         found = np.inf
         for k in np.flatnonzero(np.max(counts, axis=1) > 1):
             load = loads[k, :, int(np.argmax(counts[k]))]
             found = min(found, _duration(load, float(weight[k])))
         return found
 
-    def _limits(self, path: Path, reltol: float, abstol: float) -> np.ndarray:
+    def _limits(self, path: Path) -> np.ndarray:
         """Errors of velocities and first-order states that do not count (n_x - n,)."""
+        reltol, abstol = self._stepper.integrator.tolerances
         n, bodies = self._numeric.eom.q.numel(), len(self._numeric.eom.mechanism.bodies)
         size = np.max(np.abs(path.x[:, n:]), axis=0, initial=0.0)
         size[: 3 * bodies] = np.max(size[: 3 * bodies], initial=0.0)
@@ -277,7 +264,7 @@ class UnseenLoads:
 
     # --- what the steps missed --------------------------------------------------------------
     def _suspects(
-        self, path: Path, outputs: Outputs, instants: np.ndarray, durations: np.ndarray, limits: np.ndarray
+        self, path: Path, instants: np.ndarray, durations: np.ndarray, limits: np.ndarray
     ) -> list[UnseenLoad]:
         """Intervals with instants of a load in which the change of the state is not the integral of its rates."""
         smooth = np.isfinite(durations)
@@ -293,12 +280,10 @@ class UnseenLoads:
             inside = marks[(marks > start + rounding) & (marks < end - rounding)]
             inside = inside[np.diff(inside, prepend=start) > rounding] if inside.size else inside
             stops.append(np.r_[inside, end])
-        missed = self._missed(path, outputs, intervals, stops, limits)
+        missed = self._missed(path, intervals, stops, limits)
         return [UnseenLoad(int(intervals[k]), stops[k]) for k in np.flatnonzero(missed)]
 
-    def _missed(
-        self, path: Path, outputs: Outputs, intervals: np.ndarray, stops: list[np.ndarray], limits: np.ndarray
-    ) -> np.ndarray:
+    def _missed(self, path: Path, intervals: np.ndarray, stops: list[np.ndarray], limits: np.ndarray) -> np.ndarray:
         """True for intervals in which the change of the state is not the integral of its rates (k,).
 
         Parameters
@@ -311,7 +296,7 @@ class UnseenLoads:
         owner = np.repeat(np.arange(intervals.size), [part.size for part in stops])
         begins = np.concatenate([np.r_[path.times[k], part[:-1]] for k, part in zip(intervals, stops, strict=True)])
         lengths = np.concatenate(stops) - begins
-        rates = self._rates(path, outputs, (begins[:, None] + lengths[:, None] * _NODES).ravel())
+        rates = self._rates(path, (begins[:, None] + lengths[:, None] * _NODES).ravel())
         integral = np.zeros((intervals.size, rates.shape[1]))
         shares = (lengths[:, None] * _WEIGHTS).ravel()
         np.add.at(integral, np.repeat(owner, _NODES.size), rates * shares[:, None])
@@ -319,17 +304,17 @@ class UnseenLoads:
         missed: np.ndarray = ~np.all(np.abs(change - integral) <= limits, axis=1)
         return missed
 
-    def _from_its_begin(self, path: Path, outputs: Outputs, load: UnseenLoad, limits: np.ndarray) -> UnseenLoad:
+    def _from_its_begin(self, path: Path, load: UnseenLoad, limits: np.ndarray) -> UnseenLoad:
         """The load from the first of the intervals before it that the steps passed over just as well."""
         before = np.arange(load.interval)
-        missed = self._missed(path, outputs, before, list(path.times[1 : load.interval + 1, None]), limits)
+        missed = self._missed(path, before, list(path.times[1 : load.interval + 1, None]), limits)
         first = int(np.max(before[~missed], initial=-1)) + 1
         return UnseenLoad(first, np.r_[path.times[first + 1 : load.interval + 1], load.stops])
 
-    def _rates(self, path: Path, outputs: Outputs, times: np.ndarray) -> np.ndarray:
+    def _rates(self, path: Path, times: np.ndarray) -> np.ndarray:
         """Rates of the velocities and first-order states on the path (k, n_x - n)."""
         states = hermite_states(path, times, self._numeric.eom.q.numel())
-        t, q, v, a, z, lam, u = outputs.block(times, states)
+        t, q, v, a, z, lam, u = self._stepper.outputs.block(times, states)
         if self._z_rate is None:
             return a
         z_rate = self._z_rate(t[None, :], q.T, v.T, a.T, z.T, lam.T, u.T, self._numeric.p).full().T

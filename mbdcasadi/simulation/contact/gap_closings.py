@@ -6,13 +6,12 @@ bound of these, by halving intervals until a gap is seen to close or cannot.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from ...equations.numeric import NumericEquations
 from ..path import Path, hermite_states
+from ..stepper import Stepper
 from .watched_terms import WatchedTerms
 
 #: Depth, m, below which outlines that just touch count as apart: rounding and the tolerances of positions.
@@ -51,13 +50,13 @@ class Closing:
 class GapClosings:
     """Watches the gaps of a mechanism along the paths of a run."""
 
-    def __init__(self, numeric: NumericEquations, terms: WatchedTerms):
-        self._numeric, self._terms, self.owners = numeric, terms, terms.owners
+    def __init__(self, stepper: Stepper, terms: WatchedTerms):
+        self._stepper, self._terms, self.owners = stepper, terms, terms.owners
 
     def _table(self, path: Path, times: np.ndarray) -> np.ndarray:
         """Values on a path that the terms take (size, k)."""
-        n = self._numeric.eom.q.numel()
-        return self._terms.table(times, hermite_states(path, times, n), self._numeric.p)
+        numeric = self._stepper.numeric
+        return self._terms.table(times, hermite_states(path, times, numeric.eom.q.numel()), numeric.p)
 
     def _of(self, owner: int, path: Path, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """A gap and its rate on a path, each (k,)."""
@@ -106,20 +105,13 @@ class GapClosings:
             brackets = brackets.halved(middle, *values)
         return [self._located(path, owner, *inside) for owner, inside in spans.items()]
 
-    def stops(
-        self, path: Path, closing: Closing, accelerations: Callable[[Path, np.ndarray], np.ndarray]
-    ) -> np.ndarray:
-        """Times after a closing over which no step may go, so that the force that arises is followed (k,).
-
-        Parameters
-        ----------
-        accelerations : callable
-            ``(path, times) -> a`` by row, from the equations of motion.
-        """
+    def stops(self, path: Path, closing: Closing) -> np.ndarray:
+        """Times after a closing over which no step may go, so that the force that arises is followed (k,)."""
         # deeper and deeper on the path, until the force would stop the outlines in the time that has passed
         since = closing.spell * GROWTH
         slopes = self._terms.gradient(closing.owner, self._table(path, closing.time + since))
-        pull = np.abs(np.einsum("kn,kn->k", slopes, accelerations(path, closing.time + since)))
+        a = self._stepper.outputs.accelerations(path, closing.time + since)
+        pull = np.abs(np.einsum("kn,kn->k", slopes, a))
         speed = abs(self._of(closing.owner, path, np.array([closing.time]))[1][0])
         stopped = pull * since > speed
         stopping = since[max(int(np.argmax(stopped)) - 1, 0)] if np.any(stopped) else since[-1]

@@ -49,7 +49,7 @@ def refuse_singular_start(numeric: NumericEquations, state: State) -> None:
         )
     else:
         return
-    rows = ", ".join(describe_singularity(numeric, t, q, shaky=bool(near.shaky)).rows)
+    rows = ", ".join(describe_singularity(numeric, t, q, near).rows)
     pose, remedy = reason
     raise SingularityError(
         f"simulate: at t = {t:.6g} s the pose is {pose}; the rows that take part are {rows}; {remedy}", time=t

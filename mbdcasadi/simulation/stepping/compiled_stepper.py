@@ -24,12 +24,12 @@ from ...integrators.lending import Lending
 from ...numerics.console import Interruption
 from ...numerics.least_squares import largest
 from ..contact.compiled_elements import compiled_elements
-from ..contact.watched_terms import WatchedTerms
+from ..contact.watched_terms import WatchedTerms, watched_terms
 from ..formulations import Formulation, Regularised, choose_formulation
 from ..path import Path, Way, way_by
 from ..schedule import PIECES, Piece
+from ..stepper import PRECISE, Counts, SteppedSystem, Stepper
 from .explicit_system import explicit_system
-from .stepper import PRECISE, Counts, SteppedSystem, Stepper
 
 #: Decay of drift in the regularised form: so many times in a piece, and for each radian that a body turns.
 DECAY, DECAY_PER_RADIAN = 20.0, 5.0
@@ -58,7 +58,7 @@ class CompiledStepper(Stepper):
         super().__init__(system)
         if self.integrator.runs_piecewise:
             refuse_joined_bodies(self.integrator, self.numeric)
-        self._terms, self._usual_length = system.resolution.terms, system.span / PIECES
+        self._terms, self._usual_length = watched_terms(self.numeric.eom), system.span / PIECES
         self._compiled: dict[Formulation, CompiledIntegrator] = {}
         self._borrowed: list[tuple[Any, tuple[CompiledIntegrator, Any]]] = []
         #: largest angular velocity that was seen, rad/s

@@ -10,7 +10,7 @@ from ...integrators.compiled import IntegrationFailure
 from ..outputs import Outputs
 from ..path import Path
 from ..schedule import Piece
-from .stepper import Stepper
+from ..stepper import Stepper
 
 #: Violation of a constraint (m or rad) that projection cannot remove, from which the mechanism counts as apart.
 APART = 1e-8
@@ -26,14 +26,12 @@ class PieceProjection:
 
     Parameters
     ----------
-    reltol : float
-        Relative tolerance of the integrator.
     only_wanted : bool
         True if only the outputs that are kept, and the last state, are projected: no event is looked for.
     """
 
-    def __init__(self, stepper: Stepper, reltol: float, *, only_wanted: bool):
-        self._stepper, self._reltol, self._only_wanted = stepper, reltol, only_wanted
+    def __init__(self, stepper: Stepper, *, only_wanted: bool):
+        self._stepper, self._only_wanted = stepper, only_wanted
 
     def states(
         self, piece: Piece, path: Path, outputs: Outputs, *, across: bool
@@ -96,7 +94,7 @@ class PieceProjection:
         x, integrated = x[: times.size], integrated[: times.size]
         numeric, n = self._stepper.numeric, self._stepper.numeric.eom.q.numel()
         correction = np.abs(np.diff((x - integrated)[:, :n] / numeric.column_scale, axis=0, prepend=0.0))
-        limit = min(max(LEAP, LEAP_IN_TOLERANCES * self._reltol), 1.0)
+        limit = min(max(LEAP, LEAP_IN_TOLERANCES * self._stepper.integrator.reltol), 1.0)
         begins = np.append(piece.start, times)
         states = np.vstack([start, x])
         found = (

@@ -13,18 +13,19 @@ from ...integrators import Integrator
 from ...integrators.compiled import IntegrationFailure
 from ...integrators.dop853.runner import ExplicitRunner
 from ...integrators.native.stretch import Progress, Reached, Status, Stretch
-from ...kinematics.mobility import mobility
-from ...kinematics.singular import describe_singularity
+from ...kinematics.singular import singular_pose
 from ...model.events import Event
 from ...numerics.console import Interruption
+from ...numerics.lazy import cached_property
 from ...results.state import State
 from ..changes.events import EventWatch
+from ..contact.watched_terms import watched_terms
 from ..outputs import Outputs
 from ..path import Path, Way, way_by
 from ..schedule import WATCH_POINTS, Piece
 from ..singular.regularity import FALL
+from ..stepper import PRECISE, Counts, SteppedSystem, Stepper
 from .explicit_system import explicit_system
-from .stepper import PRECISE, Counts, SteppedSystem, Stepper
 
 #: Steps at the limit of stability, and steps that are still to come at that size, from which a motion is too stiff.
 STIFF_STEPS, TOO_MANY_STEPS = 1000, 200_000
@@ -43,9 +44,8 @@ FLAGS = {
 
 def refuse_redundant_rows(integrator: Integrator, numeric: NumericEquations, state: State) -> None:
     """Raise with the names of the rows that depend on each other at a state, everywhere or in its pose alone."""
-    around = mobility(numeric, state.t, state.q)
-    if around.singular:
-        pose = describe_singularity(numeric, state.t, state.q, shaky=bool(around.shaky))
+    pose = singular_pose(numeric, state.t, state.q)
+    if pose is not None:
         raise SingularityError(
             f'method="{integrator.name}" cannot start at t = {state.t:.6g} s: the pose is singular, {pose.text}; '
             'use method="idas", or start from a pose beside it',
@@ -78,20 +78,23 @@ class WholeStepper(Stepper):
         limits = [limit for limit in (self.max_step, self.integrator.max_step) if limit is not None]
         self._longest = min(limits, default=np.inf)
         self._watch, self._may_fold, self._spacing = watch, may_fold, system.span / WATCH_POINTS
-        terms = system.resolution.terms
-        self._rates, self._keeps_samples = terms.size, system.resolution.has_gaps
+        terms = watched_terms(self.numeric.eom)
+        self._rates, self._keeps_samples = terms.size, bool(terms.owners)
         self._runner = ExplicitRunner(
             explicit_system(self.numeric, self.signals, terms),
             watch.watched(decides),
             self.numeric.eom.mechanism.cache,
             compiles=self.integrator.jit,
         )
-        self.outputs: Outputs = WholeOutputs(self.numeric, self.signals, self.levels, self._runner)
         self._progress = Progress()
         self._end: tuple[float, np.ndarray] | None = None
         self._last_start: float | None = None
         self._starts = self._steps = self._all_steps = 0
         self._is_stiff = False
+
+    @cached_property
+    def outputs(self) -> Outputs:
+        return WholeOutputs(self.numeric, self.signals, self.levels, self._runner)
 
     @property
     def counts(self) -> Counts:
@@ -158,7 +161,8 @@ class WholeStepper(Stepper):
         self._end = float(times[-1]), reached.x[-1].copy()
         if again:  # it was sent back to meet something with care
             self._progress.step = 0.0
-        increments = np.diff(reached.integrals, axis=0, prepend=np.zeros((1, self._rates)))
+        increments = reached.integrals.copy()
+        increments[1:] -= reached.integrals[:-1]
         return Path(
             np.concatenate([[piece.start], times]),
             np.vstack([x, reached.x]),
@@ -184,7 +188,7 @@ class WholeStepper(Stepper):
         return self.way_from(start, x)(times)  # every step ends on the constraints
 
     def way_from(self, start: float, x: np.ndarray, *, precise: bool = False) -> Way:
-        reltol, abstol = PRECISE if precise else (self.integrator.reltol, self.integrator.abstol)
+        reltol, abstol = PRECISE if precise else self.integrator.tolerances
         column = self.signals.columns_from(np.array([start]))
         offset, band, side = self._watch.levels(x)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ...errors import MechanismError, MechanismWarning
+from ...errors import MechanismError, warn
 from ...results.trajectory import Trajectory
 from ..course import Course
 from .packing import Packer
@@ -191,11 +190,9 @@ def _followed(
         best = course.samples, knots, course.rough
         digits, picture = finer, drawn
     if best is None or best[2]:
-        warnings.warn(
+        warn(
             "animate: the motion changes so often that the page cannot hold it: between its outputs numbers and poses "
-            "are rough; animate a part of it, motion.at(times)",
-            MechanismWarning,
-            stacklevel=6,
+            "are rough; animate a part of it, motion.at(times)"
         )
     if best is None:
         return digits, picture, course.chosen(tolerances(digits, picture))

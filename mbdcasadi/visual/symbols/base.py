@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import singledispatch
 from itertools import pairwise
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 
@@ -67,6 +68,9 @@ class Glyph:
     ...         return {"gap, m": self.element.length}
     """
 
+    #: attributes of the element that its tooltip shows, by label with the unit after a comma; none: the reaction
+    readings: ClassVar[Mapping[str, str]] = {}
+
     def __init__(self, element: Any, pen: Pen):
         self.element, self.pen = element, pen
 
@@ -105,7 +109,9 @@ class Glyph:
         return [Load(place, reaction.force, "reaction"), Load(place, ca.SX(reaction.torque), "reaction")]
 
     def tooltip(self) -> dict[str, ca.SX]:
-        """Return scalars by label, with the unit after a comma: of a joint its reaction, if multipliers are known."""
+        """Return scalars by label: :attr:`readings`, or of a joint its reaction, if multipliers are known."""
+        if self.readings:
+            return {label: ca.SX(getattr(self.element, name)) for label, name in self.readings.items()}
         reaction = self._reaction()
         if reaction is None:
             return {}

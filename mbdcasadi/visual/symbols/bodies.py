@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from itertools import pairwise
 from types import SimpleNamespace
+from typing import ClassVar
 
-import casadi as ca
 import numpy as np
 
 from ...model.bodies import Body, Marker
@@ -16,6 +16,10 @@ from .base import Glyph
 
 class BodyGlyph(Glyph, of=Body):
     """Outline of a body in its colour, and its position and velocity."""
+
+    readings: ClassVar = {
+        "x, m": "x", "y, m": "y", "phi, rad": "phi", "vx, m/s": "vx", "vy, m/s": "vy", "omega, rad/s": "omega",
+    }  # fmt: skip
 
     def draw(self) -> None:
         """Draw the outline of a body.
@@ -74,11 +78,3 @@ class BodyGlyph(Glyph, of=Body):
     def loads(self) -> list:
         """Return none: the elements exert them."""
         return []
-
-    def tooltip(self) -> dict[str, ca.SX]:
-        """Return coordinates and velocities."""
-        body = self.element
-        return {
-            "x, m": body.x, "y, m": body.y, "phi, rad": body.phi,
-            "vx, m/s": body.vx, "vy, m/s": body.vy, "omega, rad/s": body.omega,
-        }  # fmt: skip

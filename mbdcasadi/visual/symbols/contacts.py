@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from functools import singledispatch
-from typing import Any
+from typing import Any, ClassVar
 
-import casadi as ca
 import numpy as np
 
 from ...model.forces.contact.contact import Contact
@@ -20,6 +19,8 @@ from .gears import disc
 class ContactGlyph(Glyph, of=Contact):
     """Both outlines."""
 
+    readings: ClassVar = {"gap, m": "gap", "normal force, N": "normal_force", "friction, N": "friction_force"}
+
     def draw(self) -> None:
         """Draw the outlines."""
         for outline in (self.element.a, self.element.b):
@@ -28,11 +29,6 @@ class ContactGlyph(Glyph, of=Contact):
     def loads(self) -> list[Load]:
         """Return the force of each contact point."""
         return [Load(point, force, "force") for point, force in self.element.forces]
-
-    def tooltip(self) -> dict[str, ca.SX]:
-        """Return gap and forces."""
-        element = self.element
-        return {"gap, m": element.gap, "normal force, N": element.normal_force, "friction, N": element.friction_force}
 
 
 @singledispatch

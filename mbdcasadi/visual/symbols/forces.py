@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import casadi as ca
 import numpy as np
 
@@ -36,6 +38,8 @@ class ForceGlyph(Glyph, of=Force):
 class TorqueGlyph(Glyph, of=(Torque, DCMotor)):
     """A ring about the pin that the couple turns; the arrow, which is to scale, comes with the loads."""
 
+    readings: ClassVar = {"torque, N m": "torque"}
+
     def draw(self) -> None:
         """Draw the ring."""
         pivot = pivot_of(self.pen, self.element.body, self.element.bodies)
@@ -46,10 +50,6 @@ class TorqueGlyph(Glyph, of=(Torque, DCMotor)):
         """Return the couple, which is drawn in any case."""
         pivot = pivot_of(self.pen, self.element.body, self.element.bodies)
         return [Load(pivot, ca.SX(self.element.torque), "motion", always=True)]
-
-    def tooltip(self) -> dict[str, ca.SX]:
-        """Return the couple."""
-        return {"torque, N m": ca.SX(self.element.torque)}
 
 
 class FieldForceGlyph(Hidden, of=FieldForce):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -25,6 +25,8 @@ def _there(value: Any) -> bool:
 
 class SpringDamperGlyph(Glyph, of=TSDA):
     """A zigzag, a damper, or both side by side; a cylinder if there is an actuator alone."""
+
+    readings: ClassVar = {"length, m": "length", "tension, N": "force"}
 
     def draw(self) -> None:
         """Draw it between its ends."""
@@ -63,13 +65,11 @@ class SpringDamperGlyph(Glyph, of=TSDA):
         """Return the force on each end that is not on the ground."""
         return _tension(self.element)
 
-    def tooltip(self) -> dict[str, ca.SX]:
-        """Return length and tension."""
-        return {"length, m": self.element.length, "tension, N": ca.SX(self.element.force)}
-
 
 class RopeGlyph(Glyph, of=Rope):
     """A straight line."""
+
+    readings: ClassVar = {"slack, m": "gap", "tension, N": "tension"}
 
     def draw(self) -> None:
         """Draw it between its ends."""
@@ -80,10 +80,6 @@ class RopeGlyph(Glyph, of=Rope):
     def loads(self) -> list[Load]:
         """Return the force on each end that is not on the ground."""
         return _tension(self.element)
-
-    def tooltip(self) -> dict[str, ca.SX]:
-        """Return slack and tension."""
-        return {"slack, m": self.element.gap, "tension, N": self.element.tension}
 
 
 class CylinderGlyph(SpringDamperGlyph, of=Cylinder):
@@ -165,6 +161,8 @@ def _wall_behind(pen: Pen, marker: Marker, other: Marker) -> None:
 class TorsionSpringGlyph(Glyph, of=RSDA):
     """A spiral about the pin."""
 
+    readings: ClassVar = {"angle, rad": "angle", "couple, N m": "torque"}
+
     def draw(self) -> None:
         """Draw the spiral."""
         u = self.pen.unit
@@ -177,10 +175,6 @@ class TorsionSpringGlyph(Glyph, of=RSDA):
         element = self.element
         marker, sign = (element.a, 1) if element.b.body.is_ground else (element.b, -1)
         return [Load(marker, sign * ca.SX(element.torque), "force")]
-
-    def tooltip(self) -> dict[str, ca.SX]:
-        """Return angle and couple."""
-        return {"angle, rad": self.element.angle, "couple, N m": ca.SX(self.element.torque)}
 
 
 class BushingGlyph(Glyph, of=Bushing):

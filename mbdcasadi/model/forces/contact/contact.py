@@ -141,7 +141,7 @@ class Contact(Element):
         return tuple((place.touch.point, place.force) for place in self._places)
 
     @cached_property
-    def smoothings(self) -> tuple[Smoothing, ...]:
+    def smoothings(self) -> tuple[Smoothing, ...]:  # type: ignore[override]
         """Quantities that change within a short time: the normal force, and that times the smoothed sign of friction.
 
         Sums over the places, since the contact moves from one to the other.
@@ -175,11 +175,11 @@ class Contact(Element):
         return (condition,)
 
     @cached_property
-    def likeness(self) -> Hashable:
+    def likeness(self) -> Hashable:  # type: ignore[override]
         return (*(outline.likeness for outline in (self.a, self.b)), id(self.law), id(self.friction))
 
     @cached_property
-    def apart(self) -> ca.SX | None:
+    def apart(self) -> ca.SX | None:  # type: ignore[override]
         """Expression that is positive only if the outlines do not touch; None if there is no cheap one."""
         return bounding_distance(self.a, self.b)
 

@@ -12,17 +12,21 @@ from ....errors import ModelError
 from ....numerics.lazy import cached_property
 from ...bodies import Marker, as_marker
 from ...immutable import Immutable
-from ...quantities import Limit, Quantities, number_pairs
+from ...quantities import HasQuantities, number_pairs
 
 
-class Outline(Immutable):
+class Outline(Immutable, HasQuantities):
     """Base class of outlines: a shape at a marker of a body."""
 
     marker: Marker
-    limits: tuple[Limit, ...] = ()
 
     def __init__(self, marker: Any):
         self.marker = as_marker(marker, type(self).__name__, "marker")
+
+    @property
+    def description(self) -> str:
+        """Kind and body, as messages give it."""
+        return f"{type(self).__name__} on '{self.marker.body.name}'"
 
     @property
     def bounding_circle(self) -> tuple[ca.SX, ca.SX] | None:
@@ -38,7 +42,7 @@ class Outline(Immutable):
         return type(self), fixed, *((name, _entries(value)) for name, value in sizes)
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__} on '{self.marker.body.name}'"
+        return self.description
 
 
 def _entries(value: Any) -> tuple[Hashable, ...]:
@@ -51,9 +55,7 @@ class _Round(Outline):
 
     def __init__(self, marker: Any, radius: Any):
         super().__init__(marker)
-        read = Quantities(repr(self))
-        self.radius = read(radius, "radius", above=0.0)
-        self.limits = read.limits
+        self.radius = self.read(radius, "radius", above=0.0)
 
 
 class Circle(_Round):
@@ -115,10 +117,8 @@ class Segment(Outline):
 
     def __init__(self, marker: Any, length: Any, radius: Any = 0.0):
         super().__init__(marker)
-        read = Quantities(repr(self))
-        self.length = read(length, "length", above=0.0)
-        self.radius = read(radius, "radius", at_least=0.0)
-        self.limits = read.limits
+        self.length = self.read(length, "length", above=0.0)
+        self.radius = self.read(radius, "radius", at_least=0.0)
 
     @property
     def thin(self) -> bool:

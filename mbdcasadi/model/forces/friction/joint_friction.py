@@ -12,7 +12,6 @@ from ....numerics.lazy import cached_property
 from ...element import ConstraintElement, Element
 from ...expressions import norm
 from ...joints.lower_pairs import Revolute, Translational
-from ...quantities import Quantities
 from ...symbols import register
 from ...validity import Smoothing
 from .laws import FrictionLaw, Resistance, as_law
@@ -39,12 +38,10 @@ class FrictionInJoint(Element):
             raise ModelError(f"{self.description}: takes a Revolute or a Translational joint, got {joint!r}")
         self.joint, self.law = joint, as_law(law, self.description)
         self.markers = (joint.a, joint.b)
-        read = Quantities(self.description, law.limits)
+        self.limits = (*self.limits, *law.limits)
         self._check_sizes(radius, length)
-        self.radius = None if radius is None else read(radius, "radius", above=0.0)
-        self.length = None if length is None else read(length, "length", above=0.0)
-        self._prepare(read)
-        self.limits = read.limits
+        self.radius = None if radius is None else self.read(radius, "radius", above=0.0)
+        self.length = None if length is None else self.read(length, "length", above=0.0)
         if law.exact:
             self._switch()
             return
@@ -92,9 +89,6 @@ class FrictionInJoint(Element):
                 f"{self.description}: radius= belongs to a revolute joint, and {self.joint.description} slides"
             )
 
-    def _prepare(self, read: Quantities) -> None:
-        """Read the arguments of a subclass on which the load depends."""
-
     @property
     def load(self) -> ca.SX:
         """Load of the surfaces, N, not negative."""
@@ -125,7 +119,7 @@ class FrictionInJoint(Element):
         return self.law.resistance(self.name, self.sliding_speed, self.load)
 
     @cached_property
-    def smoothings(self) -> tuple[Smoothing, ...]:
+    def smoothings(self) -> tuple[Smoothing, ...]:  # type: ignore[override]
         """Quantities that change within a short time: the smoothed sign of the friction."""
         subject = "its change of direction"
         remedy = f"{self.law.remedy}, or use DryFriction, which needs no smoothing"
@@ -227,11 +221,9 @@ class JointFriction(FrictionInJoint):
     def __init__(
         self, name: str, joint: Any, law: FrictionLaw, radius: Any = None, length: Any = None, preload: Any = 0.0
     ):
-        self._preload = preload
+        Element.__init__(self, name)  # the load depends on what is read first
+        self.preload = self.read(preload, "preload", at_least=0.0)
         super().__init__(name, joint, law, radius, length)
-
-    def _prepare(self, read: Quantities) -> None:
-        self.preload = read(self._preload, "preload", at_least=0.0)
 
     @cached_property
     def load(self) -> ca.SX:
@@ -264,11 +256,9 @@ class LoadIndependentFriction(FrictionInJoint):
     """
 
     def __init__(self, name: str, joint: Any, law: FrictionLaw, load: Any, radius: Any = None):
-        self._load = load
+        Element.__init__(self, name)
+        self._load = self.read(load, "load", at_least=0.0)
         super().__init__(name, joint, law, radius)
-
-    def _prepare(self, read: Quantities) -> None:
-        self._load = read(self._load, "load", at_least=0.0)
 
     @property
     def load(self) -> ca.SX:

@@ -10,7 +10,7 @@ import casadi as ca
 
 from ....errors import ModelError
 from ...immutable import Immutable
-from ...quantities import Limit, Quantities, known_value
+from ...quantities import HasQuantities, known_value
 from ...symbols import StateVariable
 
 
@@ -34,7 +34,7 @@ class Resistance:
     smoothed: tuple[ca.SX, ...] = ()
 
 
-class FrictionLaw(Immutable):
+class FrictionLaw(Immutable, HasQuantities):
     """Base class of friction laws: force as a function of sliding speed and load.
 
     Laws can be added: ``Coulomb(0.2, 1e-3) + Viscous(5)``.
@@ -53,7 +53,6 @@ class FrictionLaw(Immutable):
 
     velocity_tolerance: Any = None
     deflection_tolerance: Any = None
-    limits: tuple[Limit, ...] = ()
     exact: bool = False
     #: remedy if a run does not resolve the law
     remedy: str = "or widen velocity_tolerance"
@@ -67,6 +66,11 @@ class FrictionLaw(Immutable):
             Name of the element, for the state variables of the law.
         """
         raise NotImplementedError
+
+    def _check_static(self) -> None:
+        """Raise an error for a static coefficient below that of sliding."""
+        below = ca.SX(self.static_coefficient) - self.coefficient  # type: ignore[attr-defined]
+        self.read(below, "static_coefficient - coefficient", at_least=0.0)
 
     def __add__(self, other: Any) -> FrictionLaw:
         if not isinstance(other, FrictionLaw):
@@ -133,10 +137,8 @@ class Coulomb(FrictionLaw):
     """
 
     def __init__(self, coefficient: Any, velocity_tolerance: Any):
-        read = Quantities("Coulomb")
-        self.coefficient = read(coefficient, "coefficient", at_least=0.0)
-        self.velocity_tolerance = read(velocity_tolerance, "velocity_tolerance", above=0.0)
-        self.limits = read.limits
+        self.coefficient = self.read(coefficient, "coefficient", at_least=0.0)
+        self.velocity_tolerance = self.read(velocity_tolerance, "velocity_tolerance", above=0.0)
 
     def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
         """Return the force against the motion."""
@@ -170,19 +172,17 @@ class Stribeck(FrictionLaw):
     """
 
     def __init__(self, coefficient: Any, static_coefficient: Any, stribeck_velocity: Any, velocity_tolerance: Any):
-        read = Quantities("Stribeck")
-        self.coefficient = read(coefficient, "coefficient", at_least=0.0)
-        self.static_coefficient = read(static_coefficient, "static_coefficient", at_least=0.0)
-        self.stribeck_velocity = read(stribeck_velocity, "stribeck_velocity", above=0.0)
-        self.velocity_tolerance = read(velocity_tolerance, "velocity_tolerance", above=0.0)
-        check_static(read, self.coefficient, self.static_coefficient)
+        self.coefficient = self.read(coefficient, "coefficient", at_least=0.0)
+        self.static_coefficient = self.read(static_coefficient, "static_coefficient", at_least=0.0)
+        self.stribeck_velocity = self.read(stribeck_velocity, "stribeck_velocity", above=0.0)
+        self.velocity_tolerance = self.read(velocity_tolerance, "velocity_tolerance", above=0.0)
+        self._check_static()
         tolerance, velocity = known_value(self.velocity_tolerance), known_value(self.stribeck_velocity)
         if tolerance is not None and velocity is not None and tolerance > STRIBECK_SHARE * velocity:
             raise ModelError(
                 f"Stribeck: velocity_tolerance = {tolerance:g} m/s cuts off the static peak, which is "
                 f"{velocity:g} m/s wide; take at most {STRIBECK_SHARE * velocity:g}"
             )
-        self.limits = read.limits
 
     def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
         """Return the force against the motion."""
@@ -197,11 +197,6 @@ class Stribeck(FrictionLaw):
         )
 
 
-def check_static(read: Quantities, sliding: Any, static: Any) -> None:
-    """Raise an error for a static coefficient below that of sliding."""
-    read(ca.SX(static) - sliding, "static_coefficient - coefficient", at_least=0.0)
-
-
 class Viscous(FrictionLaw):
     """``F = -c v``, independent of the load; in a contact, while the surfaces touch.
 
@@ -212,9 +207,7 @@ class Viscous(FrictionLaw):
     """
 
     def __init__(self, coefficient: Any):
-        read = Quantities("Viscous")
-        self.coefficient = read(coefficient, "coefficient", at_least=0.0)
-        self.limits = read.limits
+        self.coefficient = self.read(coefficient, "coefficient", at_least=0.0)
 
     def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
         """Return the force against the motion."""
@@ -265,15 +258,13 @@ class LuGre(FrictionLaw):
     def __init__(
         self, coefficient: Any, static_coefficient: Any, stribeck_velocity: Any, stiffness: Any, damping: Any = 0.0
     ):
-        read = Quantities("LuGre")
-        self.coefficient = read(coefficient, "coefficient", above=0.0)
-        self.static_coefficient = read(static_coefficient, "static_coefficient", above=0.0)
-        self.stribeck_velocity = read(stribeck_velocity, "stribeck_velocity", above=0.0)
-        self.stiffness = read(stiffness, "stiffness", above=0.0)
-        self.damping = read(damping, "damping", at_least=0.0)
-        check_static(read, self.coefficient, self.static_coefficient)
+        self.coefficient = self.read(coefficient, "coefficient", above=0.0)
+        self.static_coefficient = self.read(static_coefficient, "static_coefficient", above=0.0)
+        self.stribeck_velocity = self.read(stribeck_velocity, "stribeck_velocity", above=0.0)
+        self.stiffness = self.read(stiffness, "stiffness", above=0.0)
+        self.damping = self.read(damping, "damping", at_least=0.0)
+        self._check_static()
         self.deflection_tolerance = self.static_coefficient / self.stiffness
-        self.limits = read.limits
 
     def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
         """Return the force against the motion, with a new deflection."""
@@ -322,12 +313,10 @@ class DryFriction(FrictionLaw):
     exact = True
 
     def __init__(self, coefficient: Any, static_coefficient: Any = None):
-        read = Quantities("DryFriction")
-        self.coefficient = read(coefficient, "coefficient", at_least=0.0)
+        self.coefficient = self.read(coefficient, "coefficient", at_least=0.0)
         static = coefficient if static_coefficient is None else static_coefficient
-        self.static_coefficient = read(static, "static_coefficient", at_least=0.0)
-        check_static(read, self.coefficient, self.static_coefficient)
-        self.limits = read.limits
+        self.static_coefficient = self.read(static, "static_coefficient", at_least=0.0)
+        self._check_static()
 
     def __repr__(self) -> str:
         return f"DryFriction({self.coefficient}, static_coefficient={self.static_coefficient})"

@@ -9,15 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arguments.inputs import Signals
-from ...equations.numeric import NumericEquations
-from ...integrators import Integrator
-from ...numerics.console import Interruption
-from ..checks.resolution import Resolution
-from ..formulations import choose_formulation
-from ..outputs import Outputs
-from ..path import Path, Way
-from ..schedule import Piece
+from ..arguments.inputs import Signals
+from ..equations.numeric import NumericEquations
+from ..integrators import Integrator
+from ..numerics.console import Interruption
+from ..numerics.lazy import cached_property
+from .formulations import choose_formulation
+from .outputs import Outputs
+from .path import Path, Way
+from .schedule import Piece
 
 #: Tolerances of what is integrated to rounding.
 PRECISE = (1e-12, 1e-13)
@@ -37,8 +37,6 @@ class SteppedSystem:
         Values of the inputs that are numbers; whoever calls a controller changes them in place.
     integrator : Integrator
         Method and tolerances.
-    resolution : Resolution
-        Has some rates integrated along.
     span : float
         Duration of the run, s.
     redundant : bool
@@ -51,7 +49,6 @@ class SteppedSystem:
     signals: Signals
     levels: np.ndarray
     integrator: Integrator
-    resolution: Resolution
     span: float
     redundant: bool
     max_step: float | None = None
@@ -72,20 +69,24 @@ class Stepper(ABC):
     ----------
     formulation : Formulation
         Form of the equations.
-    outputs : Outputs
-        Outputs in this form.
-    tolerant_outputs : Outputs
-        Outputs also in singular poses: multipliers are those of least norm.
     """
 
     def __init__(self, system: SteppedSystem):
         self.numeric, self.signals, self.levels = system.numeric, system.signals, system.levels
         self.integrator, self.max_step = system.integrator, system.max_step
         self.formulation = choose_formulation(self.numeric, self.integrator, redundant=system.redundant)
-        known = self.numeric, self.signals, self.levels
-        self.tolerant_outputs = Outputs(*known, redundant=True)
-        tolerant = self.formulation.tolerates_redundancy
-        self.outputs = self.tolerant_outputs if tolerant else Outputs(*known, redundant=False)
+
+    @cached_property
+    def outputs(self) -> Outputs:
+        """Outputs in its form of the equations."""
+        if self.formulation.tolerates_redundancy:
+            return self.tolerant_outputs
+        return Outputs(self.numeric, self.signals, self.levels, redundant=False)
+
+    @cached_property
+    def tolerant_outputs(self) -> Outputs:
+        """Outputs also in singular poses: multipliers are those of least norm."""
+        return Outputs(self.numeric, self.signals, self.levels, redundant=True)
 
     # --- how it ran ---------------------------------------------------------------------------
     @property
