@@ -38,6 +38,11 @@ class TreeCoordinates:
         self.q = ca.vertcat(*values)
         self.v = ca.densify(ca.jtimes(self.q, eom.q[self.independent], eom.v[self.independent]))
 
+    def places_in(self, x: ca.SX) -> list[int]:
+        """Places of what is independent in a state ``(q, v, …)``."""
+        n = self.q.numel()
+        return [*self.independent, *(n + k for k in self.independent), *range(2 * n, x.numel())]
+
 
 def tree_coordinates(eom: Equations) -> TreeCoordinates:
     """:class:`TreeCoordinates` of a mechanism, made once and kept."""
