@@ -115,43 +115,44 @@ def explicit_rows(eom: Equations, *, curved: bool = True, angles: bool = False) 
     return _solve(positions, _connected(positions, left)) if left else linear_rows
 
 
-def tree_rows(eom: Equations) -> list[ExplicitRow]:
+def tree_rows(eom: Equations) -> dict[int, tuple[int, dict[int, float]]]:
     """Position rows that give coordinates one after the other, from the ground along the pins of a tree.
 
     However many coordinates another one is given in: what is left are mostly angles. Rows that
     depend on time are left alone, and all of them if one has a value that jumps.
+
+    Returns
+    -------
+    dict
+        Coordinate to its row's place in ``Phi``, and the factors of the given coordinates in that row.
     """
     if jumps_anywhere([eom.Phi]):
-        return []
-    rows = _rows(eom)
-    able = {p: rows[int(k)] for p, k in enumerate(eom.position_rows) if ca.SX(eom.nu[int(k)]).is_zero()}
+        return {}
+    rows, still = _rows(eom), [ca.SX(rate).is_zero() for rate in ca.vertsplit(eom.nu)]
+    able = {place: rows[int(k)] for place, k in enumerate(eom.position_rows) if still[int(k)]}
     linear = {k for row in able.values() for k in row.linear} - {k for row in able.values() for k in row.curved}
-    open_ones = {place: {k for k in row.linear if k in linear} for place, row in able.items()}
-    holding: dict[int, list[int]] = {}
-    for place, unknown in open_ones.items():
-        for k in unknown:
-            holding.setdefault(k, []).append(place)
-    solved: list[ExplicitRow] = []
-    given: set[int] = set()
-    ready = deque(place for place, unknown in open_ones.items() if len(unknown) == 1)
+    unknown = {place: linear & set(row.linear) for place, row in able.items()}
+    holding: dict[int, list[int]] = {k: [] for k in linear}
+    for place, coordinates in unknown.items():
+        for k in coordinates:
+            holding[k].append(place)
+    given: dict[int, tuple[int, dict[int, float]]] = {}
+    ready = deque(place for place, coordinates in unknown.items() if len(coordinates) == 1)
     waiting = deque(sorted(linear))
     while ready or waiting:
-        if ready:
-            place = ready.popleft()
-            if not open_ones[place]:  # it closes a loop
-                continue
-            (k,) = open_ones[place]
-            row = able[place]
-            if abs(row.linear[k]) >= LEAST * max(map(abs, row.linear.values())):
-                solved.append(ExplicitRow(place, k, row.linear[k], [j for j in row.linear if j in given], []))
-                given.add(k)
-        else:
+        if not ready:
             k = waiting.popleft()  # of a part that floats
+        elif unknown[place := ready.popleft()]:
+            (k,) = unknown[place]
+            factors = able[place].linear
+            if abs(factors[k]) >= LEAST * max(map(abs, factors.values())):
+                given[k] = place, {j: x for j, x in factors.items() if j == k or j in given}
+        else:  # it closes a loop
+            continue
         for place in holding.pop(k, ()):
-            open_ones[place].discard(k)
-            if len(open_ones[place]) == 1:
-                ready.append(place)
-    return solved
+            unknown[place].discard(k)
+            ready += [place] if len(unknown[place]) == 1 else []
+    return given
 
 
 def _solve(rows: list[_Row], lasting: set[int], curved: int = CURVED) -> list[ExplicitRow]:
@@ -203,23 +204,3 @@ def _rows(eom: Equations) -> list[_Row]:
         else:
             rows[i].curved.add(k)
     return rows
-
-
-def solved_coordinates(eom: Equations, solved: list[ExplicitRow], error: ca.SX) -> ca.SX:
-    """All coordinates in terms of the independent ones, with explicit rows equal to `error` instead of zero."""
-    symbols, rows = ca.vertsplit(eom.q), ca.vertsplit(eom.Phi)
-    by_independent: dict[int, ca.SX] = {}
-    for one, miss in zip(solved, ca.vertsplit(error), strict=True):
-        coordinate = symbols[one.coordinate]
-        row = _put_in(rows[one.place], {k: (symbols[k], by_independent[k]) for k in one.given})
-        value = (miss - ca.substitute(row, coordinate, ca.SX(0))) / one.factor
-        by_independent |= {k: ca.substitute(by_independent[k], coordinate, value) for k in one.moved}
-        by_independent[one.coordinate] = value
-    return ca.vertcat(*[by_independent.get(k, symbol) for k, symbol in enumerate(symbols)])
-
-
-def _put_in(row: ca.SX, substitutions: dict[int, tuple[ca.SX, ca.SX]]) -> ca.SX:
-    if not substitutions:
-        return row
-    symbols, values = zip(*substitutions.values(), strict=True)
-    return ca.substitute(row, ca.vertcat(*symbols), ca.vertcat(*values))

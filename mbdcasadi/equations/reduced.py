@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from .derivation import Equations
-from .explicit import ExplicitRow, explicit_rows, solved_coordinates
+from .explicit import ExplicitRow, explicit_rows
 
 
 def reduced_equations(eom: Equations, *, curved: bool = True, angles: bool = False) -> ReducedEquations:
@@ -90,7 +90,7 @@ class ReducedEquations:
 
     def _derive(self, solved: list[ExplicitRow], places: list[int]) -> None:
         eom, error = self.whole, ca.SX.sym("e", len(solved))
-        missed = solved_coordinates(eom, solved, error)
+        missed = _coordinates(eom, solved, error)
         q = ca.substitute(missed, error, ca.SX.zeros(error.numel()))
         v = ca.jtimes(q, ca.vertcat(self.q, self.t), ca.vertcat(self.v, 1))
         a = ca.jtimes(v, ca.vertcat(self.q, self.v, self.t), ca.vertcat(self.v, self.a, 1))
@@ -144,3 +144,23 @@ class ReducedEquations:
 def _some(column: ca.SX, places: list[int]) -> ca.SX:
     """Some of the entries as a column, which one without entries is, too."""
     return column[places] if places else ca.SX(0, 1)
+
+
+def _coordinates(eom: Equations, solved: list[ExplicitRow], error: ca.SX) -> ca.SX:
+    """All coordinates by the independent ones, with explicit rows equal to `error` instead of zero."""
+    symbols, rows = ca.vertsplit(eom.q), ca.vertsplit(eom.Phi)
+    by_independent: dict[int, ca.SX] = {}
+    for one, miss in zip(solved, ca.vertsplit(error), strict=True):
+        coordinate = symbols[one.coordinate]
+        row = _put_in(rows[one.place], {k: (symbols[k], by_independent[k]) for k in one.given})
+        value = (miss - ca.substitute(row, coordinate, ca.SX(0))) / one.factor
+        by_independent |= {k: ca.substitute(by_independent[k], coordinate, value) for k in one.moved}
+        by_independent[one.coordinate] = value
+    return ca.vertcat(*[by_independent.get(k, symbol) for k, symbol in enumerate(symbols)])
+
+
+def _put_in(row: ca.SX, substitutions: dict[int, tuple[ca.SX, ca.SX]]) -> ca.SX:
+    if not substitutions:
+        return row
+    symbols, values = zip(*substitutions.values(), strict=True)
+    return ca.substitute(row, ca.vertcat(*symbols), ca.vertcat(*values))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from .derivation import Equations
-from .explicit import solved_coordinates, tree_rows
+from .explicit import tree_rows
 
 
 class TreeCoordinates:
@@ -24,13 +24,24 @@ class TreeCoordinates:
 
     def __init__(self, eom: Equations):
         rows = tree_rows(eom)
-        given = {row.coordinate for row in rows}
-        self.dependent = sorted(given)
-        self.independent = [k for k in range(eom.q.numel()) if k not in given]
+        rows = rows if len(rows) < eom.q.numel() else {}  # nothing would be left to advance
+        self.dependent = sorted(rows)
+        self.independent = [k for k in range(eom.q.numel()) if k not in rows]
         self.q, self.v = eom.q, eom.v
-        if rows:
-            self.q = ca.densify(solved_coordinates(eom, rows, ca.SX.zeros(len(rows))))
-            self.v = ca.densify(ca.jtimes(self.q, eom.q[self.independent], eom.v[self.independent]))
+        if not rows:
+            return
+        given, values = eom.q[self.dependent], ca.vertsplit(eom.q)
+        others = ca.vertsplit(ca.substitute(eom.Phi, given, ca.SX.zeros(given.numel())))
+        for k, (place, factors) in rows.items():
+            known = sum((x * values[j] for j, x in factors.items() if j != k), others[place])
+            values[k] = -known / factors[k]
+        self.q = ca.vertcat(*values)
+        self.v = ca.densify(ca.jtimes(self.q, eom.q[self.independent], eom.v[self.independent]))
+
+    def places_in(self, x: ca.SX) -> list[int]:
+        """Places of what is independent in a state ``(q, v, …)``."""
+        n = self.q.numel()
+        return [*self.independent, *(n + k for k in self.independent), *range(2 * n, x.numel())]
 
 
 def tree_coordinates(eom: Equations) -> TreeCoordinates:

@@ -264,7 +264,7 @@ class CompiledIntegrator:
         """
         values = np.zeros((0, count)) if u is None else u
         if self.integrator.stops_by_input:
-            parity = np.cumsum(np.r_[False, stops[:-1]]) % 2
+            parity = np.cumsum(np.append(False, stops[:-1])) % 2
             return {"u": np.vstack([values, parity]), "groups": None}
         if values.shape[0]:  # each interval has values of its own, and the method stops at its end
             return {"u": values, "groups": None}
@@ -306,13 +306,13 @@ class CompiledIntegrator:
         """Outputs at all times, or the integrator's message of its failure."""
         start, times = problem.start, problem.times
         length = float(times[-1] - start)
-        fractions = np.r_[(times[:-1] - start) / length, 1.0]
+        fractions = np.append((times[:-1] - start) / length, 1.0)
         self.starts += 1
         given = self.inputs(problem.u, problem.stops, times.size)
         least_steps = self.least_steps(length, problem.max_step)
         function = self.function(fractions, groups=given["groups"], steps=steps, least_steps=least_steps)
         x = problem.x if self.dae.part is None else problem.x[self.dae.part.places]
-        arguments: dict[str, Any] = {"x0": np.r_[x, 0.0], "p": np.r_[start, length, problem.p]}
+        arguments: dict[str, Any] = {"x0": np.append(x, 0.0), "p": np.concatenate([[start, length], problem.p])}
         arguments |= {"z0": problem.z} if problem.z.size else {}
         arguments |= {"u": given["u"]} if given["u"] is not None else {}
         try:

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 #: Numbers of points that one evaluation takes: a batch is made up of these.
-BATCHES = (128, 16, 1)
+BATCHES = (128, 16, 4, 1)
 
 
 class Evaluator:

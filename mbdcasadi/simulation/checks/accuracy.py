@@ -5,6 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from ...equations.derivation import Equations
 from ...numerics.least_squares import largest
 from ...results.trajectory import Trajectory
 
@@ -104,15 +105,15 @@ def grown_error(motion: Trajectory, steps: int) -> list[str]:
     if steps < MANY_STEPS or len(motion) < 2:
         return []
     eom = motion.equations
-    power = ca.dot(eom.Q, eom.v)
-    rest = power + ca.jtimes(eom.potential, eom.q, eom.v)
-    values = np.abs(motion[ca.vertcat(rest, eom.Q * eom.v)])
-    if np.max(values[:, 0]) > NO_POWER * np.max(np.sum(values[:, 1:], axis=1)):
+    values = motion[eom.mechanism.cache.get_or_create("power balance", lambda: _power_balance(eom))]
+    rest, kinetic, potential = np.abs(values[:, 0]), values[:, 1], values[:, 2]
+    powers, rates = np.split(np.abs(values[:, 3:]), [eom.q.numel()], axis=1)
+    if np.max(rest) > NO_POWER * np.max(np.sum(powers, axis=1)):
         return []  # forces without potential: the energy says nothing
-    if eom.lam.numel() and np.any(np.abs(motion[eom.nu]) > 0):
+    if np.any(rates > 0):
         return []  # drivers do work
-    energy = motion.energy
-    drift, size = float(np.max(np.abs(energy.total - energy.total[0]))), float(np.max(energy.kinetic))
+    total = kinetic + potential
+    drift, size = float(np.max(np.abs(total - total[0]))), float(np.max(kinetic))
     turning = np.abs(motion.v[:, eom.angles])
     if not turning.size or size == 0:
         return []
@@ -125,3 +126,9 @@ def grown_error(motion: Trajectory, steps: int) -> list[str]:
         f"kinetic energy: over {turned:.3g} rad of turning, angles may be off by about {estimate:.2g} rad; tighten the "
         "tolerances (reltol, abstol) if that matters"
     ]
+
+
+def _power_balance(eom: Equations) -> ca.SX:
+    """Power that no potential explains, both energies, powers of the forces (n,), rates of the constraints (m,)."""
+    rest = ca.dot(eom.Q, eom.v) + ca.jtimes(eom.potential, eom.q, eom.v)
+    return ca.densify(ca.vertcat(rest, eom.kinetic, eom.potential, eom.Q * eom.v, eom.nu))

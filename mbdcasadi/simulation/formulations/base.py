@@ -92,8 +92,7 @@ class Formulation(ABC):
             True to leave coordinates that a tree of joints gives out of what is integrated, if that pays.
         """
         eom, clock, none = numeric.eom, Clock(), ca.SX(0, 1)
-        tree = tree_coordinates(eom) if in_tree else None
-        tree = tree if tree is not None and tree.dependent and self.takes_tree(numeric, tree) else None
+        tree = self._tree(numeric) if in_tree else None
         q, v = (eom.q, eom.v) if tree is None else (tree.q, tree.v)
         (u,) = ca.substitute([signals.parametrised], [eom.t, eom.q, eom.v], [clock.t, q, v])
         rate = ca.SX.sym("rate")
@@ -107,9 +106,7 @@ class Formulation(ABC):
         ode = ca.vertcat(v, a, z_rate)
         p = ca.vertcat(eom.p, signals.levels, rate)
         if tree is not None:
-            given = {*tree.dependent, *(eom.q.numel() + k for k in tree.dependent)}
-            places = [k for k in range(x.numel()) if k not in given]
-            states = ca.vertcat(q, v, x[2 * eom.q.numel() :])
+            places, states = tree.places_in(x), ca.vertcat(q, v, x[2 * eom.q.numel() :])
             x, ode = x[places], ode[places]
             part = PartOfState(places, ca.Function("whole", [x, p], [states]))
         return Dae(
@@ -123,6 +120,11 @@ class Formulation(ABC):
             quad=quad,
             part=part,
         )
+
+    def _tree(self, numeric: NumericEquations) -> TreeCoordinates | None:
+        """Coordinates that are left out of what is integrated; None if there are none, or if they are better kept."""
+        tree = tree_coordinates(numeric.eom)
+        return tree if tree.dependent and self.takes_tree(numeric, tree) else None
 
     def compiled_dae(self, numeric: NumericEquations, signals: Signals, elements: CompiledElements) -> Dae:
         """Return the same system with forces of compiled elements, and their rates integrated along."""

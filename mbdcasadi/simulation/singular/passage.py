@@ -143,8 +143,8 @@ class SingularPassage:
         """Times of a path, places at which it is near to a singular pose, and the largest pivots at its end."""
         self._take_regular()
         times, values = self._regularity.along(path, largest=self._largest)
-        running = np.maximum.accumulate(np.r_[self._largest, values])[1:]
-        recent = np.maximum.accumulate(np.r_[self._recent, values])[1:]
+        running = np.maximum(np.maximum.accumulate(values), self._largest)
+        recent = np.maximum(np.maximum.accumulate(values), self._recent)
         # a path that begins near to a pose leaves it, until its pivot falls again
         entries = np.flatnonzero((values < ENTRY * running) & (values < RETURN * recent))
         return times, entries, float(running[-1]), float(recent[-1])

@@ -75,9 +75,9 @@ class Regularity:
 
 def coarse_times(path: Path, eom: Equations) -> np.ndarray:
     """Times of a path with the turn between them by which falls of the pivot are noticed."""
-    way = np.r_[0.0, np.cumsum(np.minimum(_turns(path, eom), MOST_POSES * PIVOT_TURN))]
+    way = np.append(0.0, np.cumsum(np.minimum(_turns(path, eom), MOST_POSES * PIVOT_TURN)))
     inside = np.interp(np.arange(COARSE_TURN, way[-1], COARSE_TURN), way, path.times)
-    return np.r_[path.times[0], inside, path.times[-1]]
+    return np.concatenate([path.times[:1], inside, path.times[-1:]])
 
 
 def finer_times(path: Path, eom: Equations) -> np.ndarray:

@@ -157,7 +157,7 @@ class CompiledStepper(Stepper):
                 return failure
             since = compiled.integrals
             increments = np.diff(since, axis=0, prepend=np.zeros((1, since.shape[1])))
-            return Path(np.r_[piece.start, piece.times], np.vstack([x, states]), increments)
+            return Path(np.append(piece.start, piece.times), np.vstack([x, states]), increments)
 
         outcome = attempt(usual, FEW_STEPS)
         if isinstance(outcome, IntegrationFailure) and outcome.flag == "IDA_LINESEARCH_FAIL":
@@ -203,7 +203,7 @@ class CompiledStepper(Stepper):
         rate = 0.0
         if piece is not None:
             rate = max(DECAY / min(self._usual_length, piece.length), DECAY_PER_RADIAN * self._fastest)
-        return np.r_[self.numeric.p, self.levels, rate]
+        return np.concatenate([self.numeric.p, self.levels, [rate]])
 
     def way_from(self, start: float, x: np.ndarray, *, precise: bool = False) -> Way:
         if not precise:

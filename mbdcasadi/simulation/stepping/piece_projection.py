@@ -95,7 +95,7 @@ class PieceProjection:
         numeric, n = self._stepper.numeric, self._stepper.numeric.eom.q.numel()
         correction = np.abs(np.diff((x - integrated)[:, :n] / numeric.column_scale, axis=0, prepend=0.0))
         limit = min(max(LEAP, LEAP_IN_TOLERANCES * self._stepper.integrator.reltol), 1.0)
-        begins = np.r_[piece.start, times]
+        begins = np.append(piece.start, times)
         states = np.vstack([start, x])
         found = (
             int(k)
