@@ -80,8 +80,8 @@ def impact(
     z = np.array([state[x] if state.equations.contains(x) else x.value for x in mechanism.states])
     signals = read_signals(eom, inputs, carried=carried["inputs"])
     s = complete_state(numeric, signals, state.t, q, jump.v, z)
-    own = (s.q, s.v, s.a, s.z, s.lam, s.inputs, s.parameters)
-    return State(mechanism, s.t, *own, s.obstacle, law.by_joint(jump.impulses))
+    values = (s.q, s.v, s.a, s.z, s.lam, s.inputs, s.parameters)
+    return State(mechanism, s.t, *values, s.obstacle, law.by_joint(jump.impulses))
 
 
 def pose_and_jump(numeric: NumericEquations, law: ImpactLaw, before: State, what: str) -> tuple[np.ndarray, Jump]:

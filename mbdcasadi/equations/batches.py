@@ -59,13 +59,13 @@ class Values:
 
     def rate_places(self, places: np.ndarray) -> np.ndarray:
         """Places of the rates of change of symbols at places; of what has none that is known, the place of zero."""
-        found = np.full(places.shape, self._zero)
-        found[places == 0] = self._one
+        rates = np.full(places.shape, self._zero)
+        rates[places == 0] = self._one
         for group, rate in (("q", "v"), ("v", "a"), ("z", "z_rate")):
             start, count = self._starts[group], getattr(self._eom, group).numel()
             inside = (places >= start) & (places < start + count)
-            found[inside] = places[inside] - start + self._starts[rate]
-        return found
+            rates[inside] = places[inside] - start + self._starts[rate]
+        return rates
 
     def coordinate(self, places: np.ndarray) -> np.ndarray:
         """Numbers of the coordinates at places."""
@@ -242,10 +242,10 @@ def batches_of(
                 continue
         parts = [ca.densify(part) for part in parts_of(element)]
         column = ca.vertcat(ca.SX(0, 1), *parts)
-        found = ca.symvar(column)
-        symbols = ca.vertcat(ca.SX(0, 1), *found)
-        known = [entry for entry in map(values.place, found) if entry is not None]
-        if len(known) < len(found):
+        symbols_inside = ca.symvar(column)
+        symbols = ca.vertcat(ca.SX(0, 1), *symbols_inside)
+        known = [entry for entry in map(values.place, symbols_inside) if entry is not None]
+        if len(known) < len(symbols_inside):
             eom.function(column)  # raises, and says which symbol
         places, groups = [place for place, _ in known], tuple(group for _, group in known)
         try:

@@ -180,8 +180,8 @@ class ImpactLaw:
 
 def impulses_of(element: Any) -> ca.SX:
     """Return the symbols of the impulses of a constraint; new ones for an element of a user that has none."""
-    own = getattr(element, "impulses", None)
-    return ca.SX.sym(f"{element.name}.impulse", element.multipliers.numel()) if own is None else own
+    symbols = getattr(element, "impulses", None)
+    return ca.SX.sym(f"{element.name}.impulse", element.multipliers.numel()) if symbols is None else symbols
 
 
 def by_element(eom: Equations, impulses: np.ndarray) -> dict[Any, np.ndarray]:

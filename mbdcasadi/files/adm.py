@@ -72,12 +72,12 @@ def read_adm(path: str | Path, forces: FileForces | None = None) -> Mechanism:
     model = Fields(data, file, "")
     name = model.text("name", Path(path).stem)
     _refuse_other_parts(model)
-    given = _file_forces(forces, data, file)
+    file_forces = _file_forces(forces, data, file)
     try:
         bodies = _read_bodies(data, file)
-        constraints = list(_read_elements(data, file, "constraint", CONSTRAINTS, bodies, given))
-        loads = list(_read_elements(data, file, "force", FORCES, bodies, given))
-        loads += _read_elements(data, file, "contact", circle_on_ground, bodies, given)
+        constraints = list(_read_elements(data, file, "constraint", CONSTRAINTS, bodies, file_forces))
+        loads = list(_read_elements(data, file, "force", FORCES, bodies, file_forces))
+        loads += _read_elements(data, file, "contact", circle_on_ground, bodies, file_forces)
         if any(gravity := model.numbers("gravity", 2, GRAVITY)):
             loads.insert(0, Gravity(gravity, name=_name_of_gravity([*constraints, *loads])))
         return Mechanism(

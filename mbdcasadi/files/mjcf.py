@@ -149,10 +149,10 @@ class _Reader:
             raise element.refuse("has coordinate = 'global', which MuJoCo no longer supports; give local ones")
 
     def _read_defaults(self, element: XmlElement, above: Defaults, name: str) -> None:
-        found = _extended(above, element)
-        self.classes[name] = found
+        defaults = _extended(above, element)
+        self.classes[name] = defaults
         for child in element.all("default"):
-            self._read_defaults(child, found, child.get("class"))
+            self._read_defaults(child, defaults, child.get("class"))
 
     def _filled(self, element: XmlElement, childclass: str, tag: str | None = None) -> XmlElement:
         """An element with the defaults of its class."""
@@ -425,8 +425,8 @@ class _Reader:
         gain = float(element.numbers("gainprm", "1")[0])
         bias = np.zeros(3)
         if element.get("biastype", "none") == "affine":
-            given = element.numbers("biasprm", "0")[:3]
-            bias[: given.size] = given
+            values = element.numbers("biasprm", "0")[:3]
+            bias[: values.size] = values
         return gain, float(bias[1]), float(bias[2]), float(bias[0])
 
 

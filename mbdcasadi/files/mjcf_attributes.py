@@ -62,11 +62,11 @@ def refuse_unread(element: XmlElement, kind: str | None = None) -> None:
 
 def turned_off(option: XmlElement) -> set[str]:
     """Return the forces that the flags of an option turn off."""
-    found = set()
+    names = set()
     for flag in option.all("flag"):
         for name, text in flag.attributes.items():
             if name in FLAGS and text == "disable":
-                found.add(name)
+                names.add(name)
             elif name not in (*FLAGS, *_HARMLESS_FLAGS) and text != "enable":
                 raise flag.refuse(f"has {name} = '{text}', which is not read")
-    return found | ({"spring", "damper"} if "passive" in found else set())
+    return names | ({"spring", "damper"} if "passive" in names else set())

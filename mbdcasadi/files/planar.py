@@ -92,8 +92,8 @@ class Plane:
 def _across(normal: np.ndarray) -> np.ndarray:
     """A direction across a normal: that of the axis of the world that is most nearly so."""
     axis = np.eye(3)[np.argmin(np.abs(normal[::-1]))][::-1]
-    found = axis - (axis @ normal) * normal
-    return found / np.linalg.norm(found)
+    projected = axis - (axis @ normal) * normal
+    return projected / np.linalg.norm(projected)
 
 
 def _along_axis(direction: np.ndarray, normal: np.ndarray) -> np.ndarray:

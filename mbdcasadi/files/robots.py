@@ -161,15 +161,15 @@ def rotation_about(axis: int, angle: float) -> np.ndarray:
     """Rotation about an axis of the frame (3, 3)."""
     c, s = np.cos(angle), np.sin(angle)
     first, second = (axis + 1) % 3, (axis + 2) % 3
-    found = np.eye(3)
-    found[first, first] = found[second, second] = c
-    found[second, first], found[first, second] = s, -s
-    return found
+    rotation = np.eye(3)
+    rotation[first, first] = rotation[second, second] = c
+    rotation[second, first], rotation[first, second] = s, -s
+    return rotation
 
 
 def rotation_around(axis: np.ndarray, angle: float) -> np.ndarray:
     """Rotation about a unit vector (3, 3), by Rodrigues' formula."""
     x, y, z = axis
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    found: np.ndarray = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    return found
+    rotation: np.ndarray = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return rotation

@@ -191,11 +191,11 @@ def _target(path: Any) -> Path:
 
 
 def _kinds(kind: Any) -> frozenset[str]:
-    given = (kind,) if isinstance(kind, str) else tuple(kind) if isinstance(kind, Iterable) else (kind,)
-    found = KINDS if given == ("both",) else given
-    if not found or any(entry not in KINDS for entry in found):
+    names = (kind,) if isinstance(kind, str) else tuple(kind) if isinstance(kind, Iterable) else (kind,)
+    kinds = KINDS if names == ("both",) else names
+    if not kinds or any(entry not in KINDS for entry in kinds):
         raise ModelError(f"export_fmu: kind= is 'co-simulation', 'model-exchange' or both, got {kind!r}")
-    return frozenset(found)
+    return frozenset(kinds)
 
 
 def _experiment(t: float, stop: float | None, step: float | None) -> tuple[float | None, float | None]:

@@ -202,13 +202,13 @@ class Model:
     def checks(self) -> list[tuple[ca.SX, bool, str]]:
         """Margins of limited quantities in the parameters, whether they must be above zero, and messages."""
         limits = self.eom.mechanism.limits
-        found = []
+        checks = []
         for limit in limits:
             for bound, strict, words in ((limit.at_least, False, "be at least"), (limit.above, True, "be above")):
                 if bound is not None:
                     message = f"{limit.owner}: {limit.name} must {words} {bound:g}"
-                    found.append((limit.expression - bound, strict, message))
-        return found
+                    checks.append((limit.expression - bound, strict, message))
+        return checks
 
     @cached_property
     def validity(self) -> list[ValidityCondition]:
@@ -218,11 +218,11 @@ class Model:
     @cached_property
     def forces(self) -> list[tuple[ca.SX, str]]:
         """Components of the forces of the elements, with the elements they belong to."""
-        found = []
+        forces = []
         for element in self.eom.mechanism.elements:
             for _, force in element.virtual_work:
-                found += [(part, element.description) for part in ca.vertsplit(ca.densify(ca.vec(ca.SX(force))))]
-        return [(part, owner) for part, owner in found if not part.is_constant()]
+                forces += [(part, element.description) for part in ca.vertsplit(ca.densify(ca.vec(ca.SX(force))))]
+        return [(part, owner) for part, owner in forces if not part.is_constant()]
 
     # --- the start ---------------------------------------------------------------------------
     @cached_property
@@ -353,8 +353,8 @@ def _pattern(expression: ca.SX, symbols: ca.SX) -> np.ndarray:
     if not all(shape):
         return np.zeros(shape, bool)
     sparsity = ca.jacobian_sparsity(ca.densify(expression), symbols)
-    found: np.ndarray = ca.DM(sparsity, 1).full() != 0
-    return found
+    pattern: np.ndarray = ca.DM(sparsity, 1).full() != 0
+    return pattern
 
 
 def _tape(function: ca.Function) -> Tape:

@@ -146,7 +146,7 @@ def _number(value: float) -> str:
 
 def _string(text: str) -> str:
     """A string in C, of ASCII characters alone."""
-    found = "".join(
+    literal = "".join(
         chr(byte) if 32 <= byte < 127 and chr(byte) not in '"\\?' else f"\\{byte:03o}" for byte in text.encode()
     )
-    return f'"{found}"'
+    return f'"{literal}"'

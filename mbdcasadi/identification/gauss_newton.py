@@ -199,6 +199,6 @@ def _step(jacobian: np.ndarray, residual: np.ndarray, lower: np.ndarray, upper: 
         options = {"print_iter": False, "print_header": False, "print_info": False, "error_on_fail": False}
         with quiet():
             solver = ca.conic("step", "qrqp", {"h": ca.Sparsity.dense(*hessian.shape)}, options)
-            found = solver(h=hessian, g=scaled.T @ residual, lbx=lower * size, ubx=upper * size)["x"].full().ravel()
-        step = np.clip(found, lower * size, upper * size)
+            solution = solver(h=hessian, g=scaled.T @ residual, lbx=lower * size, ubx=upper * size)["x"].full().ravel()
+        step = np.clip(solution, lower * size, upper * size)
     return step / size

@@ -44,17 +44,17 @@ def as_integrator(
     SimulationError
         For a name that is not in the list, and for settings beside an object.
     """
-    given: dict[str, Any] = {"reltol": reltol, "abstol": abstol, "jit": jit or None, "options": options}
-    given = {name: value for name, value in given.items() if value is not None}
+    settings: dict[str, Any] = {"reltol": reltol, "abstol": abstol, "jit": jit or None, "options": options}
+    settings = {name: value for name, value in settings.items() if value is not None}
     if isinstance(method, Integrator):
-        if given:
+        if settings:
             raise SimulationError(
-                f"{', '.join(f'{name}=' for name in given)} stands beside method={method!r}, which carries its own "
+                f"{', '.join(f'{name}=' for name in settings)} stands beside method={method!r}, which carries its own "
                 "settings; give them there"
             )
         return method
     for kind in INTEGRATORS:
         if isinstance(method, str) and method == kind.name:
-            return kind(**given)
+            return kind(**settings)
     names = ", ".join((*(kind.name for kind in INTEGRATORS), *besides))
     raise SimulationError(f"method must be one of {names}, or an integrator such as IDAS(), got {method!r}")

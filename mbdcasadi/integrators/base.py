@@ -128,8 +128,8 @@ class Integrator(Immutable):
         algebraic : bool
             True if there are algebraic unknowns.
         """
-        own = {"reltol": self.reltol, "abstol": self.abstol, "show_eval_warnings": False, "error_on_fail": False}
-        return own | self._compiler_options | dict(self.options)
+        settings = {"reltol": self.reltol, "abstol": self.abstol, "show_eval_warnings": False, "error_on_fail": False}
+        return settings | self._compiler_options | dict(self.options)
 
     @property
     def _compiler_options(self) -> dict[str, Any]:

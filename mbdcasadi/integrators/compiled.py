@@ -297,10 +297,10 @@ class CompiledIntegrator:
         IntegrationFailure
             With nothing reached; :meth:`rescue` finds what can be had.
         """
-        found = self._attempt(problem, steps)
-        if isinstance(found, str):
-            raise IntegrationFailure(found, np.zeros((0, problem.x.size)), np.zeros((0, problem.z.size)))
-        return found
+        outcome = self._attempt(problem, steps)
+        if isinstance(outcome, str):
+            raise IntegrationFailure(outcome, np.zeros((0, problem.x.size)), np.zeros((0, problem.z.size)))
+        return outcome
 
     def _attempt(self, problem: InitialValueProblem, steps: int) -> tuple[np.ndarray, np.ndarray] | str:
         """Outputs at all times, or the integrator's message of its failure."""
@@ -308,13 +308,13 @@ class CompiledIntegrator:
         length = float(times[-1] - start)
         fractions = np.append((times[:-1] - start) / length, 1.0)
         self.starts += 1
-        given = self.inputs(problem.u, problem.stops, times.size)
+        inputs = self.inputs(problem.u, problem.stops, times.size)
         least_steps = self.least_steps(length, problem.max_step)
-        function = self.function(fractions, groups=given["groups"], steps=steps, least_steps=least_steps)
+        function = self.function(fractions, groups=inputs["groups"], steps=steps, least_steps=least_steps)
         x = problem.x if self.dae.part is None else problem.x[self.dae.part.places]
         arguments: dict[str, Any] = {"x0": np.append(x, 0.0), "p": np.concatenate([[start, length], problem.p])}
         arguments |= {"z0": problem.z} if problem.z.size else {}
-        arguments |= {"u": given["u"]} if given["u"] is not None else {}
+        arguments |= {"u": inputs["u"]} if inputs["u"] is not None else {}
         try:
             with quiet():
                 result = function(**arguments)
@@ -338,14 +338,14 @@ class CompiledIntegrator:
         first, count = 0, max(times.size // 2, 1)
         while first < times.size:
             part = slice(first, first + count)
-            found = self._attempt(problem.after(x, z, start, part), FEW_STEPS)
-            if isinstance(found, str):
-                flag = found
+            outcome = self._attempt(problem.after(x, z, start, part), FEW_STEPS)
+            if isinstance(outcome, str):
+                flag = outcome
                 if count == 1:
                     break
                 count //= 2
                 continue
-            states, algebraic = np.vstack([states, found[0]]), np.vstack([algebraic, found[1]])
+            states, algebraic = np.vstack([states, outcome[0]]), np.vstack([algebraic, outcome[1]])
             x, z, start = states[-1], algebraic[-1], float(times[part][-1])
             first += times[part].size
         return IntegrationFailure(flag, states, algebraic)
@@ -367,11 +367,11 @@ class CompiledIntegrator:
             middle = (low + high) / 2
             if not low < middle < high:
                 break
-            found = self._attempt(
+            outcome = self._attempt(
                 InitialValueProblem(x, z, low, np.array([middle]), problem.p, problem.u), FEW_STEPS // 5
             )
-            if isinstance(found, str):
+            if isinstance(outcome, str):
                 high = middle
             else:
-                low, x, z = middle, found[0][0], found[1][0]
+                low, x, z = middle, outcome[0][0], outcome[1][0]
         return low, x

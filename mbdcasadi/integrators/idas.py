@@ -41,7 +41,7 @@ class IDAS(Integrator):
     quadratures_in_error_test: ClassVar[bool] = False
 
     def plugin_options(self, *, algebraic: bool) -> dict[str, Any]:
-        own: dict[str, Any] = {
+        settings: dict[str, Any] = {
             "reltol": tightened(self.reltol, TIGHTER, TIGHTEST),
             "abstol": tightened(self.abstol, TIGHTER, TIGHTEST),
             "linear_solver": "csparse",
@@ -51,5 +51,5 @@ class IDAS(Integrator):
             "print_time": False,
         }
         # multipliers left out of the error test at a tighter tolerance: faster at equal error
-        own |= {"suppress_algebraic": True} if algebraic else {}
-        return own | self._compiler_options | dict(self.options)
+        settings |= {"suppress_algebraic": True} if algebraic else {}
+        return settings | self._compiler_options | dict(self.options)

@@ -105,9 +105,9 @@ def inverse_dynamics(
             result = _of_drivers(setup, inputs, progress)
         else:
             unknown = [position_in(mechanism.inputs, effort, "efforts=") for effort in efforts]
-            given = {key for key, _ in pairs_of(inputs, "inputs=")} & set(efforts)
-            if given:
-                names = ", ".join(repr(e.label) for e in given)
+            overridden = {key for key, _ in pairs_of(inputs, "inputs=")} & set(efforts)
+            if overridden:
+                names = ", ".join(repr(e.label) for e in overridden)
                 raise MechanismError(f"inverse_dynamics: {names} is in inputs= and in efforts=; leave one out")
             result = _of_motion(setup, _course(setup, motion, progress), unknown, tolerance)
         result.statistics.method, result.statistics.formulation = "inverse dynamics", "Phi_q^T lam = Q - M a"

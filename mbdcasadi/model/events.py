@@ -151,19 +151,19 @@ def read_restitution(restitution: Any, what: str) -> dict[Any, float]:
         return {}
     if not isinstance(restitution, Mapping):
         raise ModelError(f"{what}: restitution= takes {{joint: coefficient}}, got {restitution!r}")
-    found = {}
+    coefficients = {}
     for joint, value in restitution.items():
         if not isinstance(joint, ConstraintElement):
             raise ModelError(f"{what}: restitution= takes {{joint: coefficient}}, got the key {joint!r}")
-        found[joint] = number(value, what, f"restitution of {joint.description}")
-        if not 0 <= found[joint] <= 1:
+        coefficients[joint] = number(value, what, f"restitution of {joint.description}")
+        if not 0 <= coefficients[joint] <= 1:
             raise ModelError(f"{what}: restitution of {joint.description} must be from 0 to 1, got {value!r}")
-    return found
+    return coefficients
 
 
 def _read_new_values(reset: Any, becomes: Mechanism, what: str) -> tuple[tuple[Any, ca.SX], ...]:
     """Return parameters and state variables of the new mechanism, and their values as expressions in the old one."""
-    found = []
+    resets = []
     for key, value in _pairs(reset, what):
         if not isinstance(key, Parameter | StateVariable):
             raise ModelError(
@@ -172,8 +172,8 @@ def _read_new_values(reset: Any, becomes: Mechanism, what: str) -> tuple[tuple[A
             )
         if not any(key is own for own in (*becomes.parameters, *becomes.states)):
             raise ModelError(f"{what}: reset of '{key.label}', which the mechanism of becomes= does not have")
-        found.append((key, ca.SX(quantity(value, what, "reset value"))))
-    return tuple(found)
+        resets.append((key, ca.SX(quantity(value, what, "reset value"))))
+    return tuple(resets)
 
 
 def _read_reset(reset: Any, what: str) -> tuple[tuple[ca.SX, ca.SX], ...]:

@@ -29,7 +29,7 @@ def interface(
     """
     lengths = {"arg": len(inputs), "res": len(outputs), "iw": 0, "w": work}
     types = {"arg": "const double*", "res": "double*", "iw": "long long int", "w": "double"}
-    found = {
+    functions = {
         f"int {name}_checkout(void)": "return 0;",
         f"void {name}_release(int mem)": "(void)mem;",
         f"void {name}_incref(void)": "",
@@ -39,12 +39,12 @@ def interface(
         f"int {name}_work_bytes({LENGTHS})": _filled({x: f"{n} * sizeof({types[x]})" for x, n in lengths.items()}),
     }
     for side, patterns in (("in", inputs), ("out", outputs)):
-        found |= {
+        functions |= {
             f"long long int {name}_n_{side}(void)": f"return {len(patterns)};",
             f"const char* {name}_name_{side}(long long int i)": _chosen("char* const", [f'"{x}"' for x in patterns]),
             f"const long long int* {name}_sparsity_{side}(long long int i)": _sparsities([*patterns.values()]),
         }
-    return found
+    return functions
 
 
 def definitions(declared: Mapping[str, str]) -> str:

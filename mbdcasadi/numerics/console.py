@@ -100,9 +100,9 @@ def keyboard_interrupts(analysis: str, partial: Callable[[], Any] | None = None)
         except (KeyboardInterrupt, Exception) as error:
             if not interruption.requested and not isinstance(error, KeyboardInterrupt):
                 raise
-    found = None if partial is None else partial()
-    remark = "" if found is None else "; .partial holds what was computed"
-    raise Interrupted(f"{analysis}: stopped by the user{remark}", partial=found)
+    result = None if partial is None else partial()
+    remark = "" if result is None else "; .partial holds what was computed"
+    raise Interrupted(f"{analysis}: stopped by the user{remark}", partial=result)
 
 
 def call(function: Any, *arguments: Any) -> Any:

@@ -17,10 +17,10 @@ def real_array(values: Any) -> np.ndarray:
     TypeError, ValueError
         For what are not numbers, and for complex ones.
     """
-    found = np.asarray(values)
-    if found.dtype.kind == "c":
+    array = np.asarray(values)
+    if array.dtype.kind == "c":
         raise TypeError("complex numbers")
-    return np.asarray(found, float)
+    return np.asarray(array, float)
 
 
 def distinct(values: np.ndarray) -> np.ndarray:

@@ -56,9 +56,11 @@ class PhaseSolution:
 
     def _read(self, x: np.ndarray, segment_times: np.ndarray) -> None:
         """Find times and motion among the variables of the whole program."""
-        program, mesh, found = self.program, self.mesh, x[self.program.time_index]
-        self.mesh = mesh.moved(found)
-        self.segment_times = found[program.stated_knots] if program.time_count else np.asarray(segment_times, float)
+        program, mesh, mesh_times = self.program, self.mesh, x[self.program.time_index]
+        self.mesh = mesh.moved(mesh_times)
+        self.segment_times = (
+            mesh_times[program.stated_knots] if program.time_count else np.asarray(segment_times, float)
+        )
         self.mesh_times = self.mesh.times(self.segment_times)
         points = np.array([x[program.point_index(k)[: program.scheme.point_size]] for k in range(mesh.count + 1)])
         intervals = np.array([x[program.inner_index(i)] for i in range(mesh.count)])

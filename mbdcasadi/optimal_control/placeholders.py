@@ -146,13 +146,13 @@ def is_marker(symbol: ca.SX) -> bool:
 
 def placeholders_in(expression: Any) -> list[Placeholder]:
     """Return the placeholders in an expression, each once."""
-    found: dict[int, Placeholder] = {}
+    placeholders: dict[int, Placeholder] = {}
 
     def collect(placeholder: Placeholder) -> ca.SX:
-        return found.setdefault(placeholder.node.element_hash(), placeholder).node
+        return placeholders.setdefault(placeholder.node.element_hash(), placeholder).node
 
     with_values(ca.SX(expression), collect)
-    return list(found.values())
+    return list(placeholders.values())
 
 
 def with_values(expression: ca.SX, value: Callable[[Placeholder], Any]) -> ca.SX:

@@ -132,9 +132,11 @@ class OptimalControlProblem(Immutable):
     def replace(self, **changes: Any) -> OptimalControlProblem:
         """Return a new problem with some arguments replaced."""
         names = list(type(self).__signature__.parameters)
-        own = {"phases", "terminal_cost", "boundary", "free_parameters"} if self.is_phased else {*names} - {"phases"}
-        arguments = {name: getattr(self, name) for name in names if name in own} | self._whole
-        unknown = set(changes) - own
+        allowed = (
+            {"phases", "terminal_cost", "boundary", "free_parameters"} if self.is_phased else {*names} - {"phases"}
+        )
+        arguments = {name: getattr(self, name) for name in names if name in allowed} | self._whole
+        unknown = set(changes) - allowed
         if unknown:
             raise ModelError(
                 f"replace: unknown argument {', '.join(sorted(unknown))}; known are {', '.join(arguments)}"
@@ -259,8 +261,8 @@ def _with_side(condition: Condition, side: ca.SX) -> Condition:
 
 def _read_phases(phases: Any, others: Sequence[Any]) -> tuple[Phase, ...]:
     """Phases that follow each other, checked."""
-    found = entries(phases, "phases=")
-    if not found:
+    entries_read = entries(phases, "phases=")
+    if not entries_read:
         raise ModelError("OptimalControlProblem: phases= is empty")
     if any(x is not None for x in others[:2]) or any(
         isinstance(x, ca.SX) or x != () for x in (*others[2:5], others[6])
@@ -270,29 +272,29 @@ def _read_phases(phases: Any, others: Sequence[Any]) -> tuple[Phase, ...]:
         )
     if isinstance(others[5], ca.SX) or others[5] != 0:
         raise ModelError("OptimalControlProblem: with phases=, running_cost= belongs to the phases")
-    for phase in found:
+    for phase in entries_read:
         if not isinstance(phase, Phase):
             raise ModelError(f"phases= takes Phase objects, got {phase!r}")
-    names = [phase.name for phase in found]
+    names = [phase.name for phase in entries_read]
     if len(set(names)) < len(names):
         raise ModelError(f"phases= contains a name twice: {', '.join(names)}")
-    if found[0].is_instant:
+    if entries_read[0].is_instant:
         raise ModelError(f"phase '{names[0]}' is the first one and must have a duration")
-    if found[0].restitution:
+    if entries_read[0].restitution:
         raise ModelError(f"phase '{names[0]}' is the first one; restitution= belongs to a phase that follows another")
-    for before, phase in itertools.pairwise(found):
+    for before, phase in itertools.pairwise(entries_read):
         _refuse_coming(before, phase)
-    for phase in found:
+    for phase in entries_read:
         if phase.span[0] == 0 < phase.span[1]:
             raise ModelError(
                 f"phase '{phase.name}': the duration may shrink to 0, at which an optimum is a spurious one; give a "
                 f"range with a positive lower limit, or a duration of exactly 0, got {phase.span}"
             )
-        if phase is not found[0] and isinstance(phase.initial, State):
+        if phase is not entries_read[0] and isinstance(phase.initial, State):
             raise ModelError(
                 f"phase '{phase.name}': its state follows from the phase before; initial= takes conditions"
             )
-    return found
+    return entries_read
 
 
 def _refuse_coming(before: Phase, phase: Phase) -> None:

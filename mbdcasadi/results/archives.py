@@ -88,9 +88,9 @@ def read_arrays(path: str | Path, form: str | tuple[str, ...], kind: str, writer
     `kind` and `writer`, the expected kind of file and the function that writes such files, are for the messages. A
     :class:`FileError` is raised if the file is not there or cannot be read, and for one of another kind or format.
     """
-    given = path_of(path)
+    file_path = path_of(path)
     try:
-        with np.load(given, allow_pickle=False) as file:
+        with np.load(file_path, allow_pickle=False) as file:
             archive = Archive(path, {name: file[name] for name in file.files})
     except OSError as error:
         raise FileError(f"{path}: the file cannot be read: {error.strerror or error}") from None

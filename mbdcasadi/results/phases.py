@@ -31,10 +31,10 @@ def union_of(mechanisms: Iterable[Mechanism]) -> Mechanism:
         return different[0]
     parts: dict[str, Any] = {}
     for name in ("bodies", "joints", "drivers", "inputs", "parameters"):
-        found: list[Any] = []
+        entries: list[Any] = []
         for mechanism in different:
-            found += [x for x in getattr(mechanism, name) if not any(x is other for other in found)]
-        parts[name] = found
+            entries += [x for x in getattr(mechanism, name) if not any(x is other for other in entries)]
+        parts[name] = entries
     forces: list[Any] = []
     for mechanism in different:
         for force in mechanism.forces:
@@ -67,8 +67,8 @@ def present(expression: ca.SX, whole: Mechanism, mechanism: Mechanism) -> ca.SX:
         return ca.substitute(expression, absent, ca.SX.zeros(absent.numel())), expression
 
     key = mechanism, ExpressionKey(expression)
-    found: ca.SX = whole.cache.get_or_create(key, make, bounded=True)[0]
-    return found
+    factor: ca.SX = whole.cache.get_or_create(key, make, bounded=True)[0]
+    return factor
 
 
 class _WideState(State):
@@ -177,8 +177,8 @@ class PhasedTrajectory(Trajectory):
         """State at one of the times, by index, in the mechanism that holds there."""
         k = self.place(index)
         number = int(np.searchsorted(self._starts, k, side="right")) - 1
-        own = self._parts[number].state(k - int(self._starts[number]))
-        return in_whole(own, self.mechanism, self._values[number])
+        state = self._parts[number].state(k - int(self._starts[number]))
+        return in_whole(state, self.mechanism, self._values[number])
 
     def at(self, times: Any) -> Trajectory:
         """Return the motion at other times within its span; at a change it is the one just before."""
@@ -239,5 +239,5 @@ class PhasedTrajectory(Trajectory):
     @property
     def energy(self) -> Energy:
         """Kinetic and potential energy of the bodies that are present, J; it falls by the loss of each impact."""
-        found = [part.energy for part in self._parts]
-        return Energy(*(np.concatenate([getattr(e, name) for e in found]) for name in ("kinetic", "potential")))
+        energies = [part.energy for part in self._parts]
+        return Energy(*(np.concatenate([getattr(e, name) for e in energies]) for name in ("kinetic", "potential")))

@@ -130,8 +130,8 @@ class State(HoldsSymbols):
         if self.impulses is None:
             return expression
         roles = [(symbol, role_of(symbol)) for symbol in symbols_of(expression)]
-        found = {r.owner: r.owner.impulses for _, r in roles if r is not None and r.kind == "impulse"}
-        for element, symbols in found.items():
+        impulses = {r.owner: r.owner.impulses for _, r in roles if r is not None and r.kind == "impulse"}
+        for element, symbols in impulses.items():
             values = self.impulses.get(element, self.impulses.get(element.name))  # by name as read from a file
             expression = ca.substitute(expression, symbols, ca.DM.zeros(symbols.shape) if values is None else values)
         return expression

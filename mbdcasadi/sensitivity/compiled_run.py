@@ -73,8 +73,8 @@ class MotionSetup(Setup):
         _ = self.start[self.eom.a]  # raises where there are no accelerations
         integrator = chosen_integrator(method, SingleMode(self), reltol=reltol, abstol=abstol, analysis=analysis)
         self.integrator = suited_to_friction(integrator, self.numeric)
-        own = abstol is not None or integrator is method
-        self._analysis, self._keeps_abstol = analysis, own if keeps_abstol is None else keeps_abstol
+        stated = abstol is not None or integrator is method
+        self._analysis, self._keeps_abstol = analysis, stated if keeps_abstol is None else keeps_abstol
 
     @cached_property
     def start(self) -> State:

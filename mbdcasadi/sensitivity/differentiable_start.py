@@ -88,10 +88,10 @@ class DifferentiableStart:
             guesses.append(problem.prepare(self, right, known, values))
             known, values = [*known, problem.unknowns], [*values, problem.solution]
         self.guess = np.concatenate(guesses)
-        given = [ca.MX.sym(name, s.numel()) for name, s in zip(("p", "right", "z"), known, strict=False)]
+        symbols = [ca.MX.sym(name, s.numel()) for name, s in zip(("p", "right", "z"), known, strict=False)]
         whole = ca.MX.sym("guess", self.guess.size)
         parts = ca.vertsplit(whole, [0, *np.cumsum([g.size for g in guesses]).tolist()])
-        solutions, answers, residuals = list(given), [], []
+        solutions, answers, residuals = list(symbols), [], []
         for problem, part in zip(problems, parts, strict=True):
             answer, residual = problem.solve(part, solutions)
             answers.append(answer)
@@ -100,7 +100,7 @@ class DifferentiableStart:
         z_solved, *moving = solutions[3:]
         self.function = ca.Function(
             "start",
-            [*given, whole],
+            [*symbols, whole],
             [ca.vertcat(*moving, z_solved), ca.vertcat(*answers), ca.norm_inf(ca.vertcat(0, *residuals))],
             ["p", "right", "z", "guess"],
             ["x", "solution", "residual"],

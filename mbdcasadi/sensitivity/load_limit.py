@@ -51,9 +51,9 @@ class LoadLimit:
         if any(np.all(np.abs(point - other) <= NEAR * np.abs(other) + ZERO) for other in known):
             return
         known.append(point)
-        found = shortest_unseen_load(self._setup.at_values(grid, values), self._integrator, start)
-        if found < self._shortest:  # a power of two, so that nearly equal loads share what is compiled
-            self._shortest = float(2.0 ** np.floor(np.log2(found)))
+        shortest = shortest_unseen_load(self._setup.at_values(grid, values), self._integrator, start)
+        if shortest < self._shortest:  # a power of two, so that nearly equal loads share what is compiled
+            self._shortest = float(2.0 ** np.floor(np.log2(shortest)))
 
     @property
     def max_step(self) -> float | None:

@@ -171,12 +171,12 @@ class _Walk:
             arguments |= {} if channel is None else {"u": channel}
             function = held.backwards.function(fractions, least_steps=least_steps)
         else:
-            given = held.compiled.inputs(None if channel is None else np.zeros(channel.shape), stops, fractions.size)
-            if given["u"] is not None:
-                stop = ca.MX(ca.DM(given["u"][0 if channel is None else channel.shape[0] :, :]))
+            inputs = held.compiled.inputs(None if channel is None else np.zeros(channel.shape), stops, fractions.size)
+            if inputs["u"] is not None:
+                stop = ca.MX(ca.DM(inputs["u"][0 if channel is None else channel.shape[0] :, :]))
                 arguments["u"] = stop if channel is None else ca.vertcat(channel, stop)
             function = held.compiled.function(
-                fractions, groups=given["groups"], steps=MAX_STEPS, least_steps=least_steps
+                fractions, groups=inputs["groups"], steps=MAX_STEPS, least_steps=least_steps
             )
         states = function(**arguments)["xf"]
         return ca.vertcat(states[:-1, :], x[-1] + length * states[-1, :])

@@ -122,8 +122,8 @@ class _AtInstant(Sensitivities):
     """Values and derivatives at one time, without an axis for it."""
 
     def __getitem__(self, key: Any) -> np.ndarray:
-        found: np.ndarray = super().__getitem__(key)[0]
-        return found
+        value: np.ndarray = super().__getitem__(key)[0]
+        return value
 
 
 def sensitivities(

@@ -203,7 +203,7 @@ class BorderPassage:
         states = np.vstack([x, self._integrated(start, x, times[1:], np.zeros(CLOSER.size, bool))])
         margins = self._margins(times, states)
         margins[:, 0] = np.maximum(margins[:, 0], 0.0)
-        way, best = self._way(start, x), None
+        states_at, best = self._states_from(start, x), None
         for i in candidates:
             beyond = np.flatnonzero(margins[i] < -rounding)
             if not beyond.size:
@@ -213,12 +213,12 @@ class BorderPassage:
             accuracy = 4e-16 * max(abs(low), abs(high)) + 1e-13 * (high - low)
 
             def margin(time: float, i: int = int(i)) -> float:
-                return float(self._margins(np.array([time]), way(time)[None, :])[i, 0])
+                return float(self._margins(np.array([time]), states_at(time)[None, :])[i, 0])
 
             time = low if at_low == 0 else bracketed_root(margin, low, high, float(at_low), float(at_high), accuracy)
             if best is None or time < best[1]:
                 best = int(i), time
-        return None if best is None else (best[0], best[1], way(best[1]))
+        return None if best is None else (best[0], best[1], states_at(best[1]))
 
     # --- at a border ----------------------------------------------------------------------------
     def _pass(self, k: int, fastest: float) -> None:
@@ -413,7 +413,7 @@ class BorderPassage:
                     time=start,
                 ) from None
 
-    def _way(self, start: float, x: np.ndarray) -> Callable[[float], np.ndarray]:
+    def _states_from(self, start: float, x: np.ndarray) -> Callable[[float], np.ndarray]:
         """Return the function from a later time to the state there."""
 
         def state_at(time: float) -> np.ndarray:

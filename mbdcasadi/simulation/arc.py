@@ -131,8 +131,8 @@ class Arc:
         """
         if not self.watch.events or path.times.size < 2:
             return []
-        way_from = self.stepper.way_from if passage is None else lambda _time, _x: passage.states
-        return self.watch.crossings(self.stepper.outputs, path.times, path.x, way_from, self.decides)
+        states_from = self.stepper.states_from if passage is None else lambda _time, _x: passage.states
+        return self.watch.crossings(self.stepper.outputs, path.times, path.x, states_from, self.decides)
 
     def passage_from(self, path: Path, smooth_until: Callable[[float], float]) -> Passage | None:
         """Return the motion across a singular pose, if a path comes near to one and is not regular enough there.
@@ -155,13 +155,13 @@ class Arc:
             return None
         trail = self.trail.with_path(path, entry)
 
-        def way(times: np.ndarray) -> np.ndarray:
+        def states_at(times: np.ndarray) -> np.ndarray:
             time, x = trail.before(float(times[0]))
             x = self.stepper.outputs.projected(np.array([time]), x[None, :])[0]
-            return self.stepper.way_from(time, x, precise=True)(times)
+            return self.stepper.states_from(time, x, precise=True)(times)
 
         try:
-            passage = self.passage.across(entry, trail.start, way, smooth_until(entry))
+            passage = self.passage.across(entry, trail.start, states_at, smooth_until(entry))
         except IntegrationFailure:
             passage = None
         if passage is None and self.passage.smallest(path) < REALLY_SINGULAR:

@@ -416,9 +416,9 @@ class Run:
         if terminal and self._builder.last_time < time:
             self._keep(np.array([time]), first.x[None, :], np.array([time]))
         state = arc.stepper.outputs.state(time, first.x)
-        own = [c.event for c in crossings if arc.is_own(c.event)]
-        if own:
-            state, occurrences = self.transitions.out_of_mode(state, own)
+        mode_events = [c.event for c in crossings if arc.is_own(c.event)]
+        if mode_events:
+            state, occurrences = self.transitions.out_of_mode(state, mode_events)
             self._builder.events += occurrences
         if terminal:
             self.changing = [c.event for c in terminal if c.event.becomes is not None]

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 #: ``times -> states``: a short integration from a state to later times (k,), with the states (k, n_x).
-Way = Callable[[np.ndarray], np.ndarray]
-#: ``(start, state) -> way``.
-WayFrom = Callable[[float, np.ndarray], Way]
+StatesAt = Callable[[np.ndarray], np.ndarray]
+#: ``(start, state) -> states_at``.
+StatesFrom = Callable[[float, np.ndarray], StatesAt]
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,8 @@ def hermite_states(path: Path, times: np.ndarray, n: int) -> np.ndarray:
     return np.hstack([q, v, begin[:, 2 * n :] + s * (end - begin)[:, 2 * n :]])
 
 
-def way_by(start: float, x: np.ndarray, integrated: Way) -> Way:
-    """Return the way from a state, by a function that integrates to times later than its own."""
+def states_from_start(start: float, x: np.ndarray, integrated: StatesAt) -> StatesAt:
+    """Return the motion from a state, by a function that integrates to times later than its own."""
 
     def states_at(times: np.ndarray) -> np.ndarray:
         later, states = times > start, np.tile(x, (times.size, 1))

@@ -62,7 +62,7 @@ class PhasedRun:
         events: Sequence[Event],
         modes_of: Callable[[Setup, Sequence[Event]], Modes],
         integrator_of: Callable[[Modes], Integrator],
-        given: dict[str, Any],
+        values: dict[str, Any],
         *,
         progress: bool = False,
     ):
@@ -71,13 +71,13 @@ class PhasedRun:
         self.mechanisms = list(dict.fromkeys([mechanism, *(e.becomes for e in events if e.becomes is not None)]))
         self.whole = union_of(self.mechanisms)
         self._refuse_unwatched()
-        self._inputs = given["inputs"]
-        parameters = carried_by(given["initial"], self.whole)["parameters"]
+        self._inputs = values["inputs"]
+        parameters = carried_by(values["initial"], self.whole)["parameters"]
         self._p = np.array([p.value for p in self.whole.parameters])
-        for key, value in (parameters | dict(pairs_of(given["parameters"], "parameters="))).items():
+        for key, value in (parameters | dict(pairs_of(values["parameters"], "parameters="))).items():
             self._p[position_in(self.whole.parameters, key, "parameters=")] = value
         self._check_inputs()
-        self._first = self._setup(mechanism, given)
+        self._first = self._setup(mechanism, values)
         self.runs: list[Run] = []
         self._kept: dict[Any, Run] = {}
         self._accumulation = Accumulation(HOLDING)
@@ -103,12 +103,12 @@ class PhasedRun:
 
     def _inputs_of(self, mechanism: Mechanism) -> Any:
         """Inputs that a mechanism has, of those that are given."""
-        given = self._inputs
-        if isinstance(given, SampledController):
-            return SampledController(self._answer_of(given, mechanism), given.period)
-        if hasattr(given, "inputs"):
-            given = given.inputs
-        return pairs_with(mechanism.inputs, pairs_of(given, "inputs="))
+        inputs = self._inputs
+        if isinstance(inputs, SampledController):
+            return SampledController(self._answer_of(inputs, mechanism), inputs.period)
+        if hasattr(inputs, "inputs"):
+            inputs = inputs.inputs
+        return pairs_with(mechanism.inputs, pairs_of(inputs, "inputs="))
 
     def _answer_of(self, controller: SampledController, mechanism: Mechanism) -> Callable[[float, State], Any]:
         """A controller that sees the whole and answers for the inputs of a mechanism."""
@@ -296,9 +296,9 @@ class PhasedRun:
 
     @staticmethod
     def _state_value(symbol: StateVariable, before: State, events: Sequence[Event]) -> float:
-        given = [value for event in events for key, value in event.new_values if key is symbol]
-        if given:
-            return float(before[given[-1]])
+        new_values = [value for event in events for key, value in event.new_values if key is symbol]
+        if new_values:
+            return float(before[new_values[-1]])
         return float(before[symbol]) if before.equations.contains(symbol) else float(symbol.value)
 
     # --- what the analysis asks of a run ------------------------------------------------------------

@@ -196,8 +196,8 @@ class Schedule:
 
     def next_break(self, first: int) -> int:
         """Index of the next time, from one on, at which the integrator must restart; the last one at the latest."""
-        found = np.flatnonzero(self._breaks[first:])
-        return first + int(found[0]) if found.size else self.size - 1
+        breaks = np.flatnonzero(self._breaks[first:])
+        return first + int(breaks[0]) if breaks.size else self.size - 1
 
     def joined(self, size: int, first: int, steps: int) -> int:
         """Return the number of times in the pieces from an index on: more than before, of equal length, if few steps.
@@ -218,8 +218,8 @@ class Schedule:
     def break_within(self, time: float, span: float) -> int | None:
         """Index of a jump or sample at a time or shortly after it; None if there is none."""
         first, last = int(np.searchsorted(self.times, time)), self.index_after(time + span)
-        found = np.flatnonzero(self._breaks[first:last])
-        return first + int(found[0]) if found.size else None
+        breaks = np.flatnonzero(self._breaks[first:last])
+        return first + int(breaks[0]) if breaks.size else None
 
     def after_jump(self, index: int) -> float | None:
         """Time just after the jump at an index; None if the equations do not jump there."""
@@ -228,8 +228,8 @@ class Schedule:
     def smooth_until(self, time: float) -> float:
         """Return the next time after another at which something changes: a jump, a stop, a sample; the end at last."""
         first = self.index_after(time)
-        found = np.flatnonzero(self._breaks[first:] | self._stops[first:])
-        return float(self.times[first + found[0]]) if found.size else self.end
+        breaks = np.flatnonzero(self._breaks[first:] | self._stops[first:])
+        return float(self.times[first + breaks[0]]) if breaks.size else self.end
 
     def piece(self, start: float, first: int, last: int) -> Piece:
         """Return the piece from a time to the time of the index `last`, with all times from the index `first` on.

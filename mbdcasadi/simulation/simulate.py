@@ -127,26 +127,30 @@ def simulate(
     >>> bool(abs(motion.energy.total[-1]) < 1e-6)
     True
     """
-    found: list[Trajectory] = []
-    given: dict[str, Any] = dict(times=times, duration=duration, initial=initial, inputs=inputs, parameters=parameters)
+    trajectories: list[Trajectory] = []
+    arguments: dict[str, Any] = dict(
+        times=times, duration=duration, initial=initial, inputs=inputs, parameters=parameters
+    )
     chosen: dict[str, Any] = dict(reltol=reltol, abstol=abstol, jit=jit, options=options)
-    with keyboard_interrupts("simulate", lambda: found[-1] if found else None) as interruption:
+    with keyboard_interrupts("simulate", lambda: trajectories[-1] if trajectories else None) as interruption:
         read = read_events(events)
         if any(event.becomes is not None for event in read):
-            return _through_phases(mechanism, read, method, chosen, given, progress=bool(progress))
-        setup = Setup(mechanism, "simulate", **given, takes_controller=True)
+            return _through_phases(mechanism, read, method, chosen, arguments, progress=bool(progress))
+        setup = Setup(mechanism, "simulate", **arguments, takes_controller=True)
         modes = _modes(setup, read)
         asked = chosen_integrator(method, modes, **chosen, analysis="simulate")
         integrator = suited_to_friction(asked, modes.numeric(modes.free))
         run = Run(setup, modes, read, integrator, progress=bool(progress), interruption=interruption)
-        found.append(run.run())
+        trajectories.append(run.run())
         if integrator.abstol < asked.abstol:
-            found[-1].statistics.notes.append(f"abstol = {integrator.abstol:.1e}, as the friction asks for")
+            trajectories[-1].statistics.notes.append(f"abstol = {integrator.abstol:.1e}, as the friction asks for")
         if integrator.name == "idas" and has_many_contacts(modes.numeric(modes.free)):
-            found[-1].statistics.notes.append('method="bdf" is faster for many contacts of bodies that no joint holds')
+            trajectories[-1].statistics.notes.append(
+                'method="bdf" is faster for many contacts of bodies that no joint holds'
+            )
         may_repeat = abstol is None and asked is not method and setup.signals.controller is None
-        found.append(_checked(*_resolved(run, found[-1], may_repeat=may_repeat, progress=bool(progress))))
-    return found[-1]
+        trajectories.append(_checked(*_resolved(run, trajectories[-1], may_repeat=may_repeat, progress=bool(progress))))
+    return trajectories[-1]
 
 
 def _checked(run: Run, motion: Trajectory, moved: np.ndarray) -> Trajectory:
@@ -159,7 +163,7 @@ def _checked(run: Run, motion: Trajectory, moved: np.ndarray) -> Trajectory:
 
 
 def _through_phases(
-    mechanism: Mechanism, events: tuple[Event, ...], method: Any, chosen: Any, given: Any, *, progress: bool
+    mechanism: Mechanism, events: tuple[Event, ...], method: Any, chosen: Any, arguments: Any, *, progress: bool
 ) -> Trajectory:
     """Simulate through mechanisms that change at events."""
 
@@ -167,7 +171,7 @@ def _through_phases(
         asked = chosen_integrator(method, modes, **chosen, analysis="simulate")
         return suited_to_friction(asked, modes.numeric(modes.free))
 
-    run = PhasedRun(mechanism, events, _modes, integrator_of, given, progress=progress)
+    run = PhasedRun(mechanism, events, _modes, integrator_of, arguments, progress=progress)
     motion = run.run()
     notes = motion.statistics.notes
     for part in motion.phases:

@@ -16,7 +16,7 @@ from ..numerics.console import Interruption
 from ..numerics.lazy import cached_property
 from .formulations import choose_formulation
 from .outputs import Outputs
-from .path import Path, Way
+from .path import Path, StatesAt
 from .schedule import Piece
 
 #: Tolerances of what is integrated to rounding.
@@ -128,7 +128,7 @@ class Stepper(ABC):
         """
 
     @abstractmethod
-    def way_from(self, start: float, x: np.ndarray, *, precise: bool = False) -> Way:
+    def states_from(self, start: float, x: np.ndarray, *, precise: bool = False) -> StatesAt:
         """Return the function from later times (k,) to projected states (k, n_x), by short integrations.
 
         Parameters

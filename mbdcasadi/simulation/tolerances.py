@@ -50,10 +50,10 @@ def absolute_tolerance(numeric: NumericEquations, asked: float) -> float:
     SimulationError
         For a velocity tolerance that no integrator resolves.
     """
-    found = narrowest_friction(numeric)
-    if found is None:
+    narrowest_law = narrowest_friction(numeric)
+    if narrowest_law is None:
         return asked
-    narrowest, element, words = found
+    narrowest, element, words = narrowest_law
     if not np.isfinite(narrowest) or narrowest * FRICTION_SHARE < SMALLEST_FOR_FRICTION:
         raise SimulationError(
             f"{element.description}: {words} is too narrow for an integrator, which keeps to "

@@ -141,12 +141,12 @@ class Jobs:
 
     def batch(self, cases: np.ndarray, courses: dict[int, Any], starts: np.ndarray | None = None) -> tuple[Any, ...]:
         """One batch."""
-        plan, own = self._plan, [courses[int(k)] for k in cases]
-        if all(course is own[0] for course in own):
-            arguments = tuple(np.broadcast_to(part, (len(own), *part.shape)) for part in own[0].arguments)
+        plan, chosen = self._plan, [courses[int(k)] for k in cases]
+        if all(course is chosen[0] for course in chosen):
+            arguments = tuple(np.broadcast_to(part, (len(chosen), *part.shape)) for part in chosen[0].arguments)
         else:
-            arguments = tuple(np.stack(parts) for parts in zip(*[c.arguments for c in own], strict=True))
-        return cases, self.parcel(own[0]), plan.p[cases], plan.levels[cases], arguments, starts
+            arguments = tuple(np.stack(parts) for parts in zip(*[c.arguments for c in chosen], strict=True))
+        return cases, self.parcel(chosen[0]), plan.p[cases], plan.levels[cases], arguments, starts
 
     def assembled(self, cases: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
         """Starts of cases to which no way leads from the first: which have one, these, and messages of others."""

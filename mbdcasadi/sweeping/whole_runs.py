@@ -91,13 +91,13 @@ def times_of(setup: MotionSetup, p: np.ndarray, load_step: float | None = None) 
         If a prescribed position or velocity jumps.
     """
     grid, signals = setup.grid, setup.signals
-    found = dependence_at(timed_equations(setup), p, float(grid[0]), float(grid[-1]))
-    if found.velocity_jumps or found.position_jump is not None:
+    dependence = dependence_at(timed_equations(setup), p, float(grid[0]), float(grid[-1]))
+    if dependence.velocity_jumps or dependence.position_jump is not None:
         raise SimulationError(
             f'a prescribed motion jumps; method="{setup.integrator.name}" does not take that in sweeps'
         )
-    limits = [limit for limit in (found.max_step, setup.integrator.max_step, load_step) if limit is not None]
-    schedule = Schedule(grid, stops=np.r_[signals.breaks, found.stops, found.jumps], watch_points=0)
+    limits = [limit for limit in (dependence.max_step, setup.integrator.max_step, load_step) if limit is not None]
+    schedule = Schedule(grid, stops=np.r_[signals.breaks, dependence.stops, dependence.jumps], watch_points=0)
     piece = schedule.piece(float(grid[0]), 0, schedule.size - 1)
     columns = signals.columns_from(piece.begins)
     return Times((piece.times, piece.wanted, piece.stops, columns, np.array([min(limits, default=np.inf)])))
@@ -164,11 +164,11 @@ class WholeParcel:
         self._running.append(runner)
         if self._stopped.is_set():  # while this thread was still waiting for its runner
             runner.run.halt()
-        found = self._run(runner, cases)
+        results = self._run(runner, cases)
         self._running.remove(runner)
         if not self._stopped.is_set():
             self._free.give_back("runner", runner)
-        return found
+        return results
 
     def halt(self) -> None:
         """Stop the runs in all threads, and any later ones."""

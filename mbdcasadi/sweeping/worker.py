@@ -96,8 +96,8 @@ def run_batch(
     chosen = np.flatnonzero(reached)
     if chosen.size < len(reached):
         course = tuple(argument[chosen] for argument in course)
-    found, reasons = parcel.results(starts[chosen], parameters[chosen], levels[chosen], course)
-    values[chosen] = found
+    results, reasons = parcel.results(starts[chosen], parameters[chosen], levels[chosen], course)
+    values[chosen] = results
     for k, reason in zip(chosen, reasons, strict=True):
         if reason:
             messages[k] = f"the integrator stopped: {reason}; simulate with the values of this case says where and why"

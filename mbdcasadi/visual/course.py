@@ -25,7 +25,7 @@ CHUNK, DENSE = 4000, 20_000
 #: Values, samples by columns, that are held in memory at most; samples up to which a course is followed in any case.
 MOST_VALUES, FEWEST = 15_000_000, 4000
 #: A time so far away that a knot there has no weight, s.
-FAR = 1e40
+FAR_BEYOND = 1e40
 #: Samples from one to the next of the knots that are tried first.
 STRIDE = 8
 #: Unit of which values at knots are multiples, in parts of the tolerance.
@@ -293,7 +293,7 @@ def _stencils(knots: np.ndarray, t: np.ndarray, resolution: float) -> tuple[np.n
     start = np.maximum(first, np.minimum(left - (POINTS // 2 - 1), last - (POINTS - 1)))
     numbers = start + np.arange(POINTS)[:, None]
     # knots that are not there lie at infinity, and at different ones: their weights vanish
-    beyond = (np.arange(POINTS)[:, None] + 1) * FAR
+    beyond = (np.arange(POINTS)[:, None] + 1) * FAR_BEYOND
     places = np.where(numbers <= last, knots[np.minimum(numbers, last)] - t, beyond)
     weights = np.empty_like(places)
     for j, place in enumerate(places):

@@ -83,10 +83,10 @@ def continuous_switches(held: Sequence[ca.SX], switches: Sequence[Switch], aroun
         inside = {sides.get(symbol.element_hash()) for symbol in ca.symvar(ca.veccat(ca.SX(0, 1), *jumping))}
         if not inside & continuous:
             return continuous
-        found = continuous & _Trial([*held, *jumping], switches, around).continuous()
-        if found == continuous:
-            return found
-        continuous = found
+        confirmed = continuous & _Trial([*held, *jumping], switches, around).continuous()
+        if confirmed == continuous:
+            return confirmed
+        continuous = confirmed
 
 
 class _Trial:

@@ -126,9 +126,9 @@ class HeldEquations(Equations):
             def side(name: str, owner: str = f"{part.description}, {part.kind}") -> Parameter:
                 return Parameter(f"{owner}, {name}", 0.0)
 
-            held, own = hold(part.expressions, part.description, free=left, symbol=side)
+            held, switches_here = hold(part.expressions, part.description, free=left, symbol=side)
             self.held[part.kind, part.place] = held
-            switches += own
+            switches += switches_here
         self.switches = tuple(switches)
         sides = tuple(switch.side for switch in switches)
         self.mechanism = eom.mechanism.replace(parameters=(*eom.mechanism.parameters, *sides))

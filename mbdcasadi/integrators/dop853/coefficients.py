@@ -57,5 +57,7 @@ def coefficients_in_c() -> str:
 def _combination(name: str, row: np.ndarray, formula: str, more: str, stride: str = "n") -> str:
     terms = [f"{float(a)!r} * k[{j} * {stride} + i]" for j, a in enumerate(row) if a]
     body = formula.format(" + ".join(terms))
-    given = f"integer n, {'integer n_y, ' if stride != 'n' else ''}{more}const double* k, double* restrict out"
-    return f"CLONES static void combine_{name}({given}) {{\n  for (integer i = 0; i < n; ++i) out[i] = {body};\n}}\n"
+    signature = f"integer n, {'integer n_y, ' if stride != 'n' else ''}{more}const double* k, double* restrict out"
+    return (
+        f"CLONES static void combine_{name}({signature}) {{\n  for (integer i = 0; i < n; ++i) out[i] = {body};\n}}\n"
+    )

@@ -127,8 +127,8 @@ class Recording:
         for _ in range(PROJECTIONS):
             if not waiting.size:
                 break
-            given = times[waiting, None], rows[waiting, :n], rows[waiting, n : 2 * n]
-            q, v, left = self._f.functions.projection_rows.rows(*given, s.p, s.weights)
+            columns = times[waiting, None], rows[waiting, :n], rows[waiting, n : 2 * n]
+            q, v, left = self._f.functions.projection_rows.rows(*columns, s.p, s.weights)
             rest = np.where(np.isfinite(left[:, 0]), left[:, 0], np.inf)
             finite = np.isfinite(rest)
             rows[waiting[finite], :n], rows[waiting[finite], n : 2 * n] = q[finite], v[finite]

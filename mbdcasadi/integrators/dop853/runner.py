@@ -17,9 +17,9 @@ from .stepwise import StepwiseRun
 @cache
 def steps_in_c() -> str:
     """C code of the method, for :func:`engine_source`."""
-    own = (Path(__file__).parent / "steps.c").read_text(encoding="utf-8")
+    source = (Path(__file__).parent / "steps.c").read_text(encoding="utf-8")
     names = [name for name in vars(constants) if name.isupper()]
-    return f"{defined(constants, names)}#define TOUCHES {TOUCHES!r}\n\n{coefficients_in_c()}\n{own}"
+    return f"{defined(constants, names)}#define TOUCHES {TOUCHES!r}\n\n{coefficients_in_c()}\n{source}"
 
 
 class ExplicitRunner(Runner):

@@ -77,8 +77,10 @@ class StepFunctions:
         )
         still = ca.logic_and(fifth == 0, third == 0)
         error = ca.if_else(still, 0.0, ca.fabs(h) * fifth / ca.sqrt(fifth + 0.01 * third + still))
-        given = [t, h, y, k0, reltol, abstol, *self._held]
-        return ca.Function("attempt", given, [end, ca.horzcat(*k), stage, scale, error, ca.mmin(ca.vertcat(*hints))])
+        arguments = [t, h, y, k0, reltol, abstol, *self._held]
+        return ca.Function(
+            "attempt", arguments, [end, ca.horzcat(*k), stage, scale, error, ca.mmin(ca.vertcat(*hints))]
+        )
 
     def _make_arrive(self) -> ca.Function:
         """``(t, end, last stage, its rate, scale, …) -> (end, |Phi|, size, correction, rate, regularity, |λ|)``.
@@ -99,8 +101,8 @@ class StepFunctions:
         rate, hint = self._rate(t, y)
         change, distance = (self._norm(d[:n_x] / scale) for d in (rate - early, y - stage))
         eigenvalue = ca.if_else(distance > QUIET, change / (distance + (distance == 0)), 0.0)
-        given = [t, end, stage, early, scale, weights, *self._held]
-        return ca.Function("arrive", given, [y, left, size, correction, rate, hint, eigenvalue])
+        arguments = [t, end, stage, early, scale, weights, *self._held]
+        return ca.Function("arrive", arguments, [y, left, size, correction, rate, hint, eigenvalue])
 
     def _norm(self, x: ca.MX) -> ca.MX:
         """Root of the mean square."""

@@ -278,8 +278,8 @@ class _StretchRun:
             a, lam, u = self._f.complete(t, y[: self.n_x], self._f.held[2], s.p, s.levels)
         else:
             a, lam, u = np.zeros(n), np.zeros(system.multipliers), np.zeros(system.inputs)
-        found = self._event(t, y[:n], y[n : 2 * n], a, y[2 * n : self.n_x], lam, u, s.p)
-        return found[0].copy()
+        values = self._event(t, y[:n], y[n : 2 * n], a, y[2 * n : self.n_x], lam, u, s.p)
+        return values[0].copy()
 
     def _watch_from(self, t: float) -> None:
         s = self.s
@@ -308,14 +308,14 @@ class _StretchRun:
 
     def _found_in_step(self, t: float, h: float, arrival: float, samples: int) -> int:
         """Look at the events in a step."""
-        found = 0
+        events = 0
         for k in range(1, samples + 2):
             part = k / (samples + 1)
             time, state = arrival, self._f.next
             if k <= samples:
                 time, state = t + part * h, interpolated(self._f.y, self._f.coefficients, part)
-            found |= self._look(time, self._values(time, state))
-        return found
+            events |= self._look(time, self._values(time, state))
+        return events
 
     def _returned(self) -> Reached:
         times, index, rows, complete = self.recording.states()
@@ -431,7 +431,7 @@ class _StretchRun:
         """Stiffness, events and singular poses of a step, and the outputs inside it."""
         s = self.s
         self._note_stiffness(h)
-        samples = found = 0
+        samples = events = 0
         if self._event is not None or s.keep_samples:
             samples = SAMPLES
             if h > s.spacing * (samples + 1):
@@ -440,13 +440,13 @@ class _StretchRun:
         if inside or samples:
             self._prepare_dense()
         if self._event is not None:
-            found = self._found_in_step(t, h, arrival, samples)
+            events = self._found_in_step(t, h, arrival, samples)
         if self._system.multipliers and s.fall > 0.0:
-            found |= self._note_fall()
-        kept = (samples or (SAMPLES if found else 0)) if found or s.keep_samples else 0
+            events |= self._note_fall()
+        kept = (samples or (SAMPLES if events else 0)) if events or s.keep_samples else 0
         if kept and not inside and not samples:
             self._prepare_dense()
-        if found & 2:
+        if events & 2:
             self.status = Status.EVENT
         if inside or kept:
             self.recording.add_inside(t, h, arrival, kept)

@@ -107,8 +107,8 @@ class Code:
     @cached_property
     def size(self) -> int:
         """Number of instructions."""
-        own = sum(f.n_instructions() for f in self.functions if f.name() not in self._bodies)
-        return own + (0 if self._written is None else self._written.size)
+        count = sum(f.n_instructions() for f in self.functions if f.name() not in self._bodies)
+        return count + (0 if self._written is None else self._written.size)
 
     @property
     def price(self) -> float:

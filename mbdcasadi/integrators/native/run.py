@@ -191,8 +191,8 @@ class NativeRun:
         extra = 0
         if s.every_step or s.keep_samples or self.watched is not None or s.fall:
             extra = MOST_SAMPLES + max(min(EXTRA_ROWS, EXTRA_BYTES // (8 * self.system.size + 16)), 64)
-        rows, given = _Rows(self.system, s.times.size + 8 + extra), _Arrays()
-        task = self._task(s, progress, rows, given)
+        rows, arrays = _Rows(self.system, s.times.size + 8 + extra), _Arrays()
+        task = self._task(s, progress, rows, arrays)
         self.library.mbd_advance(self._run, ctypes.addressof(task))
         for name in vars(progress):
             setattr(progress, name, getattr(task, name))
@@ -202,25 +202,25 @@ class NativeRun:
             status=Status(task.status),
         )
 
-    def _task(self, s: Stretch, progress: Progress, rows: _Rows, given: _Arrays) -> Any:
-        """A stretch for the engine, which reads arrays that are kept in `given` and writes into the rows."""
+    def _task(self, s: Stretch, progress: Progress, rows: _Rows, arrays: _Arrays) -> Any:
+        """A stretch for the engine, which reads arrays that are kept in `arrays` and writes into the rows."""
         watched = self.watched
         none = np.zeros(0 if watched is None else watched.size)
         of_events = {name: getattr(s, name) for name in ("offset", "band", "side")}
         return _structure("stretch_t")(
             **{name: getattr(s, name) for name in SETTINGS},
-            **{name: given.doubles(getattr(s, name)) for name in ("x", "times", "channels", "p", "levels", "weights")},
-            **{name: given.doubles(values if values.size else none) for name, values in of_events.items()},
+            **{name: arrays.doubles(getattr(s, name)) for name in ("x", "times", "channels", "p", "levels", "weights")},
+            **{name: arrays.doubles(values if values.size else none) for name, values in of_events.items()},
             **vars(progress),
-            **{f"out_{name}": given.address(array) for name, array in vars(rows).items()},
+            **{f"out_{name}": arrays.address(array) for name, array in vars(rows).items()},
             count=s.times.size,
-            stops=given.ints(s.stops),
+            stops=arrays.ints(s.stops),
             channel=self.system.channel,
             accuracy=ACCURACY,
             halt=self._halt_address,
             samples=SAMPLES,
-            direction=given.ints(none if watched is None else watched.direction),
-            decides=given.ints(none if watched is None else watched.decides),
+            direction=arrays.ints(none if watched is None else watched.direction),
+            decides=arrays.ints(none if watched is None else watched.decides),
             capacity=rows.times.size,
         )
 
@@ -234,20 +234,20 @@ class NativeRun:
         channels : numpy.ndarray
             Values in the interval of each state (k, n_channel).
         """
-        system, given, count = self.system, _Arrays(), times.size
+        system, arrays, count = self.system, _Arrays(), times.size
         a, lam = np.empty((count, system.coordinates)), np.empty((count, system.multipliers))
         u = np.empty((count, system.inputs))
-        task = _structure("stretch_t")(channel=system.channel, p=given.doubles(p), levels=given.doubles(levels))
+        task = _structure("stretch_t")(channel=system.channel, p=arrays.doubles(p), levels=arrays.doubles(levels))
         self.library.mbd_complete(
             self._run,
             ctypes.addressof(task),
             count,
-            given.doubles(times),
-            given.doubles(x),
-            given.doubles(channels),
-            given.address(a),
-            given.address(lam),
-            given.address(u),
+            arrays.doubles(times),
+            arrays.doubles(x),
+            arrays.doubles(channels),
+            arrays.address(a),
+            arrays.address(lam),
+            arrays.address(u),
         )
         return a, lam, u
 

@@ -137,8 +137,8 @@ class Runner(ABC):
         s = self.system
         parts: list[tuple[ca.Function, ...]] = [tuple(s.functions.values()), (s.input,)]
         parts += [] if self.watched is None else [(self.watched.function,)]
-        found = [self._cache.get_or_create(("code", *functions), partial(Code, functions)) for functions in parts[1:]]
-        return tuple([self._mechanism_code(parts[0], using), *found])
+        codes = [self._cache.get_or_create(("code", *functions), partial(Code, functions)) for functions in parts[1:]]
+        return tuple([self._mechanism_code(parts[0], using), *codes])
 
     def _mechanism_code(self, functions: tuple[ca.Function, ...], using: build.Compiler) -> Code:
         """Code of the mechanism: what is written with loops is compiled at once."""

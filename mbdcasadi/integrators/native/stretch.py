@@ -81,8 +81,8 @@ class ExplicitSystem:
     @cached_property
     def functions(self) -> dict[str, ca.Function]:
         """Functions that do not depend on inputs and events, by name."""
-        found = {name: getattr(self, name) for name in ("dynamics", "projection", "quadrature", "switching")}
-        return found if self.slopes is None else found | {"slopes": self.slopes}
+        functions = {name: getattr(self, name) for name in ("dynamics", "projection", "quadrature", "switching")}
+        return functions if self.slopes is None else functions | {"slopes": self.slopes}
 
     @cached_property
     def coordinates(self) -> int:

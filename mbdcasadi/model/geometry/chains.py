@@ -47,7 +47,7 @@ def closed_chains(pieces: Sequence[np.ndarray], joined: float) -> list[np.ndarra
     Branching
         If more than two of the pieces of outlines meet in a point.
     """
-    found = [piece[:-1] for piece in pieces if _is_closed(piece, joined)]
+    loops = [piece[:-1] for piece in pieces if _is_closed(piece, joined)]
     open_ones = [piece for piece in pieces if not _is_closed(piece, joined)]
     left = {k: ends for k, ends in enumerate(_nodes(open_ones, joined)) if ends[0] != ends[1]}
     while left:
@@ -68,8 +68,8 @@ def closed_chains(pieces: Sequence[np.ndarray], joined: float) -> list[np.ndarra
             following = next(k for k, ends in left.items() if node in ends)
             node = int(np.sum(left.pop(following)) - node)
             chain.append(following)
-        found.append(strung([open_ones[k] for k in chain])[:-1])
-    return [loop for loop in found if len(loop) > 2]
+        loops.append(strung([open_ones[k] for k in chain])[:-1])
+    return [loop for loop in loops if len(loop) > 2]
 
 
 def _is_closed(piece: np.ndarray, joined: float) -> bool:

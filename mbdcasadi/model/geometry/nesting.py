@@ -33,8 +33,8 @@ def crossing_of(loops: Sequence[np.ndarray], touching: float) -> np.ndarray | No
         crosses = (a * b < 0) & (c * d < 0) & (np.min(np.abs([a, b, c, d]), axis=0) > touching)
         if np.any(crosses):
             k, m = np.argwhere(crosses)[0]
-            way = a[k, m] / (a[k, m] - b[k, m])
-            point: np.ndarray = starts[others][m] + way * (ends[others][m] - starts[others][m])
+            fraction = a[k, m] / (a[k, m] - b[k, m])
+            point: np.ndarray = starts[others][m] + fraction * (ends[others][m] - starts[others][m])
             return point
     return None
 
@@ -50,8 +50,8 @@ def _beside(
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    found: np.ndarray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return found
+    product: np.ndarray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product
 
 
 def sides_of(loop: np.ndarray, other: np.ndarray, touching: float) -> tuple[bool, bool]:
@@ -87,8 +87,8 @@ def _distance(points: np.ndarray, loop: np.ndarray) -> np.ndarray:
     away = points[:, None] - loop[None]
     squares = np.maximum(np.sum(edges**2, axis=1), 1e-300)
     part = np.clip(np.sum(away * edges, axis=2) / squares, 0, 1)
-    found: np.ndarray = np.min(np.linalg.norm(away - part[..., None] * edges, axis=2), axis=1)
-    return found
+    shortest: np.ndarray = np.min(np.linalg.norm(away - part[..., None] * edges, axis=2), axis=1)
+    return shortest
 
 
 def _is_inside(points: np.ndarray, loop: np.ndarray) -> np.ndarray:
@@ -98,5 +98,5 @@ def _is_inside(points: np.ndarray, loop: np.ndarray) -> np.ndarray:
     crosses = (ya > y) != (yb > y)
     with np.errstate(divide="ignore", invalid="ignore"):
         at = xa + (y - ya) / (yb - ya) * (xb - xa)
-    found: np.ndarray = np.sum(crosses & (at > x), axis=1) % 2 == 1
-    return found
+    inside: np.ndarray = np.sum(crosses & (at > x), axis=1) % 2 == 1
+    return inside

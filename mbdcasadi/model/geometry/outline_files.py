@@ -160,12 +160,12 @@ def _tag(element: ElementTree.Element) -> str:
 
 def _positive(value: Any, path: Any, name: str) -> float:
     try:
-        found = float(value)
+        size = float(value)
     except (TypeError, ValueError):
-        found = np.nan
-    if not (np.isfinite(found) and found > 0):
+        size = np.nan
+    if not (np.isfinite(size) and size > 0):
         raise FileError(f"{path}: {name} must be positive, got {value!r}")
-    return found
+    return size
 
 
 def _unit(document: Any, path: Any) -> float:
@@ -207,8 +207,8 @@ def _joined(parts: Iterable[np.ndarray]) -> np.ndarray:
     if not len(points):
         return points
     apart = np.r_[True, np.any(np.diff(points, axis=0) != 0, axis=1)]
-    found: np.ndarray = points[apart]
-    return found
+    kept_points: np.ndarray = points[apart]
+    return kept_points
 
 
 def _by_depth(loops: Sequence[Loop], path: Any) -> list[tuple[Loop, int]]:

@@ -86,9 +86,9 @@ def not_finite(solution: Solution) -> tuple[str, float] | None:
     problem = solution.problem
     for phase, part in zip(problem.phases, solution.phases, strict=True):
         for name, expression in _expressions([phase]):
-            found = _first(part, expression)
-            if found is not None:
-                what, time = found
+            bad = _first(part, expression)
+            if bad is not None:
+                what, time = bad
                 return f"{name}: {what} is not finite at t = {time:.6g} s", time
     if not np.isfinite(solution.cost):
         return f"terminal_cost: {_text(problem.terminal_cost)} is not finite", solution.duration
@@ -107,8 +107,8 @@ def _first(part: PhaseSolution, expression: ca.SX) -> tuple[str, float] | None:
     program, stages, count = part.program, part.program.scheme.stages, part.mesh.count
     intervals, taus = np.repeat(np.arange(count), stages.size), np.tile(stages, count)
     slopes = ca.sum2(ca.jacobian(expression, ca.vertcat(*program.arguments)))
-    found = part.by_polynomials([expression, slopes], intervals, taus)
-    for value, what in zip(found, (_text(expression), f"the slope of {_text(expression)}"), strict=True):
+    values = part.by_polynomials([expression, slopes], intervals, taus)
+    for value, what in zip(values, (_text(expression), f"the slope of {_text(expression)}"), strict=True):
         wrong = np.flatnonzero(~np.isfinite(np.broadcast_to(value, (1, taus.size))))
         if wrong.size:
             i = intervals[wrong[0]]

@@ -143,13 +143,13 @@ class LimitSearch:
     def _without_limits(self) -> tuple[Solution, dict[str, float], bool]:
         """Solution without limits, as :meth:`Solver.solve_loosened`; on a mesh so fine that it is a motion."""
         for _ in range(FRESH_PASSES + 1):
-            found = self._solver.solve_loosened(self._meshes, self._guess, None, FREE_ITERATIONS)
-            free, _, succeeded = found
+            result = self._solver.solve_loosened(self._meshes, self._guess, None, FREE_ITERATIONS)
+            free, _, succeeded = result
             self._note(free, "no limits")
             if not (self._refined and succeeded and is_lost(free)):
                 break
             self._meshes = [mesh.split(2) for mesh in self._meshes]
-        return found
+        return result
 
     def _by_detours(self, _nearest: Guess, _failure: OptimizationError) -> Solution | None:
         """The first solution from a random detour; None if there is none."""

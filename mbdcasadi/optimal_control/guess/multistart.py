@@ -272,5 +272,5 @@ def _settled(
             break
         settled, holds = settle(solution, guess)
         if best is None or (not holds, settled.cost) < best:
-            best, found = (not holds, settled.cost), settled
-    return found
+            best, chosen = (not holds, settled.cost), settled
+    return chosen

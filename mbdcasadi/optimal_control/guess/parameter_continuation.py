@@ -28,12 +28,12 @@ def read_continuation(problem: OptimalControlProblem, continuation: Any, paramet
     """
     what = "optimize: continuation="
     known = [p for phase in problem.phases for p in phase.mechanism.parameters]
-    given = [key for key, _ in pairs_of(parameters, "parameters=")]
+    fixed = [key for key, _ in pairs_of(parameters, "parameters=")]
     columns: dict[Any, np.ndarray] = {}
     for key, values in pairs_of(continuation, "continuation="):
         if not isinstance(key, Parameter) or not any(key is p for p in known):
             raise ModelError(f"{what} {key} is not a parameter of the mechanism")
-        for others, how in ((given, "given by parameters="), (problem.free_parameters, "free")):
+        for others, how in ((fixed, "given by parameters="), (problem.free_parameters, "free")):
             if any(key is other for other in others):
                 raise ModelError(f"{what} parameter '{key.label}' is also {how}")
         try:

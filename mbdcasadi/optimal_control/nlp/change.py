@@ -51,14 +51,14 @@ class ChangeSetup:
 def _kept(after: PhaseSetup, q: np.ndarray, t: float) -> tuple[int, ...]:
     """Independent rows of the impact: those of the transcription, and of the instant alone."""
     law, numeric, scheme = after.phase.law, after.numeric, after.scheme
-    own = [*scheme.eom.explicit, *(scheme.eom.rows[k] for k in scheme.rows)]
+    constraint_rows = [*scheme.eom.explicit, *(scheme.eom.rows[k] for k in scheme.rows)]
     more = list(range(numeric.eom.lam.numel(), law.jacobian.size1()))
     if not more:
-        return tuple(sorted(own))
+        return tuple(sorted(constraint_rows))
     jacobian = ca.Function("J", [numeric.eom.t, numeric.eom.q, numeric.eom.p], [ca.densify(law.jacobian)])
-    rows = unit_rows(jacobian(t, q, numeric.p).full() * numeric.column_scale)[[*own, *more]]
+    rows = unit_rows(jacobian(t, q, numeric.p).full() * numeric.column_scale)[[*constraint_rows, *more]]
     dependent = set(dependent_rows(rows))
-    return tuple(sorted(k for i, k in enumerate([*own, *more]) if i not in dependent))
+    return tuple(sorted(k for i, k in enumerate([*constraint_rows, *more]) if i not in dependent))
 
 
 def _guards(
@@ -69,22 +69,22 @@ def _guards(
     rows = ca.vertcat(numeric.eom.Phi, law.momentary)
     if not rows.numel():
         return ()
-    own = [p for p in free if any(p is x for x in after.phase.mechanism.parameters)]
-    unknowns = ca.vertcat(numeric.eom.q, *own)
+    parameters = [p for p in free if any(p is x for x in after.phase.mechanism.parameters)]
+    unknowns = ca.vertcat(numeric.eom.q, *parameters)
     slopes = ca.Function("G", [numeric.eom.t, numeric.eom.q, numeric.eom.p], [ca.densify(ca.jacobian(rows, unknowns))])
     n, m = pose.size, old.eom.position_rows.size
-    new = np.zeros((rows.numel(), n + len(own)))
-    found = slopes(t, pose[here], numeric.p).full()
-    new[:, here], new[:, n:] = found[:, : len(here)], found[:, len(here) :]
-    known = np.zeros((m, n + len(own)))
+    new = np.zeros((rows.numel(), n + len(parameters)))
+    gradients = slopes(t, pose[here], numeric.p).full()
+    new[:, here], new[:, n:] = gradients[:, : len(here)], gradients[:, len(here) :]
+    known = np.zeros((m, n + len(parameters)))
     known[:, :n] = old.velocity(t, pose)[0][old.eom.position_rows]
     final = [c for c in before.ends.final if c.equality and c.kinds <= {"position", "time"}]
     if final:
         slope = ca.Function(
             "F", [old.eom.t, old.eom.q, old.eom.p], [ca.densify(ca.jacobian(stacked(final), old.eom.q))]
         )
-        known = np.vstack([known, np.hstack([slope(t, pose, old.p).full(), np.zeros((len(final), len(own)))])])
-    sizes = np.r_[old.column_scale, np.ones(len(own))]
+        known = np.vstack([known, np.hstack([slope(t, pose, old.p).full(), np.zeros((len(final), len(parameters)))])])
+    sizes = np.r_[old.column_scale, np.ones(len(parameters))]
     dependent = set(dependent_rows(unit_rows(np.vstack([known, new]) * sizes)))
     return tuple(k for k in range(rows.numel()) if k + len(known) not in dependent)
 
@@ -114,8 +114,8 @@ class Change:
     def _momentum_scale(self) -> np.ndarray:
         """Sizes of the momenta of each body (n,)."""
         mass, scales = self.setup.after.numeric.mass, self.after.scales
-        own = mass * scales.v
-        return np.where(own > 0, own, scales.load * scales.time)
+        momentum = mass * scales.v
+        return np.where(momentum > 0, momentum, scales.load * scales.time)
 
     def blocks(self, free_index: np.ndarray, p: ca.SX) -> list[Block]:
         """The rows, and conditions at the start of the phase."""
@@ -256,12 +256,12 @@ class Change:
         parts = before.scheme.split_point(point)
         p = self.setup.before.numeric.p
         q, v = before.scheme.eom.states(np.array([time]), parts["q"][None, :], parts["v"][None, :], p)
-        found = self.law.solve(numeric.mass, time, q[0][self.here], v[0][self.here], numeric.p)
-        x[self.index] = found.impulses[list(self.setup.kept)]
+        collision = self.law.solve(numeric.mass, time, q[0][self.here], v[0][self.here], numeric.p)
+        x[self.index] = collision.impulses[list(self.setup.kept)]
         if after.phase.is_instant:
             chosen = after.scheme.eom.independent
             z = [s.value if i is None else float(parts["z"][i]) for s, i in self._state_places]
-            state = np.r_[q[0][self.here][chosen], found.v[chosen], z]
+            state = np.r_[q[0][self.here][chosen], collision.v[chosen], z]
             x[after.point_index(0)[: state.size]] = state
             x[after.time_index] = time
 

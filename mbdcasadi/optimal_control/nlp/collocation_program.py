@@ -167,7 +167,7 @@ class CollocationProgram:
             return last.sizes.of_changes([with_values(c.expression, lambda x: x.expression) for c in conditions])
         symbols, put_in = with_symbols(placeholders)
         changes = np.array([self._phase_of(x).sizes.of_changes([x.expression])[0] for x in placeholders])
-        found = []
+        sizes = []
         for condition in conditions:
             slopes = ca.jacobian(put_in(condition.expression), symbols)
             rest = [s for s in symbols_of(slopes) if not ca.depends_on(symbols, s)]
@@ -176,8 +176,8 @@ class CollocationProgram:
             at = function(changes, np.ones(varying.numel())).full().ravel()
             size = float(np.max(np.abs(at) * changes, initial=0.0))
             outside = last.sizes.of_changes([with_values(condition.expression, lambda _: 0.0)])[0]
-            found.append(size or float(outside))
-        return np.array(found)
+            sizes.append(size or float(outside))
+        return np.array(sizes)
 
     # --- what enters a solve --------------------------------------------------------------
     def bounds(

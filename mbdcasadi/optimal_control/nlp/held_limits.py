@@ -46,7 +46,7 @@ def points_to_hold(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> se
 
     Those at which the polynomials of the solution pass a limit most, by more than a share of its size.
     """
-    found = set()
+    points = set()
     for number, part in enumerate(solution.phases):
         if not part.mesh.count:  # a phase of no duration
             continue
@@ -54,21 +54,21 @@ def points_to_hold(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> se
         for limit, values in zip(limits, np.moveaxis(excess, 2, 0), strict=True):
             i, j = np.unravel_index(int(np.argmax(values)), values.shape)
             if values[i, j] > tolerance * _size(part, limit, part.time_at(int(i), int(j) / (POINTS - 1))):
-                found |= {(number, limit.label, tau) for tau in _places(part, limit, values)}
-    return found
+                points |= {(number, limit.label, tau) for tau in _places(part, limit, values)}
+    return points
 
 
 def passed_limits(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> list[PassedLimit]:
     """Return the limits that the motion of a solution passes by more than a share of their sizes."""
-    found = []
+    passed = []
     for number, part in enumerate(solution.phases):
         for limit, _, times, values in part.excess_of_motion:
             worst = np.unravel_index(int(np.argmax(values)), values.shape)
             time, amount = float(times[worst]), float(values[worst])
             share = amount / _size(part, limit, time) if amount > 0 else 0.0
             if share > tolerance:
-                found.append(PassedLimit(number, limit.label, amount, share, time))
-    return found
+                passed.append(PassedLimit(number, limit.label, amount, share, time))
+    return passed
 
 
 def shares_by_interval(part: PhaseSolution) -> np.ndarray:
@@ -113,10 +113,10 @@ def _with_peaks(
     shift = (after - before)[rows] / (2 * bend[rows])
     places, steps = middle[rows], times[rows, 1] - times[rows, 0]
     peaks = times[rows, places] + shift * steps
-    found = part.trajectory.at(peaks)[limit.expression].ravel()
-    higher = found > most[rows]
+    at_peaks = part.trajectory.at(peaks)[limit.expression].ravel()
+    higher = at_peaks > most[rows]
     times, values = times.copy(), values.copy()
-    times[rows[higher], places[higher]], values[rows[higher], places[higher]] = peaks[higher], found[higher]
+    times[rows[higher], places[higher]], values[rows[higher], places[higher]] = peaks[higher], at_peaks[higher]
     return times, values
 
 

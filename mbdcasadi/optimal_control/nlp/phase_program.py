@@ -319,13 +319,13 @@ class PhaseProgram:
     def _limits_of_inputs(self) -> dict[str, list[Condition]]:
         """Path limits of inputs alone, and of their rates alone, that are linear in them: ``u``, ``u_rate``."""
         eom, rates = self.phase.equations, self.phase.input_rates
-        found: dict[str, list[Condition]] = {}
+        limits: dict[str, list[Condition]] = {}
         for name, kind, symbols in (("u", "input", eom.u), ("u_rate", "input rate", rates)):
             alone = [c for c in self.phase.path if kind in c.kinds and c.kinds <= {kind, "parameter"}]
-            found[name] = [
+            limits[name] = [
                 c for c in alone if not c.equality and not ca.depends_on(ca.jacobian(c.expression, symbols), symbols)
             ]
-        return found
+        return limits
 
     def _start_rows(self) -> list[tuple[Unknowns, list[Rows], int]]:
         """Rows at the start, with the interval on which they stand."""

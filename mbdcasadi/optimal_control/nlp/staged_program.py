@@ -67,15 +67,15 @@ class StagedProgram:
     @cached_property
     def derivatives(self) -> list[ca.Function]:
         """Derivatives of rows and Lagrangian as fatrop takes them; all solvers of the program share them."""
-        nlp, given, order = self._nlp, self._nlp.derivatives, self._order.tolist()
+        nlp, derivatives, order = self._nlp, self._nlp.derivatives, self._order.tolist()
         x, p = ca.MX.sym("x", self.size), ca.MX.sym("p", nlp.data_size)
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self._order.size)
-        rows, jacobian = given["jac_g"](x, p)
+        rows, jacobian = derivatives["jac_g"](x, p)
         every_row = ca.vertcat(rows, ca.mtimes(self._gaps, x))[order]
         every_slope = ca.vertcat(jacobian, ca.MX(self._gaps))[order, :]
         by_origin = lam_g[np.argsort(self._order).tolist()]
         of_rows, of_gaps = ca.vertsplit(by_origin, [0, nlp.row_count, self._order.size])
-        hessian = ca.triu2symm(given["hess_lag"](x, p, lam_f, of_rows))
+        hessian = ca.triu2symm(derivatives["hess_lag"](x, p, lam_f, of_rows))
         gradient = nlp.lagrangian_gradient(x, p, lam_f, of_rows) + ca.mtimes(self._gaps.T, of_gaps)
         names = ["x", "p"]
         lagrangian = ["grad_gamma_x", "hess_gamma_x_x"]

@@ -47,21 +47,21 @@ def input_errors(part: PhaseSolution, *, worse: bool = False) -> np.ndarray:
 
     def differences(own: slice, other: slice, since: np.ndarray, tau: float) -> np.ndarray:
         """Errors of intervals by the values of others, at times since their own starts and at a point of the others."""
-        found = np.abs(_values(coefficients[own], since) - _values(coefficients[other], tau * lengths[other]))
+        errors_at = np.abs(_values(coefficients[own], since) - _values(coefficients[other], tau * lengths[other]))
         share: np.ndarray = largest / np.abs(_product(since / lengths[own], taus))
-        return found * share[:, None]
+        return errors_at * share[:, None]
 
     errors = np.full((2, count, len(courses)), np.inf)
     earlier, later = slice(0, -1), slice(1, None)
     errors[0, later] = differences(later, earlier, (before - 1) * lengths[earlier], before)
     errors[1, earlier] = differences(earlier, later, lengths[earlier] + after * lengths[later], after)
     sizes = _sizes(part, coefficients, lengths[:, None] * taus)
-    found: np.ndarray = np.min(errors, axis=0)
+    errors_at: np.ndarray = np.min(errors, axis=0)
     if worse:
         alike = np.zeros((2, count, 1), bool)
         alike[0, 1:, 0] = alike[1, :-1, 0] = part.mesh.piece[1:] == part.mesh.piece[:-1]
-        found = np.maximum(found, np.max(np.where(alike, errors, 0.0), axis=0))
-    return found / sizes * (CONTINUOUS if basis.joined else 1.0)
+        errors_at = np.maximum(errors_at, np.max(np.where(alike, errors, 0.0), axis=0))
+    return errors_at / sizes * (CONTINUOUS if basis.joined else 1.0)
 
 
 def input_order(part: PhaseSolution) -> int:
@@ -98,6 +98,6 @@ def _values(coefficients: np.ndarray, since: np.ndarray) -> np.ndarray:
 
 def _sizes(part: PhaseSolution, coefficients: np.ndarray, since: np.ndarray) -> np.ndarray:
     """Largest values of the inputs at their points, not far below their typical ones (n_u,)."""
-    found = [np.max(np.abs(_values(coefficients, column)), axis=0) for column in since.T]
-    sizes: np.ndarray = np.maximum(np.max(found, axis=0), SMALLEST_SHARE * part.program.scales.u)
+    largest = [np.max(np.abs(_values(coefficients, column)), axis=0) for column in since.T]
+    sizes: np.ndarray = np.maximum(np.max(largest, axis=0), SMALLEST_SHARE * part.program.scales.u)
     return sizes

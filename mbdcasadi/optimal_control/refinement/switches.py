@@ -45,7 +45,7 @@ def unresolved_switches(solution: Solution, tolerance: float) -> list[list[Switc
     if solution.settings.control == "constant":
         return [[] for _ in solution.phases]
     shares = activity(solution, SLACK, inside=True)
-    found = []
+    unresolved = []
     for number, part in enumerate(solution.phases):
         limits = part.program.limits_at_points if part.mesh.count else []
         positions = {limit.label for limit in limits if not limit.depends_on("velocity", "state", *BEYOND_STATES)}
@@ -53,21 +53,21 @@ def unresolved_switches(solution: Solution, tolerance: float) -> list[list[Switc
         switches = _switches(part, np.array(own).reshape(len(own), part.mesh.count)) if part.mesh.count else []
         longest = part.duration * np.sqrt(tolerance)
         lengths = np.diff(part.mesh_times)
-        found.append([switch for switch in switches if np.sum(lengths[list(switch.intervals)]) > longest])
-    return found
+        unresolved.append([switch for switch in switches if np.sum(lengths[list(switch.intervals)]) > longest])
+    return unresolved
 
 
 def _switches(part: PhaseSolution, shares: np.ndarray) -> list[Switch]:
     """Switches of a phase from the shares of the points of each interval at which limits are active (limits, N)."""
     mesh, times = part.mesh, part.mesh_times
     mixed = np.any((shares > 0) & (shares < 1), axis=0)
-    found = []
+    switches = []
     for (is_mixed, _), group in itertools.groupby(range(mesh.count), key=lambda k: (mixed[k], mesh.piece[k])):
         run = list(group)
         if is_mixed:
-            found.append(Switch((run[0], run[-1] + 1), tuple(run), float(times[run[0]])))
+            switches.append(Switch((run[0], run[-1] + 1), tuple(run), float(times[run[0]])))
     for k in range(1, mesh.count):
         plain = not (mixed[k - 1] or mixed[k] or k in mesh.knots)
         if plain and not np.array_equal(shares[:, k - 1], shares[:, k]):
-            found.append(Switch((k,), (k - 1, k), float(times[k])))
-    return found
+            switches.append(Switch((k,), (k - 1, k), float(times[k])))
+    return switches

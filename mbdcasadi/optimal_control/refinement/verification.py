@@ -161,9 +161,9 @@ class _Replay:
         numeric = self.solution.phases[change.after.number].numeric
         phase = change.after.phase
         q = Recovery(numeric, redundant=False).positions(np.array([before.t]), before.q[change.here][None, :])[0]
-        found = change.law.solve(numeric.mass, before.t, q, before.v[change.here], numeric.p)
+        collision = change.law.solve(numeric.mass, before.t, q, before.v[change.here], numeric.p)
         planned = self.solution.variables[change.index]
-        kept = found.impulses[list(change.setup.kept)]
+        kept = collision.impulses[list(change.setup.kept)]
         size = largest(planned)
         if size > 0:
             self.impulse_error = max(self.impulse_error, largest(kept - planned) / size)
@@ -175,8 +175,10 @@ class _Replay:
         u = eom.input_values
         recovery = Recovery(numeric, redundant=self.solution.phases[change.after.number].redundant)
         t = np.array([before.t])
-        a, lam = recovery.accelerations(t, q[None, :], found.v[None, :], z[None, :], u[None, :])
-        after = State(phase.mechanism, before.t, q, found.v, a[0], z, lam[0], u, numeric.p, None, change.by_joint(kept))
+        a, lam = recovery.accelerations(t, q[None, :], collision.v[None, :], z[None, :], u[None, :])
+        after = State(
+            phase.mechanism, before.t, q, collision.v, a[0], z, lam[0], u, numeric.p, None, change.by_joint(kept)
+        )
         whole, parameters = self._planned.mechanism, self._planned.arguments[-1][0]
         states = [in_whole(one, whole, parameters) for one in (before, after)]
         self.events.append(EventOccurrence(phase.name, before.t, *states))

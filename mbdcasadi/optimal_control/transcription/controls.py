@@ -54,8 +54,8 @@ class InputBasis:
 
     def unknowns(self, values: np.ndarray) -> np.ndarray:
         """Unknowns (…, k, n_u) of the inputs through values at :attr:`taus` (…, k, n_u)."""
-        found: np.ndarray = np.linalg.solve(self.weights(self.taus).T, values) if self.limited else values
-        return found
+        unknowns: np.ndarray = np.linalg.solve(self.weights(self.taus).T, values) if self.limited else values
+        return unknowns
 
     def weights(self, tau: Any) -> Any:
         """Weight of each unknown in the input at a point (k,)."""

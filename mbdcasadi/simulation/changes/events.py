@@ -20,7 +20,7 @@ from ...numerics.roots import bracketed_root, nears_zero
 from ...numerics.tolerances import AT_REST, ZERO_VALUE
 from ...results.state import State
 from ..outputs import Outputs
-from ..path import Way, WayFrom
+from ..path import StatesAt, StatesFrom
 
 #: Change of an expression, relative to the coordinates and velocities, by which an event at rest leaves its place.
 AWAY = 1e-9
@@ -267,7 +267,12 @@ class EventWatch:
 
     # --- finding --------------------------------------------------------------------------------
     def crossings(
-        self, outputs: Outputs, times: np.ndarray, x: np.ndarray, way_from: WayFrom, decides: Callable[[Event], bool]
+        self,
+        outputs: Outputs,
+        times: np.ndarray,
+        x: np.ndarray,
+        states_from: StatesFrom,
+        decides: Callable[[Event], bool],
     ) -> list[Crossing]:
         """Events among outputs in order of time, up to the instant of the first that decides how the run goes on.
 
@@ -275,8 +280,8 @@ class EventWatch:
         ----------
         times, x : numpy.ndarray
             Start and outputs of a piece (k + 1,), (k + 1, n_x).
-        way_from : callable
-            Gives the way from an output on.
+        states_from : callable
+            Motion from an output on.
         decides : callable
             True if the run ends, or goes on otherwise, at an event.
         """
@@ -289,31 +294,31 @@ class EventWatch:
             values[1:, index] -= offset
         self._wake(x, values)
         touched = self._may_touch(times, values)
-        found: list[Crossing] = []
+        crossings: list[Crossing] = []
         for k in range(len(times) - 1):
             crossed = [i for i, e in enumerate(self.events) if _crossed(e, values[k, i], values[k + 1, i])]
             if not crossed and not touched[k]:
                 continue
-            way = way_from(float(times[k]), x[k])
-            located = [self._located(outputs, i, times[k : k + 2], values[k : k + 2, i], way) for i in crossed]
+            states_at = states_from(float(times[k]), x[k])
+            located = [self._located(outputs, i, times[k : k + 2], values[k : k + 2, i], states_at) for i in crossed]
             here = [(i, time) for i, time in zip(crossed, located, strict=True)]
             here += [
                 (i, time)
                 for i in touched[k]
                 if i not in crossed
-                for time in self._closer(outputs, i, times[k : k + 2], values[k : k + 2, i], way)
+                for time in self._closer(outputs, i, times[k : k + 2], values[k : k + 2, i], states_at)
             ]
             here.sort(key=lambda item: item[1])
-            states = way(np.array([time for _, time in here])) if here else np.zeros((0, x.shape[1]))
+            states = states_at(np.array([time for _, time in here])) if here else np.zeros((0, x.shape[1]))
             met = [Crossing(self.events[i], time, y, k) for (i, time), y in zip(here, states, strict=True)]
             for n, crossing in enumerate(met):
                 if decides(crossing.event):
-                    return found + [c for c in met[n:] if c.time - crossing.time <= self.instant]
-                found.append(crossing)
+                    return crossings + [c for c in met[n:] if c.time - crossing.time <= self.instant]
+                crossings.append(crossing)
         # projection may move them by rounding before the next piece
         self._side = {i: float(value) for i, value in enumerate(values[-1]) if value != 0 and np.isfinite(value)}
         self._offset = {}
-        return found
+        return crossings
 
     def _wake(self, x: np.ndarray, values: np.ndarray) -> None:
         """Measure resting events from where they rest, and none of their rounding."""
@@ -334,9 +339,9 @@ class EventWatch:
 
         Parabolas through three neighbouring outputs estimate the extremum inside.
         """
-        found: list[list[int]] = [[] for _ in range(times.size - 1)]
+        candidates: list[list[int]] = [[] for _ in range(times.size - 1)]
         if times.size < 3:
-            return found
+            return candidates
         h = np.diff(times)[:, None]
         slopes = np.diff(values, axis=0) / h
         curvature = (slopes[1:] - slopes[:-1]) / (h[1:] + h[:-1])
@@ -345,23 +350,31 @@ class EventWatch:
             near = nears_zero(values[:-1][first], values[1:][first], h[first], bend)
             offset = first.start or 0
             for k, i in np.argwhere(near & same[first]):
-                if int(i) not in found[int(k) + offset]:
-                    found[int(k) + offset].append(int(i))
-        return found
+                if int(i) not in candidates[int(k) + offset]:
+                    candidates[int(k) + offset].append(int(i))
+        return candidates
 
-    def _closer(self, outputs: Outputs, index: int, ends: np.ndarray, values: np.ndarray, way: Way) -> list[float]:
+    def _closer(
+        self, outputs: Outputs, index: int, ends: np.ndarray, values: np.ndarray, states_at: StatesAt
+    ) -> list[float]:
         """Times inside an interval at which an event takes place whose expression returns to its side by the end."""
         times = np.linspace(ends[0], ends[1], CLOSER_POINTS + 2)
-        inner = self.values(outputs, times[1:-1], way(times[1:-1]), np.full(CLOSER_POINTS, ends[0]))[:, index]
+        inner = self.values(outputs, times[1:-1], states_at(times[1:-1]), np.full(CLOSER_POINTS, ends[0]))[:, index]
         course = np.r_[values[0], inner, values[1]]
-        found = []
+        crossings = []
         for k in range(course.size - 1):
             if _crossed(self.events[index], course[k], course[k + 1]):
-                found.append(self._located(outputs, index, times[k : k + 2], course[k : k + 2], way, ends[0]))
-        return found
+                crossings.append(self._located(outputs, index, times[k : k + 2], course[k : k + 2], states_at, ends[0]))
+        return crossings
 
     def _located(
-        self, outputs: Outputs, index: int, ends: np.ndarray, values: np.ndarray, way: Way, since: float | None = None
+        self,
+        outputs: Outputs,
+        index: int,
+        ends: np.ndarray,
+        values: np.ndarray,
+        states_at: StatesAt,
+        since: float | None = None,
     ) -> float:
         """Time of an event between two times, to rounding."""
         low, high = float(ends[0]), float(ends[1])
@@ -369,7 +382,7 @@ class EventWatch:
         rest = self.resting.get(self.events[index], self._offset.get(index, 0.0))
 
         def value_at(time: float) -> float:
-            return float(self.values(outputs, np.array([time]), way(np.array([time])), begin)[0, index]) - rest
+            return float(self.values(outputs, np.array([time]), states_at(np.array([time])), begin)[0, index]) - rest
 
         accuracy = 4e-16 * max(abs(low), abs(high)) + 1e-13 * (high - low)
         return bracketed_root(value_at, low, high, float(values[0]), float(values[1]), accuracy)

@@ -85,9 +85,9 @@ class FrictionModes(Modes):
     # --- events of a mode ----------------------------------------------------------------------------
     def refuse_names(self, events: Sequence[Event]) -> None:
         """Raise for an event of the user that has the name of one of friction."""
-        own = {name for f in self.frictions for name in (_stops(f), _breaks(f))}
+        names = {name for f in self.frictions for name in (_stops(f), _breaks(f))}
         for event in events:
-            if event.name in own:
+            if event.name in names:
                 raise SimulationError(
                     f"event '{event.name}' has the name of an event of exact friction; call it otherwise"
                 )
@@ -131,7 +131,7 @@ class FrictionModes(Modes):
         return equations(self.variant(mode)).row_names.index(friction.name)
 
     def multipliers(self, mode: FrictionMode, motion: Trajectory | State) -> np.ndarray:
-        eom, own = equations(self.mechanism), equations(self.variant(mode))
+        eom, variant = equations(self.mechanism), equations(self.variant(mode))
         lam = np.atleast_2d(motion.lam)
         columns = np.zeros((len(lam), eom.lam.numel()))
         sliding = {
@@ -142,7 +142,7 @@ class FrictionModes(Modes):
                 friction, sense = sliding[name]
                 columns[:, k] = motion[ca.SX(sense * friction.law.coefficient * friction.load)]
             else:
-                columns[:, k] = lam[:, own.row_names.index(name)]
+                columns[:, k] = lam[:, variant.row_names.index(name)]
         return columns
 
     def whole_block(self, mode: FrictionMode, block: Block) -> Block:

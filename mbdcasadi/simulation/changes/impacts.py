@@ -153,24 +153,24 @@ class Impacts:
         if not self.watch.events:
             return []
         limit = BEYOND_BY_ROUNDING * (1 + largest(state.q))
-        rests, at_zero, found = self.watch.rests(state), self.watch.at_zero(state), []
+        rests, at_zero, remarks = self.watch.rests(state), self.watch.at_zero(state), []
         for k, event in enumerate(self.watch.events):
             if not event.reset:
                 continue
             if k in at_zero and not event.direction and not rests[k] and self._turns_back(event, state):
-                found.append(
+                remarks.append(
                     f"event '{event.name}' is at its zero at the start, t = {state.t:.6g} s, and counts in both "
                     "directions: it is taken to have been passed; give it direction=-1 or 1, in which it takes place "
                     "at once if the motion starts that way"
                 )
             beyond = self._beyond(event, state)
             if beyond > limit and k not in at_zero and self._turns_back(event, state):
-                found.append(
+                remarks.append(
                     f"event '{event.name}' is beyond its zero by {beyond:.3g} at the start, t = {state.t:.6g} s, on "
                     "the side from which its reset turns the motion back: it cannot take place before the motion has "
                     "come back; start on the other side"
                 )
-        return found
+        return remarks
 
     @staticmethod
     def _beyond(event: Event, state: State) -> float:
@@ -187,8 +187,8 @@ class Impacts:
         slope = np.nan_to_num(np.ravel(state[ca.densify(ca.jacobian(rate, eom.v))]))
         if not np.any(slope):
             return False
-        now, way = float(self.watch.rates(state)[k]), float(event.direction or 1)
-        wanted = way * max(abs(now), 1.0) if event.direction else now
+        now, direction = float(self.watch.rates(state)[k]), float(event.direction or 1)
+        wanted = direction * max(abs(now), 1.0) if event.direction else now
         moving = _with_velocities(state, state.v + slope * (wanted - now) / (slope @ slope), state.z)
         try:
             after = _with_velocities(moving, *self._jump([event], moving)[:2])
@@ -231,20 +231,20 @@ class Impacts:
     def _states_after(self, events: Sequence[Event], state: State) -> np.ndarray:
         """First-order states after events that take place together."""
         states, z = self.numeric.eom.mechanism.states, state.z.copy()
-        given: dict[int, tuple[Event, float]] = {}
+        resets: dict[int, tuple[Event, float]] = {}
         for event in events:
             for target, value in event.reset:
                 if not _is_state(target):
                     continue
                 k = next(k for k, own in enumerate(states) if own is target)
                 wanted = float(state[value])
-                if k in given and abs(given[k][1] - wanted) > RESET_TOLERANCE * (1 + abs(wanted)):
+                if k in resets and abs(resets[k][1] - wanted) > RESET_TOLERANCE * (1 + abs(wanted)):
                     raise SimulationError(
-                        f"the events '{given[k][0].name}' and '{event.name}' take place together at t = "
-                        f"{state.t:.6g} s and reset '{states[k].label}' to {given[k][1]:.6g} and {wanted:.6g}",
+                        f"the events '{resets[k][0].name}' and '{event.name}' take place together at t = "
+                        f"{state.t:.6g} s and reset '{states[k].label}' to {resets[k][1]:.6g} and {wanted:.6g}",
                         time=state.t,
                     )
-                given[k] = (event, wanted)
+                resets[k] = (event, wanted)
                 z[k] = wanted
         return z
 

@@ -61,7 +61,7 @@ class Transitions:
         return state
 
     # --- changes ----------------------------------------------------------------------------
-    def out_of_mode(self, state: State, own: Sequence[Event]) -> tuple[State, list[EventOccurrence]]:
+    def out_of_mode(self, state: State, events: Sequence[Event]) -> tuple[State, list[EventOccurrence]]:
         """Return the state in the mode that follows events of the present one, and these.
 
         Raises
@@ -70,7 +70,7 @@ class Transitions:
             If friction chatters.
         """
         before = self.whole(state)
-        self.mode, state = self._modes.decided(state, own, self.mode)
+        self.mode, state = self._modes.decided(state, events, self.mode)
         after = self.whole(state)
         self._switches += 1
         if self._switches > SWITCHES:
@@ -79,7 +79,7 @@ class Transitions:
                 "law",
                 time=state.t,
             )
-        return state, [EventOccurrence(event.name, state.t, before, after) for event in own]
+        return state, [EventOccurrence(event.name, state.t, before, after) for event in events]
 
     def by_resets(self, state: State, located: Sequence[Event]) -> tuple[State, list[EventOccurrence]]:
         """Return the state after the resets that take place at a state, and these; itself if there are none."""

@@ -25,7 +25,7 @@ from ..stepper import Stepper
 
 #: Share of a smoothed quantity's span that the steps may miss (measured on a belt with v_t = 1e-4 m/s: below 0.07
 #: where the motion is as exact as the tolerances, 0.7 to 1 where it is a hundred times less exact than these).
-MISSED = 0.5
+MISSED_SHARE = 0.5
 #: Loads below this share of the largest one of a run do not count.
 SMALL = 1e-3
 #: Difference of a gap's change from that by its rates, relative to the larger one, over which no blow came.
@@ -170,19 +170,19 @@ class Resolution:
     def _missed_impacts(self, path: Path) -> np.ndarray:
         """True for intervals that begin with an open gap, and whose steps did not follow the force there (k, n)."""
         missed, seen = (part[:, self._normal] for part in self._followed(path))
-        return (missed > MISSED * seen) & (seen > 0) & (self._course(path).gaps[:-1] > 0)
+        return (missed > MISSED_SHARE * seen) & (seen > 0) & (self._course(path).gaps[:-1] > 0)
 
     def _blows(self, path: Path) -> list[float]:
         """Times shortly before outlines meet in an interval whose steps did not follow the force that arose."""
         lengths = np.diff(path.times)
         gaps, rates = self._course(path).gaps, self._course(path).rates
-        found = []
+        times = []
         for row, k in np.argwhere(self._missed_impacts(path)):
             bend = (rates[row, k] - rates[row - 1, k]) / lengths[row - 1] if row and gaps[row - 1, k] > 0 else 0.0
             ways = np.roots([bend / 2, rates[row, k], gaps[row, k]])
             ahead = [float(w.real) for w in ways if w.imag == 0 and 0 < w.real < lengths[row]]
-            found += [float(path.times[row]) + BEFORE * min(ahead)] if ahead else []
-        return found
+            times += [float(path.times[row]) + BEFORE * min(ahead)] if ahead else []
+        return times
 
     def _spoiled(self, path: Path) -> tuple[Path, Closing] | None:
         """First closing in intervals whose steps did not follow the force that arose; None if there is none.
@@ -229,12 +229,12 @@ class Resolution:
         if not self._owner or path.times.size < 2:
             return np.inf
         met = (self._closed(path) > 0) & (self._course(path).gaps[:-1] > 0)
-        found, length = np.inf, float(np.max(np.diff(path.times)))
+        shortest, length = np.inf, float(np.max(np.diff(path.times)))
         for k in np.flatnonzero(np.any(met, axis=1))[:MOST_CONTACTS]:
             closings = self._without_contact(path, int(k), 2 * length)[1]
             spells = [c.spell for c in closings if met[k, c.owner] and c.spell < length]
-            found = min([found, *spells])
-        return found
+            shortest = min([shortest, *spells])
+        return shortest
 
     def note(self, path: Path) -> None:
         """Take note of a piece that counts."""
@@ -269,17 +269,17 @@ class Resolution:
         """
         reltol, abstol = self._stepper.integrator.tolerances
         matters = missed * np.diff(path.times)[:, None] > abstol * self._lightest
-        suspected = matters & (missed > MISSED * self._spans * seen)
+        suspected = matters & (missed > MISSED_SHARE * self._spans * seen)
         for k in np.flatnonzero(np.any(suspected[:, self._normal], axis=1)):
             if self._verifications <= 0:
                 return
             self._verifications -= 1
             times = np.linspace(path.times[k], path.times[k + 1], CAREFUL + 1)[1:]
             try:
-                found = self._stepper.way_from(float(path.times[k]), path.x[k])(times)[-1]
+                end = self._stepper.states_from(float(path.times[k]), path.x[k])(times)[-1]
             except IntegrationFailure:
                 return
-            if np.max(np.abs(found - path.x[k + 1])) <= CONFIRMED * reltol * (1 + np.max(np.abs(found))):
+            if np.max(np.abs(end - path.x[k + 1])) <= CONFIRMED * reltol * (1 + np.max(np.abs(end))):
                 missed[k, self._normal] = 0.0
             else:  # there will be a warning anyway
                 self._verifications = 0
@@ -290,9 +290,9 @@ class Resolution:
         There its forces are zero, while a long step that ends in the contact, and would not count for the motion,
         leaves its rate in the integral.
         """
-        found = np.zeros((path.times.size - 1, len(self._smoothings)), bool)
+        open_at = np.zeros((path.times.size - 1, len(self._smoothings)), bool)
         if not self._owner:
-            return found
+            return open_at
         lengths = np.diff(path.times)[:, None]
         gaps, rates = self._course(path).gaps, self._course(path).rates
         fastest = np.maximum(np.abs(rates[:-1]), np.abs(rates[1:]))
@@ -302,21 +302,21 @@ class Resolution:
         is_open = (gaps[:-1] > 0) & (gaps[1:] > 0) & smooth & ~turned
         for k, owner in enumerate(self._gap_of):
             if owner is not None:
-                found[:, k] = is_open[:, owner]
-        return found
+                open_at[:, k] = is_open[:, owner]
+        return open_at
 
     def sentences(self) -> list[str]:
         """Remarks on a run; one sentence for each element."""
-        found = self._missed()
+        sentences = self._missed()
         for k, finding in self._passed.items():
             owner = self._owner[k].description
-            found.setdefault(
+            sentences.setdefault(
                 owner,
                 f"{owner}: the surfaces pass through each other, {max(finding.sizes):.2g} m deep, between two steps of "
                 f"the integrator, which never found them touching, {finding.when}; limit the steps of IDAS, "
                 f"options={{'max_step_size': {finding.spell / 3:.1g}}}",
             )
-        return [*found.values(), *self._broken_conditions()]
+        return [*sentences.values(), *self._broken_conditions()]
 
     def _broken_conditions(self) -> Iterator[str]:
         """Messages of validity conditions that the steps of the integrator found broken, with time and size."""
@@ -348,26 +348,26 @@ class Resolution:
         matters = missed * lengths[:, None] > abstol * self._lightest
         counts = (seen > SMALL * largest) & (spans > 0) & (matters | ~self._is_load)
         share = np.where(counts, missed / np.where(spans > 0, spans, 1), 0)
-        found: dict[str, str] = {}
+        sentences: dict[str, str] = {}
         for element, smoothing, course in zip(self.terms.smoothed, self._smoothings, share.T, strict=True):
-            bad = course > MISSED
+            bad = course > MISSED_SHARE
             if not np.any(bad):
                 continue
             subject = f"{element.description}: {smoothing.subject}"
             finding = _Finding([float(t) for t in times[bad]], [float(x) for x in course[bad]])
-            found.setdefault(
+            sentences.setdefault(
                 subject,
                 f"{subject} was not resolved {finding.when}: the steps of the integrator jump over up to "
                 f"{min(max(finding.sizes), 1):.0%} of its change, and the motion from there on may be wrong; tighten "
                 f"reltol and abstol (they were {reltol:.0e} and {abstol:.0e}), {smoothing.remedy}",
             )
-        return found
+        return sentences
 
 
 def _largest_of_episode(loads: np.ndarray) -> np.ndarray:
     """For each entry of a column the largest of the uninterrupted stretch of positive ones that it belongs to."""
-    found = np.zeros_like(loads)
-    for column, course in zip(found.T, loads.T, strict=True):
+    largest = np.zeros_like(loads)
+    for column, course in zip(largest.T, loads.T, strict=True):
         for run in stretches(course > 0):
             column[run] = np.max(course[run])
-    return found
+    return largest

@@ -39,7 +39,7 @@ AROUND = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
 LONG = 8.0
 #: Change of the state that the steps missed, in tolerances, from which a load counts as unseen: errors of a step, of
 #: its dense output, and of the path between outputs are below it.
-MISSED = 30.0
+MISSED_TOLERANCES = 30.0
 #: Largest factor on it where suspicions turned out wrong.
 MOST_DOUBT = 1e3
 #: Points over a load by which its duration is found, and loads of a path that are looked at, the shortest ones first.
@@ -80,8 +80,8 @@ class UnseenLoads:
     def __init__(self, stepper: Stepper):
         self._stepper, self._numeric = stepper, stepper.numeric
         eom = stepper.numeric.eom
-        found = _quantities(eom, stepper.signals)
-        self._count, self.watched, self._quantities = found.switches, found.number, found.function
+        quantities = _quantities(eom, stepper.signals)
+        self._count, self.watched, self._quantities = quantities.switches, quantities.number, quantities.function
         self._z_rate = eom.function(eom.z_rate) if eom.z.numel() else None
         # by how much more than these limits something must be missed to be looked at
         self._doubt = 1.0
@@ -98,10 +98,10 @@ class UnseenLoads:
         for load in self._suspects(path, instants, durations, self._doubt * limits):
             k = load.interval
             try:
-                found = self._stepper.way_from(float(path.times[k]), path.x[k])(load.stops)[-1]
+                end = self._stepper.states_from(float(path.times[k]), path.x[k])(load.stops)[-1]
             except IntegrationFailure:  # the run itself will say why
                 return load
-            missed = np.abs(found - path.x[k + 1])[n:]
+            missed = np.abs(end - path.x[k + 1])[n:]
             if np.any(missed > limits):
                 return self._from_its_begin(path, load, limits)
             # the path between outputs was not what the integrator followed
@@ -134,11 +134,11 @@ class UnseenLoads:
         loads = np.abs(rates - rates[:, :1] - share[:, None] * (rates[:, -1:] - rates[:, :1]))
         weight = (high - low) / (SAMPLES - 1)
         counts = np.sum(loads, axis=1) * weight[:, None] / self._limits(path)
-        found = np.inf
+        shortest = np.inf
         for k in np.flatnonzero(np.max(counts, axis=1) > 1):
             load = loads[k, :, int(np.argmax(counts[k]))]
-            found = min(found, _duration(load, float(weight[k])))
-        return found
+            shortest = min(shortest, _duration(load, float(weight[k])))
+        return shortest
 
     def _limits(self, path: Path) -> np.ndarray:
         """Errors of velocities and first-order states that do not count (n_x - n,)."""
@@ -146,7 +146,7 @@ class UnseenLoads:
         n, bodies = self._numeric.eom.q.numel(), len(self._numeric.eom.mechanism.bodies)
         size = np.max(np.abs(path.x[:, n:]), axis=0, initial=0.0)
         size[: 3 * bodies] = np.max(size[: 3 * bodies], initial=0.0)
-        limits: np.ndarray = MISSED * (reltol * size + abstol)
+        limits: np.ndarray = MISSED_TOLERANCES * (reltol * size + abstol)
         return limits
 
     # --- where something may happen -------------------------------------------------------
@@ -232,8 +232,8 @@ class UnseenLoads:
         if not times.size:
             return np.zeros(0)
         times = np.clip(times, *self._reach(path))
-        found: np.ndarray = self._at(path, times)[rows, np.arange(times.size)]
-        return found
+        values: np.ndarray = self._at(path, times)[rows, np.arange(times.size)]
+        return values
 
     def _roots(self, path: Path, rows: np.ndarray, low: np.ndarray, high: np.ndarray, at_low: np.ndarray) -> np.ndarray:
         """Zeros in brackets, all at once; of several the first that shows (k,)."""

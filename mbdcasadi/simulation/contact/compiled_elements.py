@@ -79,8 +79,8 @@ class RepeatedElements:
     def rest(self) -> ca.Function:
         """``(t, q, v, z, lam, u, p) -> Q``: generalised forces of the other elements."""
         eom = self.terms.eom
-        own = {int(number) for kind in self._kinds if kind.has_forces for number in kind.batch.numbers}
-        compiled = [self.terms.elements[number] for number in own]
+        numbers = {int(number) for kind in self._kinds if kind.has_forces for number in kind.batch.numbers}
+        compiled = [self.terms.elements[number] for number in numbers]
         others = [e for e in eom.mechanism.elements if not any(e is element for element in compiled)]
         arguments = [eom.t, eom.q, eom.v, eom.z, eom.lam, eom.u, eom.p]
         return ca.Function("rest_of_forces", arguments, [ca.densify(eom.generalised_forces(others))])
@@ -181,8 +181,8 @@ class RepeatedElements:
 
 def repeated_elements(terms: WatchedTerms) -> RepeatedElements | None:
     """Return the elements of a mechanism that are many of a kind; None if there are too few; found once for it."""
-    found = terms.eom.mechanism.cache.get_or_create("repeated elements", lambda: RepeatedElements(terms))
-    return found if found.pays else None
+    elements = terms.eom.mechanism.cache.get_or_create("repeated elements", lambda: RepeatedElements(terms))
+    return elements if elements.pays else None
 
 
 def compiled_elements(terms: WatchedTerms) -> tuple[CompiledElements | None, str]:

@@ -137,12 +137,12 @@ class WatchedTerms:
     def _expressions(self, functions: list[ca.Function], places: list[np.ndarray], size: int, z_rate: ca.SX) -> ca.SX:
         """Results of functions of the batches as expressions (size,), at their places (n, rows)."""
         column = self.values.column(*self.eom.symbols, z_rate=z_rate)
-        found = [ca.SX(0)] * size
+        entries = [ca.SX(0)] * size
         for batch, function, own_places in zip(self.batches, functions, places, strict=True):
             for result, own in zip(batch.expanded(function, column), own_places, strict=True):
                 for place, entry in zip(own, ca.vertsplit(result), strict=True):
-                    found[int(place)] = entry
-        return ca.vertcat(ca.SX(0, 1), *found)
+                    entries[int(place)] = entry
+        return ca.vertcat(ca.SX(0, 1), *entries)
 
     # --- values at outputs ----------------------------------------------------------------------
     def table(self, times: np.ndarray, x: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -166,12 +166,12 @@ class WatchedTerms:
         """Results of functions of the batches at the columns of a table (k, copies x entries of a part)."""
         places = self.numbered(part)
         total = sum(own.size for own in places)
-        found = np.zeros((table.shape[1], copies * total))
+        collected = np.zeros((table.shape[1], copies * total))
         for batch, function, own in zip(self.batches, functions, places, strict=True):
             if own.size:
                 into = np.hstack([own + copy * total for copy in range(copies)])
-                found[:, into] = batch.evaluated(function, table).transpose(2, 0, 1)
-        return found
+                collected[:, into] = batch.evaluated(function, table).transpose(2, 0, 1)
+        return collected
 
     @cached_property
     def course_functions(self) -> list[ca.Function]:
@@ -290,10 +290,10 @@ class WatchedTerms:
         number, row = (int(places[owner]) for places in self._owner_places)
         batch = self.batches[number]
         values = batch.evaluated(self._gradients[number], table, np.full(table.shape[1], row))[0]
-        found = np.zeros((table.shape[1], self.eom.q.numel()))
-        own = batch.of_groups("q")
-        found[:, self.values.coordinate(batch.places[row][own])] = values[own].T
-        return found
+        gradient = np.zeros((table.shape[1], self.eom.q.numel()))
+        groups = batch.of_groups("q")
+        gradient[:, self.values.coordinate(batch.places[row][groups])] = values[groups].T
+        return gradient
 
 
 def watched_terms(eom: Equations) -> WatchedTerms:

@@ -19,7 +19,7 @@ import numpy as np
 from ...integrators.compiled import IntegrationFailure
 from ...numerics.least_squares import largest
 from ..outputs import Outputs
-from ..path import Path, Way, hermite_states
+from ..path import Path, StatesAt, hermite_states
 from .regularity import ENTRY, Regularity, finer_times
 
 #: States of a regular path at which its pivot is looked at.
@@ -166,7 +166,7 @@ class SingularPassage:
         return float(np.min(values)) / (ENTRY * self._largest)
 
     # --- passing ----------------------------------------------------------------------------------
-    def across(self, time: float, begin: float, way: Way, limit: float) -> Passage | None:
+    def across(self, time: float, begin: float, states_at: StatesAt, limit: float) -> Passage | None:
         """Continue a motion from near a singular pose to the far side; None if no polynomial meets the equations.
 
         Parameters
@@ -175,18 +175,18 @@ class SingularPassage:
             Entry, s.
         begin : float
             Time since which the motion is smooth, s.
-        way : callable
+        states_at : callable
             ``times -> states`` of the motion, from some time before the entry to shortly after it.
         limit : float
             Time up to which the equations are smooth: the end of the run, or where they change with time, s.
         """
-        half = self._distance(time, begin, way)
+        half = self._distance(time, begin, states_at)
         best: Passage | None = None
         if half is None:
             return None
         for distance in DISTANCES:
             try:
-                passage = self._from(time, half, distance, begin, way, limit)
+                passage = self._from(time, half, distance, begin, states_at, limit)
             except IntegrationFailure:  # too near to the pose
                 continue
             if passage is not None and (best is None or passage.error < best.error):
@@ -195,38 +195,40 @@ class SingularPassage:
                 break
         return best
 
-    def _distance(self, time: float, begin: float, way: Way) -> float | None:
+    def _distance(self, time: float, begin: float, states_at: StatesAt) -> float | None:
         """Time from an entry to the singular pose, by the fall of the pivot's root, and its minimum ahead."""
         earlier = max(begin, time - 1e-3 * (time - begin))
         if earlier >= time:
             return None
         times = np.array([earlier, time])
         n = self._numeric.eom.q.numel()
-        before, now = np.sqrt(np.maximum(self._regularity.at(times, way(times)[:, :n]), 0.0))
+        before, now = np.sqrt(np.maximum(self._regularity.at(times, states_at(times)[:, :n]), 0.0))
         rate = (before - now) / (time - earlier)
         if not rate > 0:
             return None
         guess = float(now / rate)
         # a motion that gathers speed, or loses it, is there sooner or later
-        course = _Course(self._outputs, time, min(HISTORY * 2 * guess, time - begin), way)
+        course = _Course(self._outputs, time, min(HISTORY * 2 * guess, time - begin), states_at)
         ahead = time + guess * np.linspace(0, 2, 257)[1:]
         poses = course.states(ahead)[:, :n]
         return float(ahead[int(np.argmin(self._regularity.at(ahead, poses)))] - time)
 
-    def _from(self, time: float, half: float, distance: float, begin: float, way: Way, limit: float) -> Passage | None:
+    def _from(
+        self, time: float, half: float, distance: float, begin: float, states_at: StatesAt, limit: float
+    ) -> Passage | None:
         """The passage by a polynomial between two distances from the pose; None if it does not arrive there."""
         start, reach = time + (1 - distance) * half, distance * half
-        found = None
+        arrival = None
         span = HISTORY * 2 * reach
         for _ in range(2):  # a motion that turns back on the way takes longer, and a polynomial through more of it
-            course = _Course(self._outputs, start, min(span, start - begin), way)
-            found = self._arrival(course, start, reach, distance, limit)
-            if found is None or HISTORY * (found[0] - start) <= LONGER * span or span >= start - begin:
+            course = _Course(self._outputs, start, min(span, start - begin), states_at)
+            arrival = self._arrival(course, start, reach, distance, limit)
+            if arrival is None or HISTORY * (arrival[0] - start) <= LONGER * span or span >= start - begin:
                 break
-            span = HISTORY * (found[0] - start)
-        if found is None:
+            span = HISTORY * (arrival[0] - start)
+        if arrival is None:
             return None
-        end, x, ahead = found
+        end, x, ahead = arrival
         error = self._error(end, end - start, x, ahead, course)
         if error is None or not self._meets_equations(start, end, course):
             return None
@@ -294,11 +296,11 @@ class SingularPassage:
 class _Course:
     """Polynomial through coordinates and velocities of a motion at some times before another."""
 
-    def __init__(self, outputs: Outputs, start: float, span: float, way: Way):
+    def __init__(self, outputs: Outputs, start: float, span: float, states_at: StatesAt):
         from scipy.interpolate import KroghInterpolator
 
         nodes = -(1 + np.cos(np.pi * np.arange(POINTS) / (POINTS - 1))) / 2
-        q, v, z = outputs.split(way(start + span * nodes))
+        q, v, z = outputs.split(states_at(start + span * nodes))
         values = np.empty((2 * POINTS, q.shape[1]))
         values[0::2], values[1::2] = q, span * v
         self._start, self._span = start, span
@@ -313,8 +315,8 @@ class _Course:
 
     def accelerations(self, times: np.ndarray) -> np.ndarray:
         """Accelerations at times by row (k, n)."""
-        found: np.ndarray = self._positions.derivative((times - self._start) / self._span, 2) / self._span**2
-        return found
+        a: np.ndarray = self._positions.derivative((times - self._start) / self._span, 2) / self._span**2
+        return a
 
 
 class Trail:

@@ -75,8 +75,8 @@ class Regularity:
 
 def coarse_times(path: Path, eom: Equations) -> np.ndarray:
     """Times of a path with the turn between them by which falls of the pivot are noticed."""
-    way = np.append(0.0, np.cumsum(np.minimum(_turns(path, eom), MOST_POSES * PIVOT_TURN)))
-    inside = np.interp(np.arange(COARSE_TURN, way[-1], COARSE_TURN), way, path.times)
+    turned = np.append(0.0, np.cumsum(np.minimum(_turns(path, eom), MOST_POSES * PIVOT_TURN)))
+    inside = np.interp(np.arange(COARSE_TURN, turned[-1], COARSE_TURN), turned, path.times)
     return np.concatenate([path.times[:1], inside, path.times[-1:]])
 
 

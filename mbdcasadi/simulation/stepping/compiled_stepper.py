@@ -26,7 +26,7 @@ from ...numerics.least_squares import largest
 from ..contact.compiled_elements import compiled_elements
 from ..contact.watched_terms import WatchedTerms, watched_terms
 from ..formulations import Formulation, Regularised, choose_formulation
-from ..path import Path, Way, way_by
+from ..path import Path, StatesAt, states_from_start
 from ..schedule import PIECES, Piece
 from ..stepper import PRECISE, Counts, SteppedSystem, Stepper
 from .explicit_system import explicit_system
@@ -77,8 +77,8 @@ class CompiledStepper(Stepper):
     def counts(self) -> Counts:
         starts = sum(compiled.starts for compiled in self._compiled.values())
         all_steps = sum(compiled.all_steps for compiled in self._compiled.values())
-        own = self._compiled.get(self.formulation)
-        return Counts(self._before[0] + starts, own.steps if own else 0, self._before[1] + all_steps)
+        current = self._compiled.get(self.formulation)
+        return Counts(self._before[0] + starts, current.steps if current else 0, self._before[1] + all_steps)
 
     # --- integrating -------------------------------------------------------------------------
     def _of(self, form: Formulation) -> CompiledIntegrator:
@@ -205,21 +205,21 @@ class CompiledStepper(Stepper):
             rate = max(DECAY / min(self._usual_length, piece.length), DECAY_PER_RADIAN * self._fastest)
         return np.concatenate([self.numeric.p, self.levels, [rate]])
 
-    def way_from(self, start: float, x: np.ndarray, *, precise: bool = False) -> Way:
+    def states_from(self, start: float, x: np.ndarray, *, precise: bool = False) -> StatesAt:
         if not precise:
-            return self._way(self.formulation, self._of(self.formulation), start, x)
+            return self._states_from(self.formulation, self._of(self.formulation), start, x)
         if self._precise is None:
             explicit = not self.numeric.eom.Q_depends_on_lam
             method: Integrator = RungeKutta(*PRECISE) if explicit else IDAS(*PRECISE)
             form = choose_formulation(self.numeric, method, redundant=self.formulation.tolerates_redundancy)
             self._precise = form, self._integrator(form, method)
         # before a lock-up no number of steps is enough
-        return self._way(*self._precise, start, x, steps=FEW_STEPS)
+        return self._states_from(*self._precise, start, x, steps=FEW_STEPS)
 
     def unprojected(self, start: float, x: np.ndarray, times: np.ndarray) -> np.ndarray:
-        return self._way(self.formulation, self._of(self.formulation), start, x, project=False)(times)
+        return self._states_from(self.formulation, self._of(self.formulation), start, x, project=False)(times)
 
-    def _way(
+    def _states_from(
         self,
         form: Formulation,
         compiled: CompiledIntegrator,
@@ -228,7 +228,7 @@ class CompiledStepper(Stepper):
         *,
         project: bool = True,
         steps: int = MAX_STEPS,
-    ) -> Way:
+    ) -> StatesAt:
         z, p = self._unknowns(form, start, x), self._parameters(None)
         u = self.signals.channel_from(np.array([start]))
 
@@ -244,7 +244,7 @@ class CompiledStepper(Stepper):
                 states = compiled.advance(replace(problem, z=perturbed(z)), steps)[0]
             return self.outputs.projected(times, states) if project else states
 
-        return way_by(start, x, integrated)
+        return states_from_start(start, x, integrated)
 
     def note_turning(self, x: np.ndarray) -> None:
         n = self.numeric.eom.q.numel()

@@ -85,8 +85,8 @@ def _projection(eom: Equations) -> ca.Function:
     if rows:
         whole = len(rows) == eom.lam.numel()
         factors = factorised(schur, eom.angular_rows)
-        own = factors if whole else factorised(schur[rows, rows], eom.angular_rows[eom.position_rows])
-        q = q - over[:, rows] @ ca.ldl_solve(ca.densify(eom.Phi), *own)
+        factors_here = factors if whole else factorised(schur[rows, rows], eom.angular_rows[eom.position_rows])
+        q = q - over[:, rows] @ ca.ldl_solve(ca.densify(eom.Phi), *factors_here)
     elif eom.lam.numel():
         factors = factorised(schur, eom.angular_rows)
     if eom.lam.numel():

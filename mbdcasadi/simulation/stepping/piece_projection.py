@@ -13,7 +13,7 @@ from ..schedule import Piece
 from ..stepper import Stepper
 
 #: Violation of a constraint (m or rad) that projection cannot remove, from which the mechanism counts as apart.
-APART = 1e-8
+PHI_TOLERANCE = 1e-8
 #: Change of the correction by projection from one output to the next, relative to the sizes of the coordinates and in
 #: relative tolerances, from which a constraint counts as one that jumps.
 LEAP, LEAP_IN_TOLERANCES = 1e-3, 30.0
@@ -55,13 +55,13 @@ class PieceProjection:
             if not times.size:
                 break
             moved = outputs.projected(times[chosen], x[chosen])
-            together = outputs.recovery.left_over <= APART
+            together = outputs.recovery.left_over <= PHI_TOLERANCE
             part = replace(piece, times=times[chosen])
             leap = self._leap(part, path.x[0], x[chosen], moved) if together and not across else None
             if together and leap is None:
-                found = x.copy()
-                found[chosen] = moved
-                return found, None
+                projected = x.copy()
+                projected[chosen] = moved
+                return projected, None
             if np.all(chosen):
                 return leap if leap is not None else self._together(times, path.x[0], moved)
         return x, None
@@ -74,8 +74,8 @@ class PieceProjection:
         eom = numeric.eom
         for k, time in enumerate(times):
             phi = np.abs(numeric.position(float(time), x[k, : eom.q.numel()])[0])
-            if np.max(phi) > APART:
-                rows = [eom.row_names[eom.position_rows[r]] for r in np.argsort(-phi) if phi[r] > APART]
+            if np.max(phi) > PHI_TOLERANCE:
+                rows = [eom.row_names[eom.position_rows[r]] for r in np.argsort(-phi) if phi[r] > PHI_TOLERANCE]
                 return _until(
                     k, times, start, x, f"the constraints {', '.join(rows[:6])} cannot be met together any more"
                 )
@@ -97,12 +97,12 @@ class PieceProjection:
         limit = min(max(LEAP, LEAP_IN_TOLERANCES * self._stepper.integrator.reltol), 1.0)
         begins = np.append(piece.start, times)
         states = np.vstack([start, x])
-        found = (
+        leaps = (
             int(k)
             for k in np.flatnonzero(correction.max(axis=1, initial=0.0) > limit)
             if self._jumps_within(begins[k : k + 2], states[k], limit)
         )
-        k = next(found, -1)
+        k = next(leaps, -1)
         if k < 0:
             return None
         phi = np.abs(numeric.position(float(times[k]), integrated[k, :n])[0])

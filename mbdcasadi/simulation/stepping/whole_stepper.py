@@ -22,7 +22,7 @@ from ...results.state import State
 from ..changes.events import EventWatch
 from ..contact.watched_terms import watched_terms
 from ..outputs import Outputs
-from ..path import Path, Way, way_by
+from ..path import Path, StatesAt, states_from_start
 from ..schedule import WATCH_POINTS, Piece
 from ..singular.regularity import FALL
 from ..stepper import PRECISE, Counts, SteppedSystem, Stepper
@@ -188,9 +188,9 @@ class WholeStepper(Stepper):
         self._is_stiff = True
 
     def unprojected(self, start: float, x: np.ndarray, times: np.ndarray) -> np.ndarray:
-        return self.way_from(start, x)(times)  # every step ends on the constraints
+        return self.states_from(start, x)(times)  # every step ends on the constraints
 
-    def way_from(self, start: float, x: np.ndarray, *, precise: bool = False) -> Way:
+    def states_from(self, start: float, x: np.ndarray, *, precise: bool = False) -> StatesAt:
         reltol, abstol = PRECISE if precise else self.integrator.tolerances
         offset, band, side = self._watch.levels(x)
 
@@ -221,7 +221,7 @@ class WholeStepper(Stepper):
                 now, state = float(reached.times[-1]), reached.x[-1]
             return np.array(rows)
 
-        return way_by(start, x, integrated)
+        return states_from_start(start, x, integrated)
 
 
 class WholeOutputs(Outputs):

@@ -17,7 +17,7 @@ from .pen import Pen
 #: units at most, so that the couples of a chain of many links do not cover it.
 ARROW, COUPLE, COUPLE_UNITS = 0.16, 0.07, 2.0
 #: Arrows of a kind at one point that are drawn each for itself.
-APART = 3
+MOST_SEPARATE_LOADS = 3
 #: Loads below this part of the largest are rounding errors.
 NOISE = 1e-9
 
@@ -106,7 +106,7 @@ def draw_velocities(pen: Pen) -> dict[str, float]:
 
 
 def _gathered(pen: Pen, loads: Sequence[tuple[Any, Load]]) -> list[tuple[Any, Load]]:
-    """Loads, of which more than :data:`APART` of a kind at one point of a body become their sum."""
+    """Loads, of which more than :data:`MOST_SEPARATE_LOADS` of a kind at one point of a body become their sum."""
     points: dict[tuple, list[tuple[Any, Load]]] = {}
     for element, load in loads:
         place, kind = load.place, (load.style, load.always, load.value.numel())
@@ -115,7 +115,7 @@ def _gathered(pen: Pen, loads: Sequence[tuple[Any, Load]]) -> list[tuple[Any, Lo
     gathered: list[tuple[Any, Load]] = []
     for group in points.values():
         first = group[0][1]
-        if len(group) > APART:
+        if len(group) > MOST_SEPARATE_LOADS:
             group = [(first.place.body, replace(first, value=ca.sum2(ca.horzcat(*[load.value for _, load in group]))))]
         gathered += group
     return gathered

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 #: Times at which curves between mesh points are drawn.
 TIMES = 600
 #: Largest distance of a limit from the curve of an input at which it is shown, in parts of the range of the curve.
-FAR = 1.0
+NEAR_RANGES = 1.0
 #: Letters of the name of a limit: a longer one would leave no room for the curves.
 LABEL = 34
 
@@ -117,7 +117,7 @@ def _input(axes: Axes, solution: Solution, fine: Any, symbol: Any) -> None:
         values = np.broadcast_to(fine[limit], fine.t.shape)
         axes.plot(fine.t, values, color=SERIES_LIGHT[1], linewidth=1.1, linestyle=(0, (5, 3)))
         # a limit that is far away would leave no room for the curve
-        if values.max() < high + FAR * (high - low) and values.min() > low - FAR * (high - low):
+        if values.max() < high + NEAR_RANGES * (high - low) and values.min() > low - NEAR_RANGES * (high - low):
             low, high = min(low, values.min()), max(high, values.max())
     margin = 0.04 * (high - low)
     axes.set_ylim(low - margin, high + margin)

@@ -48,11 +48,11 @@ class Fatrop(NLPSolver):
     warm_start = WARM_START
 
     def __init__(self, options: dict[str, Any], progress: bool, elsewhere: Elsewhere | None = None):
-        own, others = (
+        fatrop_options, others = (
             {name: value for name, value in options.items() if not name.startswith(other)}
             for other in ("ipopt.", "fatrop.")
         )
-        super().__init__(own, progress, elsewhere)
+        super().__init__(fatrop_options, progress, elsewhere)
         self._ipopt = Ipopt(others, progress, elsewhere)
 
     def run(
