@@ -9,8 +9,8 @@
 4. With a tolerance the mesh is refined, see :func:`refine`; else a solution that jumps to another branch of the
    linkage is solved again from other guesses, see :func:`as_motion`.
 
-Each single solve adds points at which path limits are held, see :meth:`Solver.solve`. In a continuation, step 3 is for
-the first values alone: later failures insert values in between, see :mod:`parameter_continuation`.
+Each single solve adds points at which path limits are held, see :meth:`ProblemSolver.solve`. In a continuation,
+step 3 is for the first values alone: later failures insert values in between, see :mod:`parameter_continuation`.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from .guess.guess import Guess
 from .guess.multistart import at_rest, best_of, guesses, random_detour
 from .guess.parameter_continuation import by_continuation
 from .nlp.best_so_far import BestSoFar
+from .nlp.problem_solver import ProblemSolver
 from .nlp.setup import PhaseSetup, Settings, is_open_chain
-from .nlp.solver import Solver
 from .nlp.solvers.ipopt import sharp_options
 from .problem import OptimalControlProblem
 from .refinement.mesh import Mesh
@@ -133,7 +133,7 @@ class Search:
         return [settings]
 
     def _attempt(self, settings: Settings, parameters: Any, guess: Any, starts: Any, *, refined: bool) -> _Attempt:
-        solver = Solver(self.problem, settings, parameters, self.initial, self.best)
+        solver = ProblemSolver(self.problem, settings, parameters, self.initial, self.best)
         meshes = self._meshes(solver.setups, guess.solution if isinstance(guess, Shifted) else guess)
         return _Attempt(solver, meshes, guesses(solver, starts, guess), refined)
 
@@ -142,7 +142,7 @@ class Search:
 class _Attempt:
     """One choice of coordinates: solver, meshes and guesses, and whether coarse meshes are refined."""
 
-    solver: Solver
+    solver: ProblemSolver
     meshes: list[Mesh]
     candidates: list[Guess]
     refined: bool

@@ -13,8 +13,8 @@ from ..errors import FileError, ModelError
 from ..numerics.symbolic import symbolic
 from ..results.archives import Archive, read_arrays, write_arrays
 from .nlp.collocation_program import CollocationProgram
+from .nlp.problem_solver import ProblemSolver
 from .nlp.setup import Settings
-from .nlp.solver import Solver
 from .nlp.statistics import Answer, ContinuationStep, Pass, SolveStatistics, Stage, Start
 from .problem import OptimalControlProblem
 from .refinement.mesh import Mesh
@@ -101,7 +101,7 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: Archive
     except ModelError as error:
         raise FileError(f"{path}: the settings of the solution are damaged, or of another version: {error}") from None
     meshes, times, parameters = _phases(path, problem, content)
-    solver = Solver(problem, settings)
+    solver = ProblemSolver(problem, settings)
     solver.held = tuple((int(phase), str(label), float(tau)) for phase, label, tau in content.json("held"))
     program = solver.transcribe(meshes)
     labels = [row.label for row in program.rows]

@@ -7,7 +7,7 @@ from motions import crank_rocker, half_turn, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
 from mbdcasadi.optimal_control.guess import closing_limits
-from mbdcasadi.optimal_control.nlp.solver import Solver
+from mbdcasadi.optimal_control.nlp.problem_solver import ProblemSolver
 from mbdcasadi.optimal_control.nlp.solvers import ipopt
 
 
@@ -66,14 +66,14 @@ def test_limits_close_in_from_a_motion(monkeypatch):
 @pytest.mark.slow
 def test_a_least_time_without_limits_is_no_shorter_than_the_guess(monkeypatch):
     """Else forces have no end, and limits do not close in from there; 8 N move 1 kg by 1 m in ``2 / sqrt(8)`` s."""
-    original, durations = Solver.solve_loosened, []
+    original, durations = ProblemSolver.solve_loosened, []
 
     def recorded(self, *arguments):
         found = original(self, *arguments)
         durations.append(found[0].duration)
         return found
 
-    monkeypatch.setattr(Solver, "solve_loosened", recorded)
+    monkeypatch.setattr(ProblemSolver, "solve_loosened", recorded)
     monkeypatch.setitem(ipopt.WARM_START["cold"], "ipopt.max_iter", 1)  # the first solve fails
     problem, *_ = rest_to_rest(1.0, (0.01, 10.0), lower=-8, upper=8, running_cost=0, terminal_cost=mbd.t)
     solution = mbd.optimize(problem)
@@ -169,13 +169,13 @@ def test_a_feasible_problem_with_a_kink_is_not_called_infeasible():
 @pytest.mark.slow
 def test_ctrl_c_between_the_stages(monkeypatch):
     """A search that is stopped has no solution; its last iterate is kept, and passes limits."""
-    original = Solver.solve_loosened
+    original = ProblemSolver.solve_loosened
 
     def stopped(self, *arguments):
         original(self, *arguments)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Solver, "solve_loosened", stopped)
+    monkeypatch.setattr(ProblemSolver, "solve_loosened", stopped)
     problem, _, force = cart_pole(8.0, 1.0)
     with pytest.raises(mbd.Interrupted, match="last iterate") as caught:
         mbd.optimize(problem)

@@ -10,7 +10,7 @@ import pytest
 from motions import crank_rocker, guided_block, half_turn, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.nlp.solver import Solver
+from mbdcasadi.optimal_control.nlp.problem_solver import ProblemSolver
 from mbdcasadi.optimal_control.nlp.solvers.ipopt import SolverCallback
 
 PACKAGE = str(Path(mbd.__file__).parent)
@@ -18,7 +18,7 @@ PACKAGE = str(Path(mbd.__file__).parent)
 
 def interrupted_in_solve(monkeypatch, number, call):
     """The exception of a search with Ctrl-C in the second iteration of its n-th solve, counted from zero."""
-    solves, original, solve = [], SolverCallback.eval, Solver.solve
+    solves, original, solve = [], SolverCallback.eval, ProblemSolver.solve
 
     def counting(self, *arguments, **named):
         solves.append(0)
@@ -31,7 +31,7 @@ def interrupted_in_solve(monkeypatch, number, call):
         return original(self, arguments)
 
     with monkeypatch.context() as patched:
-        patched.setattr(Solver, "solve", counting)
+        patched.setattr(ProblemSolver, "solve", counting)
         patched.setattr(SolverCallback, "eval", pressing)
         with pytest.raises(mbd.Interrupted) as caught:
             call()
@@ -108,7 +108,7 @@ class Instants:
 
     def run(self, monkeypatch, call):
         """Result of a call, or the exception of Ctrl-C in it."""
-        solve = Solver.solve
+        solve = ProblemSolver.solve
 
         def noting(solver, *arguments, **named):
             solution = solve(solver, *arguments, **named)
@@ -116,7 +116,7 @@ class Instants:
             return solution
 
         with monkeypatch.context() as patched:
-            patched.setattr(Solver, "solve", noting)
+            patched.setattr(ProblemSolver, "solve", noting)
             sys.setprofile(self)
             try:
                 return call()

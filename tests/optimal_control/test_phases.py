@@ -6,8 +6,8 @@ from motions import crank_rocker, guided_block, half_turn, rest_to_rest
 
 import mbdcasadi as mbd
 from mbdcasadi.optimal_control.nlp.collocation_program import CollocationProgram
+from mbdcasadi.optimal_control.nlp.problem_solver import ProblemSolver
 from mbdcasadi.optimal_control.nlp.setup import Settings
-from mbdcasadi.optimal_control.nlp.solver import Solver
 from mbdcasadi.optimal_control.phase import Phase
 from mbdcasadi.optimal_control.refinement.mesh import Mesh
 
@@ -64,7 +64,7 @@ def test_a_program_of_two_phases():
     problem, u, block = rest_to_rest(3.0, 2.0)
     problem = problem.replace(boundary=[mbd.at_end(block.x) == 2 * mbd.at_start(block.x) + mbd.integral(u**2)])
     settings = Settings.read("gauss-legendre", 3, "polynomial", None, False)
-    solver = Solver(problem, settings)
+    solver = ProblemSolver(problem, settings)
     (setup,) = solver.setups
     mesh, finer = Mesh.equal(3, setup.path.segment_times), Mesh.equal(5, setup.path.segment_times)
     one, other = (CollocationProgram(problem, [setup], [m]) for m in (mesh, finer))

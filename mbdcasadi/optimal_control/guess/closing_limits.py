@@ -15,7 +15,7 @@ from dataclasses import replace
 from ...numerics.homotopy import Step, follow
 from ..checks.expressions import kinks_in_costs, kinks_in_path
 from ..checks.failure import OptimizationError, infeasible, not_found
-from ..nlp.solver import Solver
+from ..nlp.problem_solver import ProblemSolver
 from ..nlp.statistics import Stage
 from ..refinement.mesh import Mesh
 from ..refinement.refine import FRESH_PASSES, is_lost
@@ -61,7 +61,7 @@ class LimitSearch:
 
     Parameters
     ----------
-    solver : Solver
+    solver : ProblemSolver
         Problem to be solved.
     meshes : sequence of Mesh
         Meshes by phase.
@@ -77,7 +77,7 @@ class LimitSearch:
 
     def __init__(
         self,
-        solver: Solver,
+        solver: ProblemSolver,
         meshes: Sequence[Mesh],
         guess: Guess,
         second: Guess,
@@ -141,7 +141,7 @@ class LimitSearch:
         return end.point if end.complete else None, _without_multipliers(end.point.as_guess(solver.problem))
 
     def _without_limits(self) -> tuple[Solution, dict[str, float], bool]:
-        """Solution without limits, as :meth:`Solver.solve_loosened`; on a mesh so fine that it is a motion."""
+        """Solution without limits, as :meth:`ProblemSolver.solve_loosened`; on a mesh so fine that it is a motion."""
         for _ in range(FRESH_PASSES + 1):
             result = self._solver.solve_loosened(self._meshes, self._guess, None, FREE_ITERATIONS)
             free, _, succeeded = result

@@ -19,8 +19,8 @@ from ...results.state import State
 from ...results.trajectory import Trajectory
 from ...simulation.simulate import simulate
 from ..checks.failure import OptimizationError
+from ..nlp.problem_solver import ProblemSolver
 from ..nlp.setup import PhaseSetup
-from ..nlp.solver import Solver
 from ..nlp.solvers.base import Elsewhere
 from ..nlp.statistics import Start
 from ..phase import Phase
@@ -35,7 +35,7 @@ Outcome = tuple[list[Start], Solution | OptimizationError]
 SAME_COST = 1e-6
 
 
-def guesses(solver: Solver, starts: Any, guess: Any) -> list[Guess]:
+def guesses(solver: ProblemSolver, starts: Any, guess: Any) -> list[Guess]:
     """Return the guesses of a search: the usual ones and others at random, or those that are given."""
     if starts is None:
         return _usual_guesses(solver) if guess is None else [read_guess(solver, guess)]
@@ -54,7 +54,7 @@ def guesses(solver: Solver, starts: Any, guess: Any) -> list[Guess]:
     return [read_guess(solver, one) for one in several]
 
 
-def read_guess(solver: Solver, guess: Any) -> Guess:
+def read_guess(solver: ProblemSolver, guess: Any) -> Guess:
     """Return the guess that a user gave: nothing, a solution, or a trajectory."""
     problem, phases = solver.problem, solver.problem.phases
     if guess is None:
@@ -102,35 +102,37 @@ def _value_in(motion: Trajectory, parameter: Any, otherwise: float) -> float:
     return float(np.clip(motion[parameter][-1], parameter.lower, parameter.upper))
 
 
-def _start_of(solver: Solver, setup: PhaseSetup) -> tuple[State, KinematicPath]:
+def _start_of(solver: ProblemSolver, setup: PhaseSetup) -> tuple[State, KinematicPath]:
     """First state and poses of a phase; the setup of the first one may belong to another start."""
     return (solver.start, solver.path) if setup is solver.setups[0] else (setup.start, setup.path)
 
 
-def _through_poses(solver: Solver, setup: PhaseSetup, make: Callable[..., PhaseGuess] = kinematic_guess) -> PhaseGuess:
+def _through_poses(
+    solver: ProblemSolver, setup: PhaseSetup, make: Callable[..., PhaseGuess] = kinematic_guess
+) -> PhaseGuess:
     """The motion of a phase through its poses."""
     if setup.phase.is_instant:
         return PhaseGuess(lambda _times: {}, setup.path.segment_times)
     return make(setup.loads, *_start_of(solver, setup))
 
 
-def _guess(solver: Solver, phases: Iterable[PhaseGuess], description: str) -> Guess:
+def _guess(solver: ProblemSolver, phases: Iterable[PhaseGuess], description: str) -> Guess:
     return Guess(tuple(phases), solver.free_values, description)
 
 
-def _usual_guesses(solver: Solver) -> list[Guess]:
+def _usual_guesses(solver: ProblemSolver) -> list[Guess]:
     """The usual guess; for a chain in angles, which is solved twice in less time than in all coordinates, two."""
     usual = _usual_guess(solver)
     return [usual, at_rest(solver)] if solver.setups[0].scheme.eom.is_chain else [usual]
 
 
-def at_rest(solver: Solver) -> Guess:
+def at_rest(solver: ProblemSolver) -> Guess:
     """Return the poses of the kinematic motion without speeds."""
     parts = [_through_poses(solver, setup, guess_at_rest) for setup in solver.setups]
     return _guess(solver, parts, "kinematic, at rest")
 
 
-def _usual_guess(solver: Solver) -> Guess:
+def _usual_guess(solver: ProblemSolver) -> Guess:
     """The motion through the conditions, or the free motion if there are none and it begins with a speed."""
     setup, phases = solver.setups[0], solver.problem.phases
     if len(phases) == 1 and has_free_path(solver.problem, phases[0]) and np.any(solver.start.v):
@@ -140,7 +142,7 @@ def _usual_guess(solver: Solver) -> Guess:
     return _guess(solver, [_through_poses(solver, setup) for setup in solver.setups], "kinematic")
 
 
-def _free_motion(solver: Solver) -> Trajectory | None:
+def _free_motion(solver: ProblemSolver) -> Trajectory | None:
     """The motion from the start with the inputs' own values; None if it cannot be simulated."""
     setup = solver.setups[0]
     mechanism = setup.phase.mechanism
@@ -153,7 +155,7 @@ def _free_motion(solver: Solver) -> Trajectory | None:
         return None
 
 
-def random_detour(solver: Solver, random: np.random.Generator) -> Guess:
+def random_detour(solver: ProblemSolver, random: np.random.Generator) -> Guess:
     """The kinematic motion with a detour in each phase: a few half waves in the free directions of each pose."""
     parts, waves = [], []
     for setup in solver.setups:
@@ -190,7 +192,7 @@ def _detour(
 
 
 def best_of(
-    solver: Solver,
+    solver: ProblemSolver,
     meshes: list[Mesh],
     candidates: list[Guess],
     *,
@@ -224,7 +226,7 @@ def best_of(
     return best
 
 
-def _tried(solver: Solver, guess: Guess, meshes: list[Mesh], warm: bool) -> Outcome:
+def _tried(solver: ProblemSolver, guess: Guess, meshes: list[Mesh], warm: bool) -> Outcome:
     """Reports of the solves from a guess, and what the last one ended with."""
     reports = []
     for is_warm in (True, False) if warm else (False,):
@@ -242,7 +244,7 @@ def _tried(solver: Solver, guess: Guess, meshes: list[Mesh], warm: bool) -> Outc
 
 
 def _side_by_side(
-    tries: Callable[[Solver, Guess], Outcome], solver: Solver, candidates: list[Guess], executor: Executor
+    tries: Callable[[ProblemSolver, Guess], Outcome], solver: ProblemSolver, candidates: list[Guess], executor: Executor
 ) -> list[Outcome]:
     """Outcomes of all guesses; the runs of the solver take place on an executor, what leads to them in threads here."""
     elsewhere = Elsewhere(executor)

@@ -15,7 +15,7 @@ from ...numerics.real import stretches
 from ..checks.failure import OptimizationError
 from ..guess.guess import Guess
 from ..nlp.held_limits import passed_limits, shares_by_interval
-from ..nlp.solver import Solver
+from ..nlp.problem_solver import ProblemSolver
 from ..nlp.statistics import Pass
 from ..solution import Solution
 from .input_error import input_order, unresolved_inputs
@@ -43,7 +43,7 @@ SOLVER_TOLERANCE = 1e-8
 MERGING_SHARE = 0.05
 
 
-def refine(solver: Solver, solution: Solution, tolerance: float) -> Solution:
+def refine(solver: ProblemSolver, solution: Solution, tolerance: float) -> Solution:
     """Solve on other meshes until states, inputs, limits and switches meet a tolerance.
 
     An interval with error e is split into ``ceil((2 e / tolerance)^(1 / (r + 1)))``
@@ -69,7 +69,7 @@ def refine(solver: Solver, solution: Solution, tolerance: float) -> Solution:
 class _Refinement:
     """Passes of a refinement: the last solution and its errors."""
 
-    def __init__(self, solver: Solver, solution: Solution, tolerance: float):
+    def __init__(self, solver: ProblemSolver, solution: Solution, tolerance: float):
         self.solver, self.solution, self.tolerance = solver, solution, tolerance
         self.passes: list[Pass] = []
         self.merging, self.moves = True, MOVES
@@ -220,7 +220,7 @@ class _Refinement:
         )
 
 
-def refine_or_repeat(solver: Solver, solution: Solution, guess: Guess) -> tuple[Solution, bool]:
+def refine_or_repeat(solver: ProblemSolver, solution: Solution, guess: Guess) -> tuple[Solution, bool]:
     """Refine a coarse mesh, or solve again from the guess on a finer one if the solution is no motion at all.
 
     A solution that owes its cost to the errors of a coarse mesh is a poor guess for a finer one.
@@ -245,7 +245,7 @@ def is_lost(solution: Solution) -> bool:
     return max(float(np.max(coarseness(part), initial=0.0)) for part in solution.phases) > LOST_ERROR
 
 
-def refine_if_coarse(solver: Solver, solution: Solution) -> tuple[Solution, bool]:
+def refine_if_coarse(solver: ProblemSolver, solution: Solution) -> tuple[Solution, bool]:
     """Solve again with intervals split that are too coarse for the motion, or in which it passes a limit.
 
     A few times at most. If the largest error does not fall, since a fast motion moved on to the next coarse interval,

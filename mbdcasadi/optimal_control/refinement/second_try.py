@@ -16,7 +16,7 @@ from .refine import refine_if_coarse
 
 if TYPE_CHECKING:
     from ..guess.guess import Guess
-    from ..nlp.solver import Solver
+    from ..nlp.problem_solver import ProblemSolver
     from ..solution import Solution
 
 #: Step by which the end of an interval is moved onto the constraints, in rad or sizes of the mechanism, from which a
@@ -30,7 +30,7 @@ PIECES = 2
 ITERATIONS = 300
 
 
-def as_motion(solver: Solver, solution: Solution, guesses: Iterable[Callable[[], Guess]]) -> Solution:
+def as_motion(solver: ProblemSolver, solution: Solution, guesses: Iterable[Callable[[], Guess]]) -> Solution:
     """Return a solution that is a motion: the same one, or one of another mesh or from another guess.
 
     A solution may jump to another branch within an interval; guesses are then tried in turn on a finer mesh. Or an
@@ -58,7 +58,7 @@ def as_motion(solver: Solver, solution: Solution, guesses: Iterable[Callable[[],
     return motion
 
 
-def _refined(solver: Solver, solution: Solution, stages: list[Stage]) -> Solution:
+def _refined(solver: ProblemSolver, solution: Solution, stages: list[Stage]) -> Solution:
     """The solution on a mesh that is refined where it is coarse; the same one if that does not succeed."""
     before, refined = solution.statistics, refine_if_coarse(solver, solution)[0]
     if refined is not solution:
@@ -68,7 +68,7 @@ def _refined(solver: Solver, solution: Solution, stages: list[Stage]) -> Solutio
 
 
 def _from_guesses(
-    solver: Solver, solution: Solution, guesses: Iterable[Callable[[], Guess]], stages: list[Stage]
+    solver: ProblemSolver, solution: Solution, guesses: Iterable[Callable[[], Guess]], stages: list[Stage]
 ) -> Solution | None:
     """The first solution without jumps from other guesses on a finer mesh; None if there is none."""
     meshes = [mesh.split(PIECES) for mesh in solution.meshes]

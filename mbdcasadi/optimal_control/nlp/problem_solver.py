@@ -50,7 +50,7 @@ START_MOVED = 1e-9
 WARM_VIOLATION = 1e-2
 
 
-class Solver:
+class ProblemSolver:
     """A problem with its parameters and its start, ready to be solved on meshes.
 
     `initial` may replace the problem's own start; `best` records the solutions.
@@ -95,7 +95,7 @@ class Solver:
         else:
             self._set_up_phases(numerics)
 
-    def on(self, elsewhere: Elsewhere) -> Solver:
+    def on(self, elsewhere: Elsewhere) -> ProblemSolver:
         """Return the same solver with its runs on an executor; several of these work beside each other."""
         other = copy(self)
         other._nlp_solver = self.settings.make_solver(elsewhere)
