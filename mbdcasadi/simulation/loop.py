@@ -130,7 +130,7 @@ class Run:
         noticing = interruptible() if self._noticed is None else nullcontext(self._noticed)
         with noticing as self._interruption, simulated_time_bar(span, show=self._progress) as bar:
             try:
-                self._begin() if entry is None else self._resume(entry)
+                self._begin() if entry is None else self._resume(entry, passed)
                 if any(event.becomes is not None for event in self.events):
                     state = self._arc.stepper.outputs.state(self._time, self._x)
                     self.changing = self.transitions.to_another_mechanism(state, passed)
@@ -181,8 +181,8 @@ class Run:
             warn(remark)
         self._reset_at(state, impacts.passed_by_rounding(state))
 
-    def _resume(self, entry: State) -> None:
-        """Go on from a state at any time, at which the mechanism has changed."""
+    def _resume(self, entry: State, passed: Sequence[Event]) -> None:
+        """Go on from a state at any time, at which the mechanism has changed by events."""
         modes = self.modes
         state = modes.at(modes.free, entry.t, entry.q, entry.v, entry.z)
         self._set_out_from(state)
@@ -190,7 +190,7 @@ class Run:
         state = self.transitions.decided(state)
         if self._schedule.samples_at(self._index - 1) and self._schedule.times[self._index - 1] >= state.t:
             state = self.transitions.by_controller(state)
-        self._enter(state, first=True)
+        self._enter(state, passed, first=True)
         self._reset_at(state, [])
 
     def _set_out_from(self, state: State) -> None:
@@ -206,7 +206,7 @@ class Run:
     def only_start(self, entry: State) -> Trajectory:
         """Return the motion of no duration at a state at which the mechanism has changed and the run ends."""
         self._prepare()
-        self._resume(entry)
+        self._resume(entry, ())
         return self._builder.trajectory()
 
     def _pieces(self, bar: Any) -> None:
@@ -380,15 +380,15 @@ class Run:
             )
 
     # --- events and modes ---------------------------------------------------------------------------
-    def _enter(self, state: State, *, first: bool = False) -> None:
-        """Go on from a state in the present mode."""
+    def _enter(self, state: State, located: Sequence[Event] = (), *, first: bool = False) -> None:
+        """Go on from a state in the present mode, after events that took place there."""
         mode = self.transitions.mode
         if mode not in self._arcs:
             self._arcs[mode] = Arc(self, mode, state)
         arc = self._arc = self._arcs[mode]
         self._x, self._time = np.concatenate([state.q, state.v, state.z]), state.t
         self._arc.trail.begin(self._time, self._x)
-        arc.watch.start_at(state)
+        arc.watch.start_at(state, located)
         self._builder.enter(state.t, mode, arc.stepper.outputs.recovery.refine(arc.stepper.outputs.rule))
         if first:
             statistics = self._builder.statistics
@@ -425,7 +425,7 @@ class Run:
             self.reached = self.transitions.whole(state)
             self.stops = any(c.event.terminal for c in terminal)
             return True
-        self._enter(state)
+        self._enter(state, [c.event for c in crossings])
         self._reset_at(state, [c.event for c in crossings if c.event.reset])
         index = self._schedule.break_within(time, self.instant)
         if index is not None:  # of the same instant
@@ -442,7 +442,7 @@ class Run:
         state, occurrences = self.transitions.by_resets(state, located)
         self._builder.events += occurrences
         if occurrences:
-            self._enter(state)
+            self._enter(state, located)
         if occurrences or located or state.t == self.setup.grid[0]:
             self.transitions.impacts.refuse_pressed_through(state)
 

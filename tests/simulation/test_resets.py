@@ -349,3 +349,14 @@ def test_event_in_time_brings_no_warning_of_numerics():
     times = np.linspace(0, 2, 11)
     motion = mbd.simulate(mbd.Mechanism(bodies=[ball]), times, initial=[ball.y == 1, ball.vy == -1], events=[kick])
     assert motion[ball.y][-1] == pytest.approx(1 - 2 + 5 * 1.25)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tolerance", [3e-9, 5e-9, 1e-8, 2e-8, 1e-7])
+def test_bounces_that_die_out_are_never_passed(tolerance):
+    """At no tolerance does the ball fall through: an event begins at zero, whatever the error of its place."""
+    body, mechanism = ball()
+    with pytest.raises(mbd.SimulationError, match="'bounce' takes place ever faster") as caught:
+        mbd.simulate(mechanism, np.linspace(0, 5, 51), events=[bounce(body)], reltol=tolerance, abstol=tolerance)
+    assert caught.value.partial[body.y].min() > -1e-6
+    assert caught.value.time == pytest.approx(np.sqrt(2 / G) * (1 + 0.8) / (1 - 0.8), abs=1e-3)

@@ -17,6 +17,7 @@ from .refine import refine_if_coarse
 if TYPE_CHECKING:
     from ..guess.guess import Guess
     from ..nlp.problem_solver import ProblemSolver
+    from ..phase_solution import PhaseSolution
     from ..solution import Solution
 
 #: Step by which the end of an interval is moved onto the constraints, in rad or sizes of the mechanism, from which a
@@ -98,8 +99,8 @@ def _largest_projection(solution: Solution) -> float:
 
 
 def _is_far_off(solution: Solution) -> bool:
-    """True if an interval, integrated again, ends far from the next one."""
-    return any(_far_off(coarseness(part)) for part in solution.phases)
+    """True if an interval of a closed loop, integrated again, ends far from the next one, perhaps on another branch."""
+    return any(_far_off(coarseness(part)) for part in _closed_loops(solution))
 
 
 def _far_off(errors: np.ndarray) -> bool:
@@ -107,8 +108,12 @@ def _far_off(errors: np.ndarray) -> bool:
     return bool(np.max(errors[np.isfinite(errors)], initial=0.0) > LARGEST_ERROR)
 
 
+def _closed_loops(solution: Solution) -> list[PhaseSolution]:
+    return [part for part in solution.phases if part.phase.equations.has_loops]
+
+
 def _refuse_far_off(solution: Solution) -> None:
-    for part in solution.phases:
+    for part in _closed_loops(solution):
         errors = coarseness(part)
         if _far_off(errors):
             errors = np.where(np.isfinite(errors), errors, 0.0)

@@ -24,6 +24,9 @@ from ..path import StatesAt, StatesFrom
 
 #: Change of an expression, relative to the coordinates and velocities, by which an event at rest leaves its place.
 AWAY = 1e-9
+#: Expression, relative to the coordinates, below which an event that was located counts as at its zero: short
+#: integrations that end at other times differ by the error of the integrator.
+LOCATED = 1e-6
 #: Acceleration through the zero of an event, relative to the accelerations, that counts as none.
 NO_PRESSURE = 1e-9
 #: Points at which an interval is looked at, inside which an expression may have touched zero between two outputs.
@@ -209,13 +212,24 @@ class EventWatch:
             self._known[key] = find()
         return self._known[key]
 
-    def start_at(self, state: State) -> None:
-        """Forget what was before: a piece of motion starts, and each expression on the side to which it goes."""
+    def start_at(self, state: State, located: Sequence[Event] = ()) -> None:
+        """Forget what was before: a piece of motion starts, and each expression on the side to which it goes.
+
+        Parameters
+        ----------
+        located : sequence of Event
+            Events that have just taken place: their expressions begin at zero, whatever the error of that place is.
+        """
         self._side, self._offset = {}, {}
         if not self.events:
             return
         rates, seconds, rests = self.rates(state), self.accelerations(state), self.rests(state)
-        for index in self.at_zero(state):
+        near = [
+            k
+            for k, event in enumerate(self.events)
+            if event in located and abs(float(state[event.expression])) <= LOCATED * (1 + largest(state.q))
+        ]
+        for index in dict.fromkeys([*self.at_zero(state), *near]):
             event = self.events[index]
             if (event.reset or event.becomes is not None) and rests[index]:
                 self.resting.setdefault(event, float(state[event.expression]))
