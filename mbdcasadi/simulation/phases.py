@@ -47,7 +47,7 @@ class PhasedRun:
         ``modes_of(setup, events)`` gives the modes of a mechanism.
     integrator_of : callable
         ``integrator_of(modes)`` gives the integrator for it.
-    given : mapping
+    values : mapping
         `times`, `duration`, `initial`, `inputs` and `parameters` as :func:`simulate` takes them.
 
     Attributes
