@@ -36,7 +36,8 @@ LAYERS: tuple[dict[str, str], ...] = (
     {"equations": "M, Q, Φ and their functions", "integrators": "one method a file"},
     {"files": "model files", "library": "ready mechanisms"},
     {"model": "bodies, joints, forces, geometry, mechanism"},
-    {"numerics": "Newton, homotopy, rank", "printing": "expressions as text"},
+    {"printing": "expressions as text"},
+    {"numerics": "Newton, homotopy, rank"},
     {"errors": "errors and warnings"},
 )
 

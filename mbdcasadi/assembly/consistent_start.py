@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from ..arguments.inputs import Signals
+from ..arguments.values import pairs_with
 from ..equations import Equations
 from ..equations.numeric import NumericEquations
 from ..errors import ConditionError, MechanismError, SimulationError, SingularityError
@@ -143,7 +144,7 @@ def carried_by(initial: Any, mechanism: Mechanism) -> dict[str, dict]:
         ("parameters", theirs.parameters, initial.parameters, mechanism.parameters),
         ("inputs", theirs.inputs, initial.inputs, mechanism.inputs),
     ):
-        carried[name] = {s: float(x) for s, x in zip(symbols, values, strict=True) if any(s is o for o in symbols_here)}
+        carried[name] = dict(pairs_with(symbols_here, zip(symbols, values.tolist(), strict=True)))
     return carried
 
 

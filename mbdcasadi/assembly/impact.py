@@ -120,7 +120,7 @@ def _carried(numeric: NumericEquations, before: State, what: str) -> tuple[np.nd
     """Coordinates and velocities of the bodies, and estimates of other coordinates that are new."""
     eom, theirs = numeric.eom, before.mechanism
     for body in eom.mechanism.bodies:
-        if not any(body is other for other in theirs.bodies):
+        if body not in theirs.bodies:
             raise SimulationError(
                 f"{what}: body '{body.name}' of the new mechanism is not in the one before, and so its place is not "
                 "known; bodies may leave, not come",

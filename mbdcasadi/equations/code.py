@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import casadi as ca
 
@@ -13,11 +12,9 @@ from ..errors import ModelError
 from ..numerics.c_code import SIGNATURE, Tape, UnsupportedOperation, simplified, tape_of
 from ..numerics.c_interface import definitions, interface
 from ..numerics.writing import whole_file
+from .derivation import Equations
 from .newton_code import NewtonLoop, newton_step
 from .numeric import NumericEquations
-
-if TYPE_CHECKING:
-    from .derivation import Equations
 
 #: Frame of both files: C++ must not change the names, and ``casadi_real`` is the name CasADi's files have for double.
 _FRAME = """/* Equations of motion in the calling convention of CasADi; matrices are stored by columns. */

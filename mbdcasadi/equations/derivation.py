@@ -21,8 +21,6 @@ from ..model.symbols import as_sx, describe, role_of, symbols_of
 from ..model.symbols import t as time
 from ..numerics.lazy import cached_property
 from ..numerics.symbolic import symbolic
-from .display import equations_as_latex, equations_as_text
-from .saddle import forward_dynamics
 
 
 def equations(mechanism: Mechanism) -> Equations:
@@ -284,6 +282,8 @@ class Equations:
         For constraints with redundant rows use the analyses, which find the
         multipliers of least norm.
         """
+        from .saddle import forward_dynamics
+
         return forward_dynamics(self, augmentation=self.effective_masses(self.parameter_values))
 
     @cached_property
@@ -337,12 +337,16 @@ class Equations:
 
     # --- printing ----------------------------------------------------------------------
     def __str__(self) -> str:
+        from .display import equations_as_text
+
         return equations_as_text(self)
 
     def __repr__(self) -> str:
         return f"Equations(n = {self.q.numel()} coordinates, m = {self.lam.numel()} constraint rows)"
 
     def _repr_latex_(self) -> str:
+        from .display import equations_as_latex
+
         return equations_as_latex(self)
 
 

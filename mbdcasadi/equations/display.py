@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import casadi as ca
 
 from ..printing import matrix_to_latex, matrix_to_text, to_latex, to_text
-
-if TYPE_CHECKING:
-    from .derivation import Equations
+from .derivation import Equations
 
 #: Larger systems are printed by their sizes and the constraint rows alone.
 LARGEST_MATRIX = 30

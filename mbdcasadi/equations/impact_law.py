@@ -126,17 +126,16 @@ class ImpactLaw:
         self.row_names = (*eom.row_names, *(name for joint in self.restitution for name in joint.row_names))
 
     def _refuse_foreign(self) -> None:
-        bodies = self.eom.mechanism.bodies
         for joint in self.restitution:
             if joint.velocity_rows.numel():
                 raise ModelError(f"restitution: {joint.description} has rows at velocity level, which do not close")
-            if any(joint is other for other in self.eom.mechanism.joints):
+            if joint in self.eom.mechanism.joints:
                 raise ModelError(
                     f"restitution: {joint.description} is a joint of the mechanism itself; restitution is for joints "
                     "that are there at the instant of the impact alone"
                 )
             for body in joint.bodies:
-                if not body.is_ground and not any(body is other for other in bodies):
+                if not body.is_ground and body not in self.eom.mechanism.bodies:
                     raise ModelError(f"restitution: {joint.description} acts on '{body.name}', which is not there")
 
     @property

@@ -24,7 +24,7 @@ from ..numerics.rank import (
 from ..numerics.tolerances import EPSILON, RANK
 from .augmentation import effective_masses
 from .derivation import Equations
-from .saddle import REPORT_REFINEMENTS, forward_dynamics, stabilised_dynamics
+from .saddle import REPORT_REFINEMENTS, forward_dynamics
 from .scale import Scale, scale_of
 
 T = TypeVar("T")
@@ -245,13 +245,6 @@ class NumericEquations:
         key = ("forward dynamics", self.light_key, *choice.values())
         return self.eom.mechanism.cache.get_or_create(
             key, lambda: forward_dynamics(self.eom, augmentation=self.augmentation, **choice)
-        )
-
-    def stabilised_dynamics(self) -> ca.Function:
-        """``(t, q, v, z, u, p, rate) -> (a, lam)``, regularised and damped, for these masses."""
-        key = ("stabilised dynamics", self.light_key)
-        return self.eom.mechanism.cache.get_or_create(
-            key, lambda: stabilised_dynamics(self.eom, augmentation=self.augmentation)
         )
 
     def motion_without_mass(self, t: float, q: np.ndarray) -> list[str]:

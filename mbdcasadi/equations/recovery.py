@@ -41,12 +41,10 @@ class Recovery:
         self.redundant = redundant
         #: largest ``|Phi|`` that was left by the last projection
         self.left_over = 0.0
-        #: smallest relative pivot at each of the poses that were projected last: small near a singular pose
-        self.regularity = np.ones(1)
 
     @cached_property
     def position_step(self) -> ca.Function:
-        """``(t, q, p, weights) -> (q, |Phi|, regularity)``: one step towards ``Phi = 0``, and what is left after it."""
+        """``(t, q, p, weights) -> (q, |Phi|)``: one step towards ``Phi = 0``, and what is left after it."""
         return self._kept("position step", lambda: _position_step(self.numeric.eom))
 
     @cached_property
@@ -73,8 +71,7 @@ class Recovery:
         self.left_over = 0.0
         before = np.inf
         for _ in range(PROJECTIONS):
-            moved, size, quality = self._position_rows.rows(t[:, None], q, p, weights)
-            self.regularity = quality.ravel()
+            moved, size = self._position_rows.rows(t[:, None], q, p, weights)
             worst = largest(size)
             if not np.isfinite(worst) or worst >= before / 2:
                 self.left_over = self.left_over or worst
@@ -117,25 +114,23 @@ class Recovery:
 def _position_step(eom: Equations) -> ca.Function:
     weights = ca.SX.sym("w", eom.q.numel())
     jacobian = eom.Phi_q[[int(k) for k in eom.position_rows], :]
-    towards, quality = _towards(jacobian, weights, eom.angular_rows[eom.position_rows])
+    towards = _towards(jacobian, weights, eom.angular_rows[eom.position_rows])
     moved = ca.densify(eom.q - towards(eom.Phi))
     left = ca.Function("left", [eom.t, eom.q, eom.p], ca.cse([ca.norm_inf(ca.densify(eom.Phi))]))
-    return ca.Function("position_step", [eom.t, eom.q, eom.p, weights], [moved, left(eom.t, moved, eom.p), quality])
+    return ca.Function("position_step", [eom.t, eom.q, eom.p, weights], [moved, left(eom.t, moved, eom.p)])
 
 
 def _velocity_step(eom: Equations) -> ca.Function:
     weights = ca.SX.sym("w", eom.q.numel())
-    towards, _ = _towards(eom.Phi_q, weights, eom.angular_rows)
+    towards = _towards(eom.Phi_q, weights, eom.angular_rows)
     v = eom.v
     for _ in range(2):  # the second step removes the rounding of the first
         v = v - towards(eom.Phi_q @ v - eom.nu)
     return ca.Function("velocity_step", [eom.t, eom.q, eom.v, eom.p, weights], [ca.densify(v)])
 
 
-def _towards(jacobian: ca.SX, weights: ca.SX, angular: np.ndarray) -> tuple[Callable[[ca.SX], ca.SX], ca.SX]:
+def _towards(jacobian: ca.SX, weights: ca.SX, angular: np.ndarray) -> Callable[[ca.SX], ca.SX]:
     """Step ``W⁻¹ J^T (J W⁻¹ J^T + epsilon D)⁻¹ r`` by residual, orthogonal in the metric of the weights.
-
-    The second result is the smallest pivot of the factorisation, which serves all residuals.
 
     The shift keeps the step short if the pose is nearly singular: there
     a residual of rounding size would else throw the state onto another
@@ -144,5 +139,4 @@ def _towards(jacobian: ca.SX, weights: ca.SX, angular: np.ndarray) -> tuple[Call
     over = ca.diag(1 / weights) @ jacobian.T
     over, schur = ca.cse([over, jacobian @ over])  # what follows repeats little, and takes long to look through
     pivots, lower, order = shifted(schur, angular)
-    smallest = ca.mmin(ca.densify(pivots)) * schur.size1() / ca.trace(schur)
-    return lambda residual: over @ ca.ldl_solve(ca.densify(residual), pivots, lower, order), smallest
+    return lambda residual: over @ ca.ldl_solve(ca.densify(residual), pivots, lower, order)

@@ -15,18 +15,14 @@ diagonal D of its size and refinement gives the multipliers of least norm.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import casadi as ca
 import numpy as np
 
 from ..errors import SingularityError
-
-if TYPE_CHECKING:
-    from .derivation import Equations
+from .derivation import Equations
 
 #: Regularisation of S, relative to the mean of its diagonal. Chains of parallelograms that pass their flat, singular
-#: pose keep their branch from 1e-10 to 1e-6 with the damping of :func:`stabilised_dynamics`, and without it do not;
+#: pose keep their branch from 1e-10 to 1e-6 with the damping of :func:`stabilised_solution`, and without it do not;
 #: IDAS errs least at 1e-7, with which the peak of the accelerations is wide enough for it.
 REGULARISATION = 1e-7
 #: Refinement steps of the regularised solve inside an integrator: on two dozen chains of parallelograms through some
@@ -122,13 +118,6 @@ def solve_redundant(
     for _ in range(refinements):
         solution += ca.ldl_solve(right - matrix @ solution, *factors)
     return solution
-
-
-def stabilised_dynamics(eom: Equations, *, augmentation: np.ndarray | None) -> ca.Function:
-    """Compile ``(t, q, v, z, u, p, rate) -> (a, lam)``: regularised, with drift that decays at a rate."""
-    rate = ca.SX.sym("rate")
-    a, lam = stabilised_solution(eom, eom.Q, rate, augmentation=augmentation)
-    return ca.Function("stabilised_dynamics", [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p, rate], [a, lam])
 
 
 def stabilised_solution(

@@ -18,6 +18,7 @@ from ..kinematics.kinematics import driven_motion, kinematic_trajectory
 from ..model.drivers import Driver
 from ..model.geometry.splines import expression_of, through_samples
 from ..model.mechanism import Mechanism
+from ..model.symbols import place_of
 from ..model.symbols import t as time
 from ..numerics.console import call_each, keyboard_interrupts
 from ..results.trajectory import Statistics, Trajectory
@@ -245,7 +246,7 @@ def _knows_states(eom: Equations, course: Trajectory) -> bool:
     return (
         course.z.size > 0
         and bool(np.all(np.isfinite(course.z)))
-        and all(any(z is o for o in theirs) for z in eom.mechanism.states)
+        and all(place_of(z, theirs) is not None for z in eom.mechanism.states)
     )
 
 

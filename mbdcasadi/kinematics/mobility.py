@@ -153,6 +153,7 @@ class Joints:
         reached = np.zeros((count, count))
         for k, direction in enumerate(np.linalg.qr(self._random.standard_normal((count, count)))[0].T):
             reached[:, k] = self._reached(pose, motions, direction)
+        # dense and small: as many rows as the joints leave motions
         left, values, _ = np.linalg.svd(reached)
         return (motions @ left[:, values < FOLLOWED_SHARE]).T
 

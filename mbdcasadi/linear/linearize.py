@@ -14,7 +14,7 @@ from ..errors import ModelError, warn
 from ..kinematics.singular import singular_pose
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries
-from ..model.symbols import Input, Parameter, as_expression
+from ..model.symbols import Input, Parameter, as_expression, place_of
 from ..numerics.console import keyboard_interrupts
 from ..printing import to_text
 from ..results.columns import component_names
@@ -155,6 +155,6 @@ def _feedback(setup: Setup, changed: Sequence[Any]) -> ca.SX:
     """Inputs as expressions: constants do not matter here, feedback closes the loop."""
     held = ca.SX(setup.signals.at_time(setup.time))
     for k, symbol in enumerate(setup.mechanism.inputs):
-        if any(symbol is c for c in changed) and not held[k].is_constant():
+        if place_of(symbol, changed) is not None and not held[k].is_constant():
             raise ModelError(f"linearize: input '{symbol.label}' is given by feedback and cannot be in wrt= as well")
     return held

@@ -12,7 +12,7 @@ from .element import ConstraintElement, refuse_kinds
 from .immutable import HoldsSymbols, Immutable
 from .mechanism import Mechanism
 from .quantities import entries, is_relation, quantity, yes_or_no
-from .symbols import Parameter, StateVariable, check_name, number, role_of, symbols_of
+from .symbols import Parameter, StateVariable, check_name, number, place_of, role_of, symbols_of
 
 
 class Event(Immutable, HoldsSymbols):
@@ -112,7 +112,7 @@ class Event(Immutable, HoldsSymbols):
     def is_watched_in(self, mechanism: Mechanism) -> bool:
         """Return True if the event is looked for in a mechanism."""
         if self.during is not None:
-            if not any(mechanism is one for one in self.during):
+            if mechanism not in self.during:
                 return False
         elif mechanism is self.becomes:
             return False
@@ -170,7 +170,7 @@ def _read_new_values(reset: Any, becomes: Mechanism, what: str) -> tuple[tuple[A
                 f"{what}: reset of {key!r} at a change of the mechanism; parameters and state variables take new "
                 "values there, velocities follow from the impulses of the joints (restitution= makes them bounce)"
             )
-        if not any(key is own for own in (*becomes.parameters, *becomes.states)):
+        if place_of(key, (*becomes.parameters, *becomes.states)) is None:
             raise ModelError(f"{what}: reset of '{key.label}', which the mechanism of becomes= does not have")
         resets.append((key, ca.SX(quantity(value, what, "reset value"))))
     return tuple(resets)

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ExpressionError, ModelError, warn
-from .symbols import Parameter, describe, number, varying_in
+from .symbols import Parameter, describe, number, place_of, varying_in
 
 _RELATIONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_NOT)
 
@@ -211,7 +211,7 @@ def refuse_twice(symbols: Iterable[Any], what: str) -> None:
     """Raise an error if a symbol occurs in a list twice."""
     seen: list[Any] = []
     for symbol in symbols:
-        if any(symbol is other for other in seen):
+        if place_of(symbol, seen) is not None:
             raise ModelError(f"{what} contains '{symbol.label}' twice")
         seen.append(symbol)
 

@@ -36,6 +36,11 @@ def operations(
             yield kind, nodes[k]
 
 
+def count_of_operations(expressions: ca.SX) -> int:
+    """Return the number of operations of expressions, shared ones counted once."""
+    return sum(1 for _ in operations(expressions))
+
+
 def operands(node: ca.SX) -> list[ca.SX]:
     """Return the operands of an operation."""
     return [node.dep(k) for k in range(node.n_dep())]

@@ -10,6 +10,14 @@ import numpy as np
 TOUCHES = 0.1
 #: Steps in which bracketed roots are found to the last bit: by halving alone in the worst case.
 MOST_STEPS = 60
+#: Width to which brackets of roots and of extrema are narrowed, relative to the first one.
+OF_ROOTS, OF_EXTREMA = 2.0**-28, 2.0**-19
+#: Parts into which brackets are cut, at least and at most, and points of all of them that one call evaluates, which
+#: costs as much as some hundred of them.
+FEWEST_PARTS, MOST_PARTS, AT_ONCE = 4, 16, 4096
+
+#: ``points -> values``, of the shape of the points (k, m): by row one of k functions of one variable.
+Functions = Callable[[np.ndarray], np.ndarray]
 
 
 def bracketed_root(
@@ -87,6 +95,71 @@ def bracketed_roots(
             break
         x = np.where(done, x, np.where(inside, aimed, (low + high) / 2))
     return x
+
+
+def narrowed_roots(functions: Functions, low: np.ndarray, high: np.ndarray, at_low: np.ndarray) -> np.ndarray:
+    """Return roots of sampled functions in brackets, all at once, to ``2^-28`` of these; of several the first (k,).
+
+    Where a call costs as much as a hundred points, cutting brackets into many parts takes less time than halving.
+
+    Parameters
+    ----------
+    low, high : numpy.ndarray
+        Ends of the brackets (k,).
+    at_low : numpy.ndarray
+        Values at their beginnings (k,), whose signs differ from those at their ends.
+    """
+
+    def first(values: np.ndarray) -> np.ndarray:
+        same = np.sign(values) == np.sign(at_low)[:, None]
+        return np.argmin(np.column_stack([same, np.zeros(len(same), bool)]), axis=1)
+
+    return _narrowed(functions, low, high, first, 1, OF_ROOTS)
+
+
+def narrowed_extrema(functions: Functions, low: np.ndarray, high: np.ndarray, sign: np.ndarray) -> np.ndarray:
+    """Return extrema of sampled functions in brackets, all at once, to ``2^-19`` of these (k,).
+
+    Parameters
+    ----------
+    sign : numpy.ndarray
+        1 for a maximum, -1 for a minimum (k,).
+    """
+
+    def first(values: np.ndarray) -> np.ndarray:
+        heights = sign[:, None] * values
+        return np.argmax(np.where(np.isnan(heights), -np.inf, heights), axis=1)
+
+    return _narrowed(functions, low, high, first, 2, OF_EXTREMA)
+
+
+def _narrowed(
+    functions: Functions,
+    low: np.ndarray,
+    high: np.ndarray,
+    first: Callable[[np.ndarray], np.ndarray],
+    count: int,
+    width: float,
+) -> np.ndarray:
+    """Middles of brackets that are cut into parts again and again (k,).
+
+    Parameters
+    ----------
+    first : callable
+        By the values between the parts (k, parts - 1), the first part to go on from (k,).
+    count : int
+        Number of parts to go on from.
+    width : float
+        Width of the brackets at the end, relative to the first one.
+    """
+    parts = int(np.clip(AT_ONCE // max(low.size, 1), FEWEST_PARTS, MOST_PARTS))
+    inside, left = np.arange(1, parts), 1.0
+    while low.size and left > width:
+        step = (high - low) / parts
+        chosen = first(functions(low[:, None] + step[:, None] * inside))
+        low = low + chosen * step
+        high, left = low + count * step, left * count / parts
+    return (low + high) / 2
 
 
 def sign_changes(values: np.ndarray) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:

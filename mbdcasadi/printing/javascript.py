@@ -7,6 +7,7 @@ from collections.abc import Callable
 import casadi as ca
 
 from ..errors import ExpressionError
+from ..numerics.graph import operations
 from .walk import OPERATION_NAMES
 
 #: Operations of one JavaScript function: engines optimise short functions alone.
@@ -78,18 +79,18 @@ def to_javascript(function: ca.Function, name: str) -> str:
     return "\n".join(code)
 
 
-def unknown_operation(function: ca.Function) -> str | None:
-    """Name of the first operation of a function that JavaScript lacks; None if there is none."""
-    known = {*_INFIX, *_COMPARISONS, *_MATH, *_OTHERS, ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT}
-    operations = (function.instruction_id(k) for k in range(function.n_instructions()))
-    return next((OPERATION_NAMES.get(op, str(op)) for op in operations if op not in known), None)
+def unknown_operation(expressions: ca.SX) -> str | None:
+    """Name of the first operation in expressions that JavaScript lacks; None if there is none."""
+    known = {*_INFIX, *_COMPARISONS, *_MATH, *_OTHERS}
+    return next((_name(op) for op, _ in operations(expressions) if op not in known), None)
+
+
+def _name(op: int) -> str:
+    return OPERATION_NAMES.get(op, str(op))
 
 
 def _statements(function: ca.Function) -> list[str]:
     names = function.name_in()
-    missing = unknown_operation(function)
-    if missing is not None:
-        raise ExpressionError(f"the operation '{missing}' cannot be written as JavaScript")
     # constants and arguments are written where they are used, until their place is taken by another value
     written: dict[int, str] = {}
     lines = []
@@ -115,6 +116,8 @@ def _operation(op: int, operands: list[str]) -> str:
         return f"{_COMPARISONS[op].join(operands)}?1:0"
     if op in _MATH:
         return f"Math.{_MATH[op]}({','.join(operands)})"
+    if op not in _OTHERS:
+        raise ExpressionError(f"the operation '{_name(op)}' cannot be written as JavaScript")
     return _OTHERS[op](*operands)
 
 

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 
 from ..errors import ModelError
+from ..numerics.graph import count_of_operations
 from .forms import Form, Forms, Number, Operation, Product, Scaled, Sum, Symbol
-from .walk import forms_of, is_short, operations
+from .walk import forms_of, is_short
 
 if TYPE_CHECKING:
     from .text import TextStyle
@@ -77,7 +78,7 @@ def write(expression: ca.SX, style: TextStyle, limit: int) -> str:
     if expression.nnz() == 0:
         return "0"
     if not is_short(expression, limit):
-        return style.too_long(operations(expression))
+        return style.too_long(count_of_operations(expression))
     forms, whole = forms_of(expression)
     writer = _Writer(forms, style)
     return writer.term(whole).signed

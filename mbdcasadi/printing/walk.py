@@ -8,7 +8,6 @@ from .forms import Forms, Operation, Scaled, Symbol
 
 #: Names of the operations of CasADi, in small letters.
 OPERATION_NAMES = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
-_LEAVES = (ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_PARAMETER)
 _COMPARISONS = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
 _TURNED = {"<": ">", "<=": ">=", "==": "==", "!=": "!="}
 _LOGIC = {ca.OP_AND: "and", ca.OP_OR: "or"}
@@ -31,12 +30,6 @@ def is_short(expression: ca.SX, limit: int) -> bool:
             return False
         stack.extend(_parts(node))
     return True
-
-
-def operations(expression: ca.SX) -> int:
-    """Number of operations, shared ones counted once."""
-    function = ca.Function("f", ca.symvar(expression), [expression])
-    return sum(function.instruction_id(k) not in _LEAVES for k in range(function.n_instructions()))
 
 
 def forms_of(expression: ca.SX) -> tuple[Forms, Scaled]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import ItemsView, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -11,9 +11,7 @@ import numpy as np
 from ..errors import MechanismError
 from ..model.bodies import Body
 from ..model.mechanism import Mechanism
-
-if TYPE_CHECKING:
-    from .trajectory import Trajectory
+from .trajectory import Trajectory
 
 _LEVELS = ("x", "y", "phi", "vx", "vy", "omega", "ax", "ay", "alpha")
 

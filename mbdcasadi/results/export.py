@@ -13,12 +13,11 @@ from ..numerics.lazy import optional_package
 from ..numerics.writing import whole_file
 from .columns import columns, phase_numbers, read_expressions
 from .stored_states import ARRAYS, column_names
+from .trajectory import Trajectory
 
 if TYPE_CHECKING:
     import pandas
     import xarray
-
-    from .trajectory import Trajectory
 
 
 def to_pandas(motion: Trajectory, expressions: dict[str, Any] | None = None) -> pandas.DataFrame:

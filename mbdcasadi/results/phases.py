@@ -12,7 +12,7 @@ import numpy as np
 from ..equations import Equations, equations
 from ..model.cache import ExpressionKey
 from ..model.mechanism import Mechanism
-from ..model.symbols import as_expression
+from ..model.symbols import as_expression, place_of
 from ..numerics.lazy import cached_property
 from .energy_and_drift import Energy
 from .state import Arguments, Arrays, EventOccurrence, State, six
@@ -33,13 +33,13 @@ def union_of(mechanisms: Iterable[Mechanism]) -> Mechanism:
     for name in ("bodies", "joints", "drivers", "inputs", "parameters"):
         entries: list[Any] = []
         for mechanism in different:
-            entries += [x for x in getattr(mechanism, name) if not any(x is other for other in entries)]
+            entries += [x for x in getattr(mechanism, name) if place_of(x, entries) is None]
         parts[name] = entries
     forces: list[Any] = []
     for mechanism in different:
         for force in mechanism.forces:
             twin = any(force.name == x.name for x in forces) and not (force.rates or force.multipliers.numel())
-            if not twin and not any(force is x for x in forces):
+            if not twin and force not in forces:
                 forces.append(force)
     states: dict[Any, Any] = {}
     for mechanism in different:
@@ -235,6 +235,12 @@ class PhasedTrajectory(Trajectory):
         q = np.where(np.isnan(self.q), self.last_seen if last_seen is None else last_seen, self.q)
         arrays = six([q, *(np.nan_to_num(x) for x in self.arguments[2:-1])])
         return Trajectory(self.mechanism, self.t, *arrays, self._values[-1], events=self.events)
+
+    @property
+    def violations(self) -> tuple[np.ndarray, np.ndarray]:
+        """Largest ``|Phi|`` and largest ``|Phi_q v - nu|`` over time, each (n_t,), of the rows that hold."""
+        position, velocity = (np.concatenate(x) for x in zip(*(part.violations for part in self._parts), strict=True))
+        return position, velocity
 
     @property
     def energy(self) -> Energy:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..model.expressions import norm
 from .columns import columns, effort_unit, has_multipliers, joints_of, reaction_body
-
-if TYPE_CHECKING:
-    from .trajectory import Trajectory
+from .trajectory import Trajectory
 
 _WIDTH = 20
 #: Loads below this are rounding, N or N m.

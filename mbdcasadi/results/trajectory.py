@@ -17,13 +17,11 @@ from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
 from ..numerics.lazy import cached_property
 from ..numerics.real import real_array
-from . import export
-from .energy_and_drift import Drift, Energy, violations
+from .energy_and_drift import Drift, Energy
 from .finite import refuse_nan
 from .interpolation import cubic, hermite, linear
 from .notebook import html_table
 from .state import Arguments, EventOccurrence, State, six
-from .summary import summary_lines
 
 if TYPE_CHECKING:
     import pandas
@@ -287,20 +285,39 @@ class Trajectory(HoldsSymbols):
         """Largest violation of the constraints at position and velocity level."""
         if not self.t.size:
             return Drift(0.0, 0.0)
-        return Drift(*(float(np.max(sizes)) for sizes in violations(self)))
+        return Drift(*(float(np.max(sizes)) for sizes in self.violations))
+
+    @property
+    def violations(self) -> tuple[np.ndarray, np.ndarray]:
+        """Largest ``|Phi|`` and largest ``|Phi_q v - nu|`` over time, each (n_t,).
+
+        Rows that hold in some modes only (stick and slip) do not count at velocity level; of a motion through several
+        mechanisms the rows of each one count as long as it holds.
+        """
+        eom = self.equations
+        always = [k for k, element in enumerate(eom.row_elements) if not getattr(element, "modes", ())]
+        rows = self[eom.Phi], self[(eom.Phi_q @ eom.v - eom.nu)[always]]
+        position, velocity = (np.max(np.abs(x.reshape(len(self), -1)), axis=1, initial=0.0) for x in rows)
+        return position, velocity
 
     # --- tables and files -------------------------------------------------------------------
     def to_pandas(self, expressions: dict[str, Any] | None = None) -> pandas.DataFrame:
         """Return a DataFrame over time; without expressions the columns of :meth:`to_csv`."""
-        return export.to_pandas(self, expressions)
+        from .export import to_pandas
+
+        return to_pandas(self, expressions)
 
     def to_xarray(self, expressions: dict[str, Any] | None = None) -> xarray.Dataset:
         """Return a Dataset over time; without expressions coordinates, rates and multipliers."""
-        return export.to_xarray(self, expressions)
+        from .export import to_xarray
+
+        return to_xarray(self, expressions)
 
     def to_csv(self, path: str | Path, expressions: dict[str, Any] | None = None) -> None:
         """Write a table: ``t``, coordinates by body, reactions on body b by joint, efforts by driver."""
-        export.to_csv(self, path, expressions)
+        from .export import to_csv
+
+        to_csv(self, path, expressions)
 
     def save(self, path: str | Path) -> None:
         """Write all arrays to a ``.npz`` file; ``read_trajectory(path, mechanism)``, or all mechanisms, reads it."""
@@ -325,6 +342,8 @@ class Trajectory(HoldsSymbols):
 
     def _repr_html_(self) -> str:
         """Outputs, energy, drift, efforts and largest reactions as a table, for notebooks."""
+        from .summary import summary_lines
+
         if not self.t.size:
             return html_table(repr(self), [])
         lines = summary_lines(self)

@@ -15,7 +15,7 @@ from ..errors import ModelError
 from ..model.conditions import Condition, read_conditions
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries
-from ..model.symbols import Input, Parameter, StateVariable, as_expression
+from ..model.symbols import Input, Parameter, StateVariable, as_expression, place_of
 from ..numerics.lazy import cached_property
 from ..results.state import State
 from .differentiable_start import DifferentiableStart
@@ -199,7 +199,7 @@ class PhasedDesignVariables(DesignVariables):
         first = self._setup.mechanism
         known = {Parameter: ("parameter", "parameters"), Input: ("input", "inputs")}
         for kind, (word, name) in known.items():
-            if isinstance(key, kind) and not any(key is other for other in getattr(first, name)):
+            if isinstance(key, kind) and place_of(key, getattr(first, name)) is None:
                 k = position_in(getattr(self._whole, name), key, "wrt=")
                 value = self._values.get(key, key.value)
                 if isinstance(value, ca.SX) or np.ndim(value):

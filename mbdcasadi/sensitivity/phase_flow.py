@@ -15,6 +15,7 @@ from ..errors import ModelError, SimulationError
 from ..integrators import Integrator
 from ..integrators.failures import reason_of
 from ..model.mechanism import Mechanism
+from ..model.symbols import place_of
 from ..results.phases import present
 from ..results.state import State
 from ..results.trajectory import Trajectory
@@ -159,8 +160,7 @@ class PhaseFlow:
         self, expressions: Sequence[ca.SX], whole: Mechanism, values: np.ndarray
     ) -> list[ca.SX]:
         """Expressions with the values of parameters that only other mechanisms have."""
-        present_parameters = self.mechanism.parameters
-        absent = [k for k, x in enumerate(whole.parameters) if not any(x is other for other in present_parameters)]
+        absent = [k for k, x in enumerate(whole.parameters) if place_of(x, self.mechanism.parameters) is None]
         symbols = ca.vertcat(ca.SX(0, 1), *[whole.parameters[k] for k in absent])
         varied = [whole.parameters[k] for k in absent if whole.parameters[k] in self._directions.parameters]
         by_varied = ca.jacobian(ca.vertcat(ca.SX(0, 1), *map(ca.vec, expressions)), ca.vertcat(ca.SX(0, 1), *varied))

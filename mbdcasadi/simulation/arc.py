@@ -82,7 +82,7 @@ class Arc:
 
     def is_own(self, event: Event) -> bool:
         """Return True for an event of the mode itself."""
-        return any(event is own for own in self._own_events)
+        return event in self._own_events
 
     def decides(self, event: Event) -> bool:
         """Return True if the run ends, or changes its mode or velocities, at an event."""

@@ -18,7 +18,7 @@ from ..errors import MechanismError, ModelError, SimulationError
 from ..integrators import Integrator
 from ..model.events import Event
 from ..model.mechanism import Mechanism
-from ..model.symbols import StateVariable
+from ..model.symbols import StateVariable, place_of
 from ..numerics.least_squares import largest
 from ..results.phases import PhasedTrajectory, in_whole, union_of
 from ..results.state import EventOccurrence, State
@@ -274,7 +274,7 @@ class PhasedRun:
         """Go on with the inputs that a controller holds."""
         theirs = before.setup.mechanism.inputs
         for k, symbol in enumerate(after.setup.mechanism.inputs):
-            place = next((i for i, other in enumerate(theirs) if other is symbol), None)
+            place = place_of(symbol, theirs)
             if place is not None:
                 after.levels[k] = before.levels[place]
 

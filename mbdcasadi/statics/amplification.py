@@ -45,6 +45,7 @@ def amplification(statics: Statics, x: np.ndarray) -> Amplification | None:
     if not lam.size:
         return None
     jacobian = numeric.velocity(statics.t, q)[0]
+    # the combinations of rows that nearly vanish are needed, which no sparse factorisation has; once an equilibrium
     left, values, _ = np.linalg.svd(numeric.scale.scaled(jacobian), full_matrices=False)
     relative = values / max(float(np.max(values)), np.finfo(float).tiny)
     if np.min(relative) > NEAR_SINGULAR_LOADS:

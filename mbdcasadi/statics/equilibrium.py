@@ -15,7 +15,7 @@ from ..equations.numeric import NumericEquations
 from ..errors import ConditionError, MechanismError, ModelError
 from ..model.conditions import Condition, read_conditions
 from ..model.mechanism import Mechanism
-from ..model.symbols import Input, Parameter
+from ..model.symbols import Input, Parameter, place_of
 from ..numerics.console import keyboard_interrupts
 from ..numerics.least_squares import largest
 from ..results.state import State
@@ -192,8 +192,7 @@ def _value(symbol: Any, eom: Any, p: np.ndarray, start: State) -> float:
     """Start of the search for an unknown."""
     if isinstance(symbol, Parameter):
         return float(p[position_in(eom.mechanism.parameters, symbol, "unknowns=")])
-    known = any(symbol is symbol_there for symbol_there in start.mechanism.inputs)
-    return float(start[symbol]) if known else symbol.value
+    return float(start[symbol]) if place_of(symbol, start.mechanism.inputs) is not None else symbol.value
 
 
 def _start(setup: Setup, rows: Sequence[Condition], trim: bool) -> State:
@@ -208,7 +207,7 @@ def _refuse_moving_drivers(numeric: NumericEquations, time: float, q: np.ndarray
     if largest(nu) > REST_TOLERANCE:
         worst = int(np.argmax(nu))
         element = numeric.eom.row_elements[worst]
-        kind = "driver" if any(element is d for d in numeric.eom.mechanism.drivers) else "constraint"
+        kind = "driver" if element in numeric.eom.mechanism.drivers else "constraint"
         raise EquilibriumError(
             f"equilibrium: {kind} '{element.name}' moves at {nu[worst]:.6g} per second at "
             f"t = {time:.6g} s, so nothing is at rest there; choose another time t=, or use inverse_dynamics",

@@ -20,6 +20,7 @@ import numpy as np
 from ..arguments.inputs import Signals
 from ..equations.numeric import NumericEquations
 from ..model.conditions import Condition
+from ..model.symbols import place_of
 from ..numerics.least_squares import largest, least_norm
 from ..numerics.newton import solve
 from ..numerics.rank import analyse_rank
@@ -297,4 +298,4 @@ class Statics:
 
 def _places(symbols: Sequence[ca.SX], wanted: Sequence[ca.SX]) -> list[int]:
     """Places of the symbols that are among those wanted."""
-    return [k for k, symbol in enumerate(symbols) if any(symbol is w for w in wanted)]
+    return [k for k, symbol in enumerate(symbols) if place_of(symbol, wanted) is not None]

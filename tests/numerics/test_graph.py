@@ -2,7 +2,7 @@
 
 import casadi as ca
 
-from mbdcasadi.numerics.graph import operands, operations
+from mbdcasadi.numerics.graph import count_of_operations, operands, operations
 
 
 def test_operations_come_after_their_operands_and_lead_to_the_expression():
@@ -25,3 +25,8 @@ def test_only_operations_of_some_kinds_of_several_expressions():
 
 def test_symbols_and_constants_are_no_operations():
     assert list(operations(ca.vertcat(ca.SX.sym("x"), 2.0))) == []
+
+
+def test_shared_operations_count_once():
+    wave = ca.sin(ca.SX.sym("x"))
+    assert count_of_operations(ca.vertcat(wave + 1, ca.cos(wave))) == 3

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from mbdcasadi.numerics.roots import bracketed_root, bracketed_roots, nears_zero, sign_changes
+from mbdcasadi.numerics.roots import (
+    bracketed_root,
+    bracketed_roots,
+    narrowed_extrema,
+    narrowed_roots,
+    nears_zero,
+    sign_changes,
+)
 
 
 @pytest.mark.parametrize("root", [0.0, 0.3, 0.999, 1.0])
@@ -40,3 +47,31 @@ def test_signs_change_between_samples_or_at_them():
     (rows, places), (zero_rows, zeros) = sign_changes(values)
     assert (rows.tolist(), places.tolist()) == ([0], [0])
     assert (zero_rows.tolist(), zeros.tolist()) == ([0], [2])
+
+
+@pytest.mark.parametrize("count", [1, 3, 2000])
+def test_narrowed_roots_and_extrema_of_many_functions(count):
+    """``sin(x - c)`` has a zero at c and a maximum at c + π/2; brackets are cut into fewer parts if they are many."""
+    centres = np.linspace(-1, 1, count)
+
+    def waves(x):
+        return np.sin(x - centres[:, None])
+
+    low, high = centres - 0.7, centres + 0.9
+    roots = narrowed_roots(waves, low, high, np.sin(low - centres))
+    np.testing.assert_allclose(roots, centres, atol=1.6 * 2.0**-28)
+    tops = narrowed_extrema(waves, centres, centres + 3, np.ones(count))
+    np.testing.assert_allclose(tops, centres + np.pi / 2, atol=3 * 2.0**-19)
+    bottoms = narrowed_extrema(lambda x: -waves(x), centres, centres + 3, -np.ones(count))
+    np.testing.assert_array_equal(bottoms, tops)
+
+
+def test_of_several_roots_the_first_that_samples_show():
+    low, high = np.array([0.0]), np.array([7 * np.pi / 2])
+    (root,) = narrowed_roots(np.cos, low, high, np.ones(1))
+    assert root == pytest.approx(np.pi / 2, abs=1e-7)
+
+
+def test_no_brackets_have_no_roots():
+    none = np.zeros(0)
+    assert narrowed_roots(np.cos, none, none, none).size == narrowed_extrema(np.cos, none, none, none).size == 0

@@ -9,8 +9,8 @@ accelerations on the path are integrated and compared with the change of the vel
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -21,18 +21,13 @@ from ...equations.switching.switch_functions import state_switches
 from ...integrators.compiled import IntegrationFailure
 from ...model.symbols import as_sx
 from ...numerics.evaluation import Evaluator
-from ...numerics.roots import sign_changes
+from ...numerics.roots import narrowed_extrema, narrowed_roots, sign_changes
 from ..contact.watched_terms import has_gap
 from ..path import Path, hermite_states
 from ..stepper import Stepper
 
 #: Points of each output interval at which the quantities are evaluated.
 POINTS = 9
-#: Width to which brackets of zeros and of extrema are narrowed, relative to the first one.
-OF_ZEROS, OF_EXTREMA = 2.0**-28, 2.0**-19
-#: Parts into which brackets are cut, at least and at most, and points of all of them that one call evaluates, which
-#: costs as much as some hundred of them.
-FEWEST_PARTS, MOST_PARTS, AT_ONCE = 4, 16, 4096
 #: Stops around the middle of a transient, in its durations.
 AROUND = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
 #: Transients that last longer than this many output intervals are noticed by the steps of a simulation.
@@ -194,7 +189,8 @@ class UnseenLoads:
     def _zeros(self, path: Path, times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Quantities and instants at which their values, at points of a path, pass zero or are zero (k,)."""
         (rows, places), (rows_at, places_at) = sign_changes(values)
-        roots = self._roots(path, rows, times[places], times[places + 1], values[rows, places])
+        at_rows = partial(self._of_rows, path, rows)
+        roots = narrowed_roots(at_rows, times[places], times[places + 1], values[rows, places])
         return np.r_[rows, rows_at], np.r_[roots, times[places_at]]
 
     def _turns(
@@ -216,7 +212,7 @@ class UnseenLoads:
         rows, places, before, middle, after = (part[counts] for part in (rows, places, before, middle, after))
         smooth, durations = smooth[counts], durations[counts]
         low, high = times[places], times[places + 2]
-        tops = self._extrema(path, rows, low, high, np.sign(middle - before))
+        tops = narrowed_extrema(partial(self._of_rows, path, rows), low, high, np.sign(middle - before))
         at_top = self._of_rows(path, rows, tops)
         # a quantity that is beyond zero between two points alone
         beyond = (np.sign(at_top) * np.sign(middle) < 0) & ~smooth
@@ -224,70 +220,17 @@ class UnseenLoads:
         for begin, end, at_begin, at_end in ((low, tops, before, at_top), (tops, high, at_top, after)):
             inside = beyond & (np.sign(at_begin) * np.sign(at_end) < 0)
             rows_inside.append(rows[inside])
-            roots_inside.append(self._roots(path, rows[inside], begin[inside], end[inside], at_begin[inside]))
+            at_rows = partial(self._of_rows, path, rows[inside])
+            roots_inside.append(narrowed_roots(at_rows, begin[inside], end[inside], at_begin[inside]))
         return tops[smooth], durations[smooth], np.concatenate(rows_inside), np.concatenate(roots_inside)
 
     def _of_rows(self, path: Path, rows: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """One quantity at each of some times (k,)."""
+        """Quantities, each at one time or at several, of the shape of the times (k,) or (k, m)."""
         if not times.size:
-            return np.zeros(0)
-        times = np.clip(times, *self._reach(path))
-        values: np.ndarray = self._at(path, times)[rows, np.arange(times.size)]
-        return values
-
-    def _roots(self, path: Path, rows: np.ndarray, low: np.ndarray, high: np.ndarray, at_low: np.ndarray) -> np.ndarray:
-        """Zeros in brackets, all at once; of several the first that shows (k,)."""
-
-        def chosen(values: np.ndarray) -> tuple[np.ndarray, int]:
-            same = np.sign(values) == np.sign(at_low)[:, None]
-            return np.argmin(np.column_stack([same, np.zeros(len(same), bool)]), axis=1), 1
-
-        return self._narrowed(path, rows, low, high, chosen, OF_ZEROS)
-
-    def _extrema(self, path: Path, rows: np.ndarray, low: np.ndarray, high: np.ndarray, sign: np.ndarray) -> np.ndarray:
-        """Extrema in brackets, all at once (k,).
-
-        Parameters
-        ----------
-        sign : numpy.ndarray
-            1 for a maximum, -1 for a minimum (k,).
-        """
-
-        def chosen(values: np.ndarray) -> tuple[np.ndarray, int]:
-            heights = sign[:, None] * values
-            return np.argmax(np.where(np.isnan(heights), -np.inf, heights), axis=1), 2
-
-        return self._narrowed(path, rows, low, high, chosen, OF_EXTREMA)
-
-    def _narrowed(
-        self,
-        path: Path,
-        rows: np.ndarray,
-        low: np.ndarray,
-        high: np.ndarray,
-        chosen: Callable[[np.ndarray], tuple[np.ndarray, int]],
-        width: float,
-    ) -> np.ndarray:
-        """Middles of brackets that are cut into parts again and again (k,).
-
-        Parameters
-        ----------
-        chosen : callable
-            ``values -> first, count``: by the values of the quantities between the parts (k, parts - 1), which part to
-            go on from (k,), and with how many.
-        width : float
-            Width of the brackets at the end, relative to the first one.
-        """
-        parts = int(np.clip(AT_ONCE // max(rows.size, 1), FEWEST_PARTS, MOST_PARTS))
-        inside, left = np.arange(1, parts), 1.0
-        while rows.size and left > width:
-            step = (high - low) / parts
-            points = low[:, None] + step[:, None] * inside
-            values = self._of_rows(path, np.repeat(rows, parts - 1), points.ravel())
-            first, count = chosen(values.reshape(points.shape))
-            low = low + first * step
-            high, left = low + count * step, left * count / parts
-        return (low + high) / 2
+            return np.zeros(times.shape)
+        rows = np.repeat(rows, times.size // rows.size)
+        values = self._at(path, np.clip(times.ravel(), *self._reach(path)))[rows, np.arange(times.size)]
+        return values.reshape(times.shape)
 
     # --- what the steps missed --------------------------------------------------------------
     def _suspects(

@@ -81,7 +81,7 @@ class RepeatedElements:
         eom = self.terms.eom
         numbers = {int(number) for kind in self._kinds if kind.has_forces for number in kind.batch.numbers}
         compiled = [self.terms.elements[number] for number in numbers]
-        others = [e for e in eom.mechanism.elements if not any(e is element for element in compiled)]
+        others = [e for e in eom.mechanism.elements if e not in compiled]
         arguments = [eom.t, eom.q, eom.v, eom.z, eom.lam, eom.u, eom.p]
         return ca.Function("rest_of_forces", arguments, [ca.densify(eom.generalised_forces(others))])
 

@@ -49,20 +49,29 @@ class Formulation(ABC):
         """
 
     @abstractmethod
-    def accelerations(self, numeric: NumericEquations, arguments: Arguments) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return ``(a, lam, residual)``: expressions, or unknowns with their residual."""
-
-    @abstractmethod
     def under_forces(self, numeric: NumericEquations, force: ca.SX, rate: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return ``(a, lam, residual)`` in the symbols of the equations, under generalised forces that are symbols.
+        """Return ``(a, lam, residual)`` in the symbols of the equations: expressions, or unknowns with their residual.
 
         Parameters
         ----------
         force : casadi.SX
-            In place of ``Q`` (n,).
+            Generalised forces (n,): ``Q``, or symbols in its place.
         rate : casadi.SX
-            At which drift decays, 1/s.
+            Rate at which drift decays, 1/s.
         """
+
+    def accelerations(self, numeric: NumericEquations, arguments: Arguments) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Return ``(a, lam, residual)`` under the generalised forces of the equations, at some arguments."""
+        eom = numeric.eom
+        return self._system(numeric)(*arguments, eom.a, eom.lam)
+
+    def _system(self, numeric: NumericEquations, force: ca.SX | None = None) -> ca.Function:
+        """``(t, q, v, z, u, p, rate, a, lam) -> (a, lam, residual)``; forces that are symbols are the last argument."""
+        eom, rate = numeric.eom, ca.SX.sym("rate")
+        results = self.under_forces(numeric, eom.Q if force is None else force, rate)
+        arguments = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p, rate, eom.a, eom.lam]
+        arguments += [] if force is None else [force]
+        return ca.Function("system", arguments, [ca.densify(part) for part in results])
 
     def takes_tree(self, numeric: NumericEquations, tree: TreeCoordinates) -> bool:
         """Return True if the coordinates that a tree of joints gives are better left out of the states."""
@@ -139,13 +148,8 @@ class Formulation(ABC):
         column = values.column(clock.t, q, v, none[0], z, none[1], u, p, z_rate=none[2])
         lam = none[1] if unknown is None else unknown[1]
         total = elements.rest(clock.t, q, v, z, lam, u, p) + elements.forces(column)
-        own_rate = ca.SX.sym("rate")
-        system = ca.Function(
-            "system",
-            [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p, own_rate, force, eom.a, eom.lam],
-            [ca.densify(part) for part in self.under_forces(numeric, force, own_rate)],
-        )
-        a, lam, residual = system(clock.t, q, v, z, u, p, rate, total, *(unknown or none[:2]))
+        system = self._system(numeric, force)
+        a, lam, residual = system(clock.t, q, v, z, u, p, rate, *(unknown or none[:2]), total)
         z_rate = ca.Function("z_rate", list(eom.symbols), [ca.densify(eom.z_rate)])(clock.t, q, v, a, z, lam, u, p)
         return Dae(
             clock,

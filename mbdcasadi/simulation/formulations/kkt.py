@@ -9,7 +9,7 @@ import casadi as ca
 from ...equations.numeric import NumericEquations
 from ...equations.tree import TreeCoordinates
 from ...integrators import Integrator
-from .base import Arguments, Formulation
+from .base import Formulation
 
 
 class KKT(Formulation):
@@ -27,12 +27,6 @@ class KKT(Formulation):
         eom = numeric.eom
         given = ca.vertcat(eom.q[tree.dependent], eom.v[tree.dependent])
         return not ca.depends_on(ca.vertcat(self._residual(numeric, eom.Q), eom.z_rate), given)
-
-    def accelerations(self, numeric: NumericEquations, arguments: Arguments) -> tuple[ca.SX, ca.SX, ca.SX]:
-        eom = numeric.eom
-        known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
-        residual = ca.Function("residual", [*known, eom.a, eom.lam], [self._residual(numeric, eom.Q)])
-        return eom.a, eom.lam, residual(*arguments[:-1], eom.a, eom.lam)
 
     def under_forces(self, numeric: NumericEquations, force: ca.SX, rate: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         return numeric.eom.a, numeric.eom.lam, self._residual(numeric, force)

@@ -9,7 +9,7 @@ import casadi as ca
 from ...equations.numeric import NumericEquations
 from ...equations.saddle import stabilised_solution
 from ...integrators import Integrator
-from .base import Arguments, Formulation
+from .base import Formulation
 
 
 class Regularised(Formulation):
@@ -21,10 +21,6 @@ class Regularised(Formulation):
     @classmethod
     def suits(cls, numeric: NumericEquations, integrator: Integrator, *, redundant: bool) -> bool:
         return redundant and not numeric.eom.Q_depends_on_lam
-
-    def accelerations(self, numeric: NumericEquations, arguments: Arguments) -> tuple[ca.SX, ca.SX, ca.SX]:
-        a, lam = numeric.stabilised_dynamics()(*arguments)
-        return a, lam, ca.SX(0, 1)
 
     def under_forces(self, numeric: NumericEquations, force: ca.SX, rate: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         a, lam = stabilised_solution(numeric.eom, force, rate, augmentation=numeric.augmentation)

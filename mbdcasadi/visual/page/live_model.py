@@ -15,9 +15,9 @@ from ...errors import ExpressionError, MechanismError
 from ...model.conditions import Condition, read_conditions, stacked
 from ...model.forces.friction.modes import switching
 from ...model.mechanism import Mechanism
-from ...model.symbols import Input, Parameter
+from ...model.symbols import Input, Parameter, place_of
+from ...numerics.graph import count_of_operations
 from ...printing.javascript import to_javascript, unknown_operation
-from ...printing.walk import operations
 from ...results.state import State
 from ...results.validity import validity_conditions
 from ...simulation.contact.watched_terms import has_gaps
@@ -216,7 +216,7 @@ class LiveModel:
     def largest_element(self) -> str:
         """Description of the element with the most operations."""
         elements = [*self.mechanism.joints, *self.mechanism.drivers, *self.mechanism.forces]
-        sizes = [operations(_expressions(e)) for e in elements]
+        sizes = [count_of_operations(_expressions(e)) for e in elements]
         return f"{elements[int(np.argmax(sizes))].description} ({max(sizes)} operations)" if sizes else "the bodies"
 
 
@@ -254,7 +254,7 @@ def _sliders(mechanism: Mechanism, start: State, parameters: Any, inputs: Any) -
         if isinstance(listed, dict) or not isinstance(listed, Sequence):
             raise MechanismError(f"animate: {name}= takes a list of what gets a slider, got {asked!r}")
         for symbol in listed:
-            index = next((k for k, one in enumerate(own) if one is symbol), None)
+            index = place_of(symbol, own)
             if index is None:
                 raise MechanismError(f"animate: {name}= holds {symbol!r}, which the mechanism does not have")
             sliders.append(Slider(symbol, index, float(values[index]), kind is Input))
@@ -273,8 +273,7 @@ def _refuse_elements(mechanism: Mechanism) -> None:
             "follow; with live=True take Coulomb, Stribeck or LuGre, or animate a motion of simulate"
         )
     for element in mechanism.elements:
-        expressions = _expressions(element)
-        missing = unknown_operation(ca.Function("f", ca.symvar(expressions), [expressions]))
+        missing = unknown_operation(_expressions(element))
         if missing is not None:
             raise ExpressionError(
                 f"animate: {element.description} uses the operation '{missing}', which a page cannot evaluate; "

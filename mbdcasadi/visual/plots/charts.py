@@ -9,7 +9,6 @@ import numpy as np
 
 from ...errors import MechanismError
 from ...results.columns import read_expressions, read_lines
-from ...results.energy_and_drift import violations
 from ..axes import dress, legend, over_time, readable, stacked
 from ..drawing.draw import motion_of
 from ..drawing.style import SERIES_LIGHT
@@ -91,7 +90,7 @@ def plot_energy(motion: Any) -> Figure:
     run = motion_of(motion, "plot_energy")
     energy = run.energy
     change = energy.total - energy.total[0]
-    position, velocity = violations(run)
+    position, velocity = run.violations
     drift = {"|Phi|, m or rad": position} if run.equations.Phi.numel() else {}
     drift |= {"its rate, m/s or rad/s": velocity} if run.equations.lam.numel() else {}
     count = 3 if drift else 2
