@@ -88,7 +88,7 @@ def driven_motion(numeric: NumericEquations, grid: np.ndarray, *, progress: bool
     began = clock.perf_counter()
     eom = numeric.eom
     jumps = explicit_time(eom).jumps(numeric.p, float(grid[0]), float(grid[-1]))
-    jump = first_jump(jumps, "position")
+    jump = first_jump(jumps)
     q = PoseProblem(numeric, [], float(grid[0]), eom.estimate[2]).solve(eom.estimate[0])
     _check_driven(numeric, float(grid[0]), q, what)
     reached = grid if jump is None else grid[: max(np.searchsorted(grid, jump.time), 1)]

@@ -29,13 +29,14 @@ def hermite(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, wanted: 
     return position, velocity
 
 
-def cubic(t: np.ndarray, values: np.ndarray, rates: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Cubic Hermite interpolation of values with their rates, by row."""
+def cubic(t: np.ndarray, values: np.ndarray, rates: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cubic Hermite interpolation of values with their rates, by row, and its derivative."""
     k, h, s = _bracket(t, wanted)
     if t.size == 1 or values.shape[1] == 0:
-        return values[k]
+        return values[k], rates[k]
     rise, r0, r1 = values[k + 1] - values[k], h * rates[k], h * rates[k + 1]
-    return values[k] + s * (r0 + s * (3 * rise - 2 * r0 - r1 + s * (r0 + r1 - 2 * rise)))
+    second, third = 3 * rise - 2 * r0 - r1, r0 + r1 - 2 * rise
+    return values[k] + s * (r0 + s * (second + s * third)), (r0 + s * (2 * second + 3 * s * third)) / h
 
 
 def linear(t: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:

@@ -239,7 +239,7 @@ class Trajectory(HoldsSymbols):
     def between(self, wanted: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return coordinates, velocities, first-order states and inputs at times, not yet on the constraints."""
         q, v = hermite(self.t, self.q, self.v, self.a, wanted)
-        z = cubic(self.t, self.z, self._state_rates, wanted)
+        z, _ = cubic(self.t, self.z, self._state_rates, wanted)
         return q, v, z, linear(self.t, self.inputs, wanted)
 
     @property

@@ -178,10 +178,7 @@ class HeldSystem:
         sizes += [signals.levels.numel(), signals.channel.numel()]
         t, x, p, levels, channel = arguments = [kind.sym(f"argument {i}", size) for i, size in enumerate(sizes)]
         q, v, z = x[:n], x[n : 2 * n], x[2 * n : 2 * n + k]
-        inputs = ca.Function(
-            "inputs", [eom.t, eom.q, eom.v, eom.z, eom.p, signals.levels, signals.channel], [signals.parametrised]
-        )
-        u = inputs(t, q, v, z, p, levels, channel)
+        u = signals.function(eom)(t, q, v, z, p, levels, channel)
         a, lam = self.numeric.forward_dynamics(redundant=redundant)(t, q, v, z, u, p)
         of_all = [*eom.symbols, signals.levels, signals.channel]
         rest = ca.Function(

@@ -19,6 +19,7 @@ from ..integrators.compiled import InitialValueProblem, IntegrationFailure
 from ..numerics.console import interruptible
 from ..numerics.roots import bracketed_root
 from ..numerics.tolerances import AT_REST, ZERO_VALUE
+from ..results.interpolation import cubic
 from ..simulation.changes.impacts import INSTANT
 from .cuts import Cut, Cuts
 from .held_system import HeldMotion
@@ -430,11 +431,11 @@ def _may_visit(margins: np.ndarray, slopes: np.ndarray, lengths: np.ndarray) -> 
     begin, end, down, up = margins[:, :-1], margins[:, 1:], slopes[:, :-1], slopes[:, 1:]
     dips = (begin >= 0) & (end >= 0) & (down < 0) & (up > 0)
     visits = np.zeros(dips.shape, bool)
-    s = np.linspace(0, 1, 11)[1:-1]
     for i, k in np.argwhere(dips):
-        cubic = (1 + 2 * s) * (1 - s) ** 2 * begin[i, k] + s**2 * (3 - 2 * s) * end[i, k]
-        cubic += lengths[k] * (s * (1 - s) ** 2 * down[i, k] - s**2 * (1 - s) * up[i, k])
-        visits[i, k] = np.min(cubic) < NEAR_BORDER * max(begin[i, k], end[i, k])
+        inside = lengths[k] * np.linspace(0, 1, 11)[1:-1]
+        ends, rates = margins[i, k : k + 2, None], slopes[i, k : k + 2, None]
+        values, _ = cubic(np.array([0.0, lengths[k]]), ends, rates, inside)
+        visits[i, k] = np.min(values) < NEAR_BORDER * np.max(ends)
     return visits
 
 

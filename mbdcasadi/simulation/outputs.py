@@ -61,10 +61,9 @@ class Outputs:
         _, _, _, a, _, lam, _ = self.block(np.array([time]), x[None, :])
         return np.r_[a[0], lam[0]]
 
-    def state(self, time: float, x: np.ndarray, since: float | None = None) -> State:
+    def state(self, time: float, x: np.ndarray) -> State:
         """One state with everything in it."""
-        begin = None if since is None else np.array([since])
-        _, q, v, a, z, lam, u = (part[0] for part in self.block(np.array([time]), x[None, :], begin))
+        _, q, v, a, z, lam, u = (part[0] for part in self.block(np.array([time]), x[None, :]))
         return State(self.numeric.eom.mechanism, time, q, v, a, z, lam, u, self.numeric.p)
 
     def rule(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray) -> np.ndarray:

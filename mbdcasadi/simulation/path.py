@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..results.interpolation import cubic, linear
+
 #: ``times -> states``: a short integration from a state to later times (k,), with the states (k, n_x).
 StatesAt = Callable[[np.ndarray], np.ndarray]
 #: ``(start, state) -> states_at``.
@@ -61,14 +63,8 @@ def hermite_states(path: Path, times: np.ndarray, n: int) -> np.ndarray:
     n : int
         Number of coordinates.
     """
-    k = np.clip(np.searchsorted(path.times, times, side="right") - 1, 0, path.times.size - 2)
-    h = (path.times[k + 1] - path.times[k])[:, None]
-    s, begin, end = (times - path.times[k])[:, None] / h, path.x[k], path.x[k + 1]
-    q0, q1, v0, v1 = begin[:, :n], end[:, :n], h * begin[:, n : 2 * n], h * end[:, n : 2 * n]
-    second, third = 3 * (q1 - q0) - 2 * v0 - v1, v0 + v1 - 2 * (q1 - q0)
-    q = q0 + s * (v0 + s * (second + s * third))
-    v = (v0 + s * (2 * second + 3 * s * third)) / h
-    return np.hstack([q, v, begin[:, 2 * n :] + s * (end - begin)[:, 2 * n :]])
+    q, v = cubic(path.times, path.x[:, :n], path.x[:, n : 2 * n], times)
+    return np.hstack([q, v, linear(path.times, path.x[:, 2 * n :], times)])
 
 
 def states_from_start(start: float, x: np.ndarray, integrated: StatesAt) -> StatesAt:

@@ -88,5 +88,5 @@ def dependence_at(timed: ExplicitTime, p: np.ndarray, start: float, end: float) 
         breaks.times[restarts],
         max_step,
         [jump for jump in constraint_jumps if jump.level == "velocity"],
-        first_jump(constraint_jumps, "position"),
+        first_jump(constraint_jumps),
     )

@@ -1,5 +1,7 @@
 """Forces of many contacts of one kind in C: the same ones, evaluated for those that are near."""
 
+from itertools import pairwise
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -13,8 +15,8 @@ needs_compiler = pytest.mark.skipif(build.compiler() is None, reason="there is n
 TIMES = np.linspace(0, 0.08, 9)
 
 
-def heap(count=14):
-    """Discs of two sizes in a heap on a floor; some hundred pairs."""
+def heap(count=14, joined=0):
+    """Discs of two sizes in a heap on a floor; some hundred pairs. Of the first ones some are joined to the next."""
     rng, law = np.random.default_rng(7), mbd.HuntCrossley(2e4, damping=0.4)
     radii = np.where(np.arange(count) % 2, 0.05, 0.06)
     bodies = [
@@ -27,7 +29,11 @@ def heap(count=14):
     floor, rough = mbd.HalfPlane(mbd.ground.at(0, 0)), mbd.Coulomb(0.3, 1e-2)
     forces = [mbd.Gravity(), *[mbd.Contact(f"floor{k}", disc, floor, law, rough) for k, disc in enumerate(discs)]]
     forces += [mbd.Contact(f"c{j}_{k}", discs[j], discs[k], law, rough) for k in range(count) for j in range(k)]
-    return mbd.Mechanism(bodies, forces=forces)
+    joints = []
+    for k, (body, following) in enumerate(pairwise(bodies[: joined + 1])):
+        half = (following.pose_estimate[:2] - body.pose_estimate[:2]) / 2
+        joints.append(mbd.Revolute(f"pin{k}", body.at(*half), following.at(*-half)))
+    return mbd.Mechanism(bodies, joints=joints, forces=forces)
 
 
 @pytest.mark.slow
@@ -65,6 +71,18 @@ def test_runs_with_and_without_a_compiler_are_the_same(monkeypatch):
     assert any("compiled" in note for note in motion.statistics.notes)
     np.testing.assert_allclose(motion.q, interpreted.q, atol=1e-6)
     np.testing.assert_allclose(explicit.q, interpreted.q, atol=1e-6)
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_many_contacts_of_many_bodies_with_joints():
+    """Accelerations and reactions are unknowns of IDAS beside compiled contacts; Runge–Kutta gives the same motion."""
+    motion = mbd.simulate(heap(joined=4), TIMES)
+    assert motion.statistics.formulation == "KKT"
+    assert any("compiled" in note for note in motion.statistics.notes)
+    explicit = mbd.simulate(heap(joined=4), TIMES, method="erk")
+    assert explicit.statistics.formulation == "explicit"
+    np.testing.assert_allclose(motion.q, explicit.q, atol=1e-6)
 
 
 def test_without_joints_the_form_is_explicit_and_few_contacts_are_not_compiled():

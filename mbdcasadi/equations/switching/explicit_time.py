@@ -228,6 +228,6 @@ class ExplicitTime:
         return jumps
 
 
-def first_jump(jumps: Sequence[ConstraintJump], level: str) -> ConstraintJump | None:
-    """Return the first jump of a level, or None."""
-    return next((jump for jump in jumps if jump.level == level), None)
+def first_jump(jumps: Sequence[ConstraintJump]) -> ConstraintJump | None:
+    """Return the first jump of a position, or None."""
+    return next((jump for jump in jumps if jump.level == "position"), None)

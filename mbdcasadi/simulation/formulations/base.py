@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import casadi as ca
 
 from ...arguments.inputs import Signals
+from ...equations import Equations
 from ...equations.numeric import NumericEquations
 from ...equations.tree import TreeCoordinates, tree_coordinates
 from ...integrators import Integrator
@@ -84,6 +86,7 @@ class Formulation(ABC):
         integrands: ca.SX | None = None,
         quadratures: ca.SX | None = None,
         *,
+        elements: CompiledElements | None = None,
         in_tree: bool = False,
     ) -> Dae:
         """Return the system of the integrator over a piece.
@@ -97,67 +100,58 @@ class Formulation(ABC):
             Expressions whose integrals are states of their own.
         quadratures : casadi.SX, optional
             Expressions that are integrated outside the state and its error test.
+        elements : CompiledElements, optional
+            Elements whose forces are compiled; their rates are the quadratures.
         in_tree : bool
             True to leave coordinates that a tree of joints gives out of what is integrated, if that pays.
         """
-        eom, clock, none = numeric.eom, Clock(), ca.SX(0, 1)
-        tree = self._tree(numeric) if in_tree else None
-        q, v = (eom.q, eom.v) if tree is None else (tree.q, tree.v)
-        (u,) = ca.substitute([signals.parametrised], [eom.t, eom.q, eom.v], [clock.t, q, v])
-        rate = ca.SX.sym("rate")
-        integrands = none if integrands is None else integrands
-        a, lam, residual = self.accelerations(numeric, (clock.t, q, v, eom.z, u, eom.p, rate))
-        rates = ca.Function(
-            "rates", [*eom.symbols], [ca.vertcat(eom.z_rate, integrands), none if quadratures is None else quadratures]
-        )
-        z_rate, quad = rates(clock.t, q, v, a, eom.z, lam, u, eom.p)
-        x, part = ca.vertcat(eom.q, eom.v, eom.z, ca.SX.sym("integrals", integrands.numel())), None
-        ode = ca.vertcat(v, a, z_rate)
-        p = ca.vertcat(eom.p, signals.levels, rate)
+        eom, none = numeric.eom, ca.SX(0, 1)
+        kind = ca.SX if elements is None else ca.MX
+        clock, rate, symbols = Clock(kind), kind.sym("rate"), self._symbols(eom, signals, kind)
+        q, v, z, p, levels, channel, *unknown = symbols
+        integrands, quadratures = (none if part is None else part for part in (integrands, quadratures))
+        x, part = ca.vertcat(q, v, z, kind.sym("integrals", integrands.numel())), None
+        tree = self._tree(numeric) if in_tree and elements is None else None
+        if tree is not None:
+            q, v = tree.q, tree.v
+        u = signals.function(eom)(clock.t, q, v, z, p, levels, channel)
+        arguments = clock.t, q, v, z, u, p, rate
+        if elements is None:
+            a, lam, residual = self.accelerations(numeric, arguments)
+        else:
+            a, lam, residual = self._among_elements(numeric, elements, arguments, unknown)
+        a, lam = unknown if self.is_algebraic else (a, lam)
+        rates = ca.Function("rates", [*eom.symbols], [ca.densify(ca.vertcat(eom.z_rate, integrands)), quadratures])
+        z_rate, quad = rates(clock.t, q, v, a, z, lam, u, p)
+        if elements is not None:
+            quad = elements.rates(elements.values.column(clock.t, q, v, a, z, lam, u, p, z_rate=z_rate))
+        ode, p = ca.vertcat(v, a, z_rate), ca.vertcat(p, levels, rate)
         if tree is not None:
             places, states = tree.places_in(x), ca.vertcat(q, v, x[2 * eom.q.numel() :])
             x, ode = x[places], ode[places]
             part = PartOfState(places, ca.Function("whole", [x, p], [states]))
-        return Dae(
-            clock,
-            x=x,
-            z=ca.vertcat(a, lam) if self.is_algebraic else none,
-            p=p,
-            u=signals.channel,
-            ode=ode,
-            alg=residual,
-            quad=quad,
-            part=part,
-        )
+        algebraic = ca.vertcat(a, lam) if self.is_algebraic else kind(0, 1)
+        return Dae(clock, x=x, z=algebraic, p=p, u=channel, ode=ode, alg=residual, quad=quad, part=part)
+
+    def _symbols(self, eom: Equations, signals: Signals, kind: Any) -> list[Any]:
+        """``q, v, z, p, levels, channel, a, lam``; zeros for the last two if they are no unknowns."""
+        symbols = [eom.q, eom.v, eom.z, eom.p, signals.levels, signals.channel, eom.a, eom.lam]
+        if kind is ca.MX:
+            symbols = [ca.MX.sym("symbols", part.numel()) for part in symbols]
+        return symbols if self.is_algebraic else [*symbols[:6], *(kind.zeros(part.numel()) for part in symbols[6:])]
+
+    def _among_elements(
+        self, numeric: NumericEquations, elements: CompiledElements, arguments: Any, unknown: Sequence[ca.MX]
+    ) -> tuple[ca.MX, ca.MX, ca.MX]:
+        """``(a, lam, residual)`` under the forces of compiled elements and of the others."""
+        eom, values = numeric.eom, elements.values
+        t, q, v, z, u, p, _ = arguments
+        a, lam, z_rate = (ca.MX.zeros(part.numel()) for part in (eom.a, eom.lam, eom.z))
+        column = values.column(t, q, v, a, z, lam, u, p, z_rate=z_rate)
+        force = elements.rest(t, q, v, z, unknown[1], u, p) + elements.forces(column)
+        return self._system(numeric, ca.SX.sym("Q", eom.q.numel()))(*arguments, *unknown, force)
 
     def _tree(self, numeric: NumericEquations) -> TreeCoordinates | None:
         """Coordinates that are left out of what is integrated; None if there are none, or if they are better kept."""
         tree = tree_coordinates(numeric.eom)
         return tree if tree.dependent and self.takes_tree(numeric, tree) else None
-
-    def compiled_dae(self, numeric: NumericEquations, signals: Signals, elements: CompiledElements) -> Dae:
-        """Return the same system with forces of compiled elements, and their rates integrated along."""
-        eom, clock, MX = numeric.eom, Clock(ca.MX), ca.MX
-        q, v, z, p = (MX.sym(name, getattr(eom, name).numel()) for name in ("q", "v", "z", "p"))
-        levels, channel = MX.sym("levels", signals.levels.numel()), MX.sym("channel", signals.channel.numel())
-        rate, force = MX.sym("rate"), ca.SX.sym("Q", eom.q.numel())
-        unknown = [MX.sym(name, getattr(eom, name).numel()) for name in ("a", "lam")] if self.is_algebraic else None
-        u = signals.function(eom)(clock.t, q, v, z, p, levels, channel)
-        none = [MX.zeros(symbols.numel()) for symbols in (eom.a, eom.lam, eom.z)]
-        values = elements.values
-        column = values.column(clock.t, q, v, none[0], z, none[1], u, p, z_rate=none[2])
-        lam = none[1] if unknown is None else unknown[1]
-        total = elements.rest(clock.t, q, v, z, lam, u, p) + elements.forces(column)
-        system = self._system(numeric, force)
-        a, lam, residual = system(clock.t, q, v, z, u, p, rate, *(unknown or none[:2]), total)
-        z_rate = ca.Function("z_rate", list(eom.symbols), [ca.densify(eom.z_rate)])(clock.t, q, v, a, z, lam, u, p)
-        return Dae(
-            clock,
-            x=ca.vertcat(q, v, z),
-            z=ca.vertcat(a, lam) if self.is_algebraic else MX(0, 1),
-            p=ca.vertcat(p, levels, rate),
-            u=channel,
-            ode=ca.vertcat(v, a, z_rate),
-            alg=residual,
-            quad=elements.rates(values.column(clock.t, q, v, a, z, lam, u, p, z_rate=z_rate)),
-        )

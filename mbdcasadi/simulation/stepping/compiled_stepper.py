@@ -118,9 +118,8 @@ class CompiledStepper(Stepper):
         if terms is None:
             return form.dae(self.numeric, self.signals, in_tree=True)
         elements, _ = compiled_elements(terms)
-        if elements is not None:
-            return form.compiled_dae(self.numeric, self.signals, elements)
-        return form.dae(self.numeric, self.signals, quadratures=terms.rates, in_tree=True)
+        rates = terms.rates if elements is None else None
+        return form.dae(self.numeric, self.signals, quadratures=rates, elements=elements, in_tree=True)
 
     def release(self) -> None:
         self._before = self.counts.starts, self.counts.all_steps
