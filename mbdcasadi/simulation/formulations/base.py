@@ -62,10 +62,11 @@ class Formulation(ABC):
             Rate at which drift decays, 1/s.
         """
 
-    def accelerations(self, numeric: NumericEquations, arguments: Arguments) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return ``(a, lam, residual)`` under the generalised forces of the equations, at some arguments."""
-        eom = numeric.eom
-        return self._system(numeric)(*arguments, eom.a, eom.lam)
+    def accelerations(
+        self, numeric: NumericEquations, arguments: Arguments, unknown: Sequence[ca.SX]
+    ) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Return ``(a, lam, residual)`` under the generalised forces of the equations, for arguments and unknowns."""
+        return self._system(numeric)(*arguments, *unknown)
 
     def _system(self, numeric: NumericEquations, force: ca.SX | None = None) -> ca.Function:
         """``(t, q, v, z, u, p, rate, a, lam) -> (a, lam, residual)``; forces that are symbols are the last argument."""
@@ -117,7 +118,7 @@ class Formulation(ABC):
         u = signals.function(eom)(clock.t, q, v, z, p, levels, channel)
         arguments = clock.t, q, v, z, u, p, rate
         if elements is None:
-            a, lam, residual = self.accelerations(numeric, arguments)
+            a, lam, residual = self.accelerations(numeric, arguments, unknown)
         else:
             a, lam, residual = self._among_elements(numeric, elements, arguments, unknown)
         a, lam = unknown if self.is_algebraic else (a, lam)

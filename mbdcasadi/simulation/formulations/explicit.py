@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import casadi as ca
@@ -33,7 +34,10 @@ class Explicit(Formulation):
     def takes_tree(self, numeric: NumericEquations, tree: TreeCoordinates) -> bool:
         return True
 
-    def accelerations(self, numeric: NumericEquations, arguments: Arguments) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def accelerations(
+        self, numeric: NumericEquations, arguments: Arguments, unknown: Sequence[ca.SX]
+    ) -> tuple[ca.SX, ca.SX, ca.SX]:
+        # the function is there for the outputs
         a, lam = numeric.forward_dynamics(redundant=False)(*arguments[:-1])
         return a, lam, ca.SX(0, 1)
 
