@@ -2,7 +2,7 @@
 
 CasADi's integrators return all outputs or none. Running them piece by piece
 gives progress, cancelling and the part of a run that was finished; a piece that
-fails is repeated output by output to keep what can be had.
+fails is repeated output by output to keep the outputs that can be reached.
 
 Every piece is integrated over ``0 <= tau <= 1`` with ``t = start + length tau``,
 so that one compiled function serves pieces of any length, and outputs however
@@ -126,7 +126,7 @@ class InitialValueProblem:
     u : numpy.ndarray, optional
         Values of inputs by interval (n_u, k).
     stops : numpy.ndarray of bool
-        Outputs over which no step may go (k,); none by default.
+        Outputs that no step may cross (k,); none by default.
     max_step : float, optional
         Longest step, s.
     """
@@ -295,7 +295,7 @@ class CompiledIntegrator:
         Raises
         ------
         IntegrationFailure
-            With nothing reached; :meth:`rescue` finds what can be had.
+            With nothing reached; :meth:`rescue` finds the outputs that can be reached.
         """
         outcome = self._attempt(problem, steps)
         if isinstance(outcome, str):

@@ -28,7 +28,7 @@ from .compiled import Clock, CompiledIntegrator, Dae
 
 #: Steps that are kept for the adjoint. From more than that, stretches are integrated again on the way back.
 KEPT_STEPS = 100
-#: Steps between two outputs, there and back: where an adjoint needs more, it grows without bound, and waiting is vain.
+#: Steps between two outputs, there and back: an adjoint that needs more grows without bound.
 STEPS = 20_000
 
 

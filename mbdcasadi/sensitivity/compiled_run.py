@@ -159,7 +159,7 @@ class CompiledRun:
         if has_gaps(setup.mechanism) and not setup.integrator.is_multistep:
             warn(
                 f'derivatives by method="{setup.integrator.name}" through contacts are those of its steps, which the '
-                "error test does not control: through hard ones they may be off by tens of a per cent while the motion "
+                "error test does not control: through hard ones they may be off by tens of per cent while the motion "
                 'is right; use method="idas"'
             )
         self.motion = setup.motion(self.design.varied, integrands=integrands, reversible=reversible)

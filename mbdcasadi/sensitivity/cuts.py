@@ -1,4 +1,4 @@
-"""Instants at which a motion is cut, since its equations jump there, and warnings of derivatives to one side alone."""
+"""Instants at which a motion is cut, since its equations jump there, and warnings of one-sided derivatives."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Cuts:
     Attributes
     ----------
     stops : numpy.ndarray
-        Times over which no step may go, s.
+        Times that no step may cross, s.
     jumps : numpy.ndarray
         Times at which the equations jump, whatever the parameters are, s.
     max_step : float or None
@@ -145,7 +145,7 @@ class OneSidedWarnings:
             if before and names:
                 self._warn_once(
                     f"{' and '.join(dict.fromkeys(together))} jump together at t = {cut.time:.6g} s, in an order that "
-                    "changes with the parameters: derivatives from there on hold for the order taken, to one side alone"
+                    "changes with the parameters: derivatives from there on are one-sided, for the order taken"
                 )
             elif names and cut.at_output:
                 self.at_output(names[0], cut.time)
@@ -153,8 +153,8 @@ class OneSidedWarnings:
     def at_output(self, name: str, time: float) -> None:
         """Warn of a switch at an output."""
         self._warn_once(
-            f"{name} jumps at the output t = {time:.6g} s: derivatives at this output are those before the jump, to "
-            "one side alone; move the output off the jump"
+            f"{name} jumps at the output t = {time:.6g} s: derivatives at this output are one-sided, those before "
+            "the jump; move the output off the jump"
         )
 
     def _warn_once(self, sentence: str) -> None:

@@ -36,7 +36,7 @@ def motion_function(held: HeldMotion, course: Cuts, grid: np.ndarray, values: Ru
 
 
 class _Walk:
-    """A way over the grid, from piece to piece; the arguments are those of :func:`motion_function`.
+    """Traversal of the grid, piece by piece; its arguments are those of :func:`motion_function`.
 
     Attributes
     ----------

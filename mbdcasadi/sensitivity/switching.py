@@ -59,7 +59,7 @@ class BorderPassage:
     values : RunValues
         Values of the parameters and inputs.
     limits : Cuts
-        Times over which no step may go, at which the equations jump, and the longest step.
+        Times that no step may cross, at which the equations jump, and the longest step.
     watch_step : float
         Time between states that are looked at, s.
     in_time : numpy.ndarray
@@ -301,7 +301,7 @@ class BorderPassage:
                 return
             self._flip(leaving[0], float(rates[leaving[0]]), at_start=at_start)
         raise SimulationError(
-            f"{self._name(leaving[0])} jumps to and fro at t = {self._time:.6g} s, where the motion stands at the "
+            f"{self._name(leaving[0])} jumps back and forth at t = {self._time:.6g} s, where the motion stands at the "
             "border of the jump; take a smooth law (mbd.tanh, mbd.step)",
             time=self._time,
         )

@@ -219,7 +219,7 @@ class Run:
             last = min(self._index + size - 1, schedule.next_break(self._index), schedule.size - 1)
             before, passed, index = self._time, len(self._passed), self._index
             ended = self._advance(last)
-            if len(self._passed) > passed:  # what was integrated beyond a passage was in vain
+            if len(self._passed) > passed:  # what was integrated beyond a passage is discarded
                 size = max(1, self._index - index)
             bar.update(self._time - before)
             if ended:

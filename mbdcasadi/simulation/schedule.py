@@ -1,4 +1,4 @@
-"""The times of a run: outputs, times over which no step may go, and those at which the integrator restarts."""
+"""The times of a run: outputs, times that no step may cross, and those at which the integrator restarts."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ class Schedule:
     grid : numpy.ndarray
         Output times, the first one the start.
     stops : numpy.ndarray
-        Times over which no step may go.
+        Times that no step may cross.
     jumps : numpy.ndarray
         Times at which the equations jump: the integrator restarts.
     period : float, optional
@@ -195,7 +195,7 @@ class Schedule:
         return int(np.searchsorted(self.times, time, side="right"))
 
     def next_break(self, first: int) -> int:
-        """Index of the next time, from one on, at which the integrator must restart; the last one at the latest."""
+        """Index of the next time, from one on, at which the integrator must restart, or of the last one."""
         breaks = np.flatnonzero(self._breaks[first:])
         return first + int(breaks[0]) if breaks.size else self.size - 1
 

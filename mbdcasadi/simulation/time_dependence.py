@@ -26,7 +26,7 @@ class TimeDependence:
     Attributes
     ----------
     stops : numpy.ndarray
-        Times over which no step may go: knots, switches, the middles of short transients, s.
+        Times that no step may cross: knots, switches, the middles of short transients, s.
     jumps : numpy.ndarray
         Times at which the accelerations jump, so that an integrator restarts, s.
     max_step : float or None

@@ -23,7 +23,7 @@ def slope(forces, parameters, times, output="vx"):
 def test_two_switches_at_one_instant():
     a, b = mbd.Parameter("a", 1.0), mbd.Parameter("b", 1.0)
     forces = {"first": lambda o: ca.if_else(o.x > a, 2.0, 0.0), "second": lambda o: ca.if_else(o.x > b, 0.0, 3.0)}
-    with pytest.warns(mbd.MechanismWarning, match="'first' and force 'second' jump together.*one side alone"):
+    with pytest.warns(mbd.MechanismWarning, match="'first' and force 'second' jump together.*one-sided"):
         slope(forces, [a, b], [0, 0.5, 2.0])
 
 

@@ -14,7 +14,7 @@ from ...numerics.roots import bracketed_roots, sign_changes
 from ...numerics.scattered import scattered
 from .switch_functions import nesting_depths
 
-#: Samples at first, and at most, on which a function of time that is not affine is looked over for roots.
+#: Samples, at first and at most, between which the roots of a function of time that is not affine are looked for.
 FEWEST_SAMPLES, MOST_SAMPLES = 512, 2**18
 
 

@@ -1,4 +1,4 @@
-"""BDF: backward differentiation formulas in C, for bodies that nothing joins.
+"""BDF: backward differentiation formulas in C, for bodies that no joint holds.
 
 ===========  =======================================================
 ``method``   the strategy object

@@ -260,7 +260,7 @@ class Cases:
     times : numpy.ndarray
         Increasing, later than the start (k, n), s; (1, n) if all cases share them, as all that follows.
     wanted, stops : numpy.ndarray of bool
-        Times that are outputs, and times over which no step may go.
+        Times that are outputs, and times that no step may cross.
     channels : numpy.ndarray
         Values in the interval that ends at each of the times (k, n, n_channel).
     max_step : numpy.ndarray

@@ -28,7 +28,7 @@ from ..stepper import Stepper
 MISSED_SHARE = 0.5
 #: Loads below this share of the largest one of a run do not count.
 SMALL = 1e-3
-#: Difference of a gap's change from that by its rates, relative to the larger one, over which no blow came.
+#: Difference of a gap's change from that by its rates, relative to the larger one, over which no impact took place.
 SMOOTH = 0.1
 #: Suspicions that are verified in a run, at most; stops of the integration that does so; and the difference from it,
 #: in relative tolerances, that confirms the motion.
@@ -45,12 +45,12 @@ class _Finding:
 
     times: list[float] = field(default_factory=list)
     sizes: list[float] = field(default_factory=list)
-    spell: float = np.inf
+    duration: float = np.inf
 
-    def add(self, time: float, size: float, spell: float = np.inf) -> None:
+    def add(self, time: float, size: float, duration: float = np.inf) -> None:
         self.times.append(time)
         self.sizes.append(size)
-        self.spell = min(self.spell, spell)
+        self.duration = min(self.duration, duration)
 
     @property
     def when(self) -> str:
@@ -126,16 +126,16 @@ class Resolution:
         time : float
             s.
         stops : numpy.ndarray
-            Times of the next piece over which no step may go, so that the contact is noticed.
+            Times of the next piece that no step may cross, so that the contact is noticed.
         """
         if not self._owner or path.times.size < 2:
             return None
         first = min(self._unseen(path), key=lambda c: c.time, default=None)
         if not self._stepper.integrator.runs_whole:
-            blow = min(self._blows(path), default=np.inf)
-            if first is not None and first.time <= blow:
+            impact = min(self._impact_times(path), default=np.inf)
+            if first is not None and first.time <= impact:
                 return first.time, self._closings.stops(path, first)
-            return None if np.isinf(blow) else (blow, np.zeros(0))
+            return None if np.isinf(impact) else (impact, np.zeros(0))
         spoiled = self._spoiled(path)
         if first is not None and (spoiled is None or first.time <= spoiled[1].time):
             return first.time, self._closings.stops(path, first)
@@ -172,7 +172,7 @@ class Resolution:
         missed, seen = (part[:, self._normal] for part in self._followed(path))
         return (missed > MISSED_SHARE * seen) & (seen > 0) & (self._course(path).gaps[:-1] > 0)
 
-    def _blows(self, path: Path) -> list[float]:
+    def _impact_times(self, path: Path) -> list[float]:
         """Times shortly before outlines meet in an interval whose steps did not follow the force that arose."""
         lengths = np.diff(path.times)
         gaps, rates = self._course(path).gaps, self._course(path).rates
@@ -188,7 +188,7 @@ class Resolution:
         """First closing in intervals whose steps did not follow the force that arose; None if there is none.
 
         A long step whose stages jump over the contact may still meet it in the stages of its interpolation, with
-        forces at depths that are never reached: the path inside the step is of no use. The closing is that of the gap
+        forces at depths that are never reached: the path inside the step is useless. The closing is that of the gap
         on a path with the acceleration before it.
 
         Returns
@@ -232,8 +232,8 @@ class Resolution:
         shortest, length = np.inf, float(np.max(np.diff(path.times)))
         for k in np.flatnonzero(np.any(met, axis=1))[:MOST_CONTACTS]:
             closings = self._without_contact(path, int(k), 2 * length)[1]
-            spells = [c.spell for c in closings if met[k, c.owner] and c.spell < length]
-            shortest = min([shortest, *spells])
+            durations = [c.duration for c in closings if met[k, c.owner] and c.duration < length]
+            shortest = min([shortest, *durations])
         return shortest
 
     def note(self, path: Path) -> None:
@@ -242,10 +242,10 @@ class Resolution:
             return
         if self._smoothings:
             missed, seen = self._followed(path)
-            self._acquit(path, missed, seen)
+            self._discard_false_alarms(path, missed, seen)
             self._blocks.append((path.times[1:], np.diff(path.times), missed, seen))
         for closing in self._unseen(path):
-            self._passed.setdefault(closing.owner, _Finding()).add(closing.time, closing.depth, closing.spell)
+            self._passed.setdefault(closing.owner, _Finding()).add(closing.time, closing.depth, closing.duration)
         if self._validity:
             excess = path.integrals[:, 2 * len(self._smoothings) + len(self._owner) :] / 2
             limits = self.terms.at_limit(self.terms.table(path.times[:1], path.x[:1], self._numeric.p))
@@ -261,8 +261,8 @@ class Resolution:
         # over a long step the quadrature of what is never negative may be
         return missed, np.maximum(np.maximum(size[:-1], size[1:]), np.abs(path.integrals[:, n : 2 * n]) / 2)
 
-    def _acquit(self, path: Path, missed: np.ndarray, seen: np.ndarray) -> None:
-        """Take back what intervals missed of normal forces, if small steps confirm their motion.
+    def _discard_false_alarms(self, path: Path, missed: np.ndarray, seen: np.ndarray) -> None:
+        """Discard misses of normal forces in intervals whose motion small steps confirm.
 
         The rates are integrated outside the error test: a long step that ends just inside a contact, where its force
         is still small, spoils their integral and not the motion.
@@ -296,7 +296,7 @@ class Resolution:
         lengths = np.diff(path.times)[:, None]
         gaps, rates = self._course(path).gaps, self._course(path).rates
         fastest = np.maximum(np.abs(rates[:-1]), np.abs(rates[1:]))
-        # no blow between the ends: the gap changes as its rates say, and does not turn
+        # no impact between the ends: the gap changes as its rates say, and does not turn
         smooth = np.abs(np.diff(gaps, axis=0) - lengths * (rates[:-1] + rates[1:]) / 2) <= SMOOTH * lengths * fastest
         turned = (rates[:-1] < 0) & (rates[1:] > 0)
         is_open = (gaps[:-1] > 0) & (gaps[1:] > 0) & smooth & ~turned
@@ -314,7 +314,7 @@ class Resolution:
                 owner,
                 f"{owner}: the surfaces pass through each other, {max(finding.sizes):.2g} m deep, between two steps of "
                 f"the integrator, which never found them touching, {finding.when}; limit the steps of IDAS, "
-                f"options={{'max_step_size': {finding.spell / 3:.1g}}}",
+                f"options={{'max_step_size': {finding.duration / 3:.1g}}}",
             )
         return [*sentences.values(), *self._broken_conditions()]
 

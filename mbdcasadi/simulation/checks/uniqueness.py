@@ -14,7 +14,7 @@ class Uniqueness:
 
     With loads as ``|lam|`` the equations are piecewise linear in ``(a, lam)``. The
     solution is unique where the determinants of the pieces have the sign that they have
-    without friction; looked at are the piece in which the state is, and the one with all
+    without friction; the piece that contains the state is tested, and the one with all
     reactions reversed.
 
     References
@@ -51,7 +51,7 @@ class Uniqueness:
         return (
             f"at t = {time:.6g} s the reactions are not unique any more: {frictions} is so large that the joint "
             "jams, and none or more than one set of reactions meets the equations; lower the coefficient, lengthen the "
-            "guide or thin the pin, or move the load nearer to the joint"
+            "guide, use a thinner pin, or move the load nearer to the joint"
         )
 
 

@@ -56,7 +56,7 @@ class UnseenLoad:
     interval : int
         Output interval of the path.
     stops : numpy.ndarray
-        Times over which no step may go, the last one the end of the load's part that was found, s.
+        Times that no step may cross, the last one the end of the load's part that was found, s.
     """
 
     interval: int

@@ -163,7 +163,7 @@ class RepeatedElements:
         if using is None:
             return (
                 None,
-                "no C compiler was found: these contacts are interpreted, and a run with so many is faster compiled",
+                "no C compiler was found: the contacts are interpreted; a run with this many is faster compiled",
             )
         source = self._source()
         key = build.key_of(FORMAT, using.identity, OPTIMISATION, *build.FLAGS, source)
@@ -195,7 +195,7 @@ def compiled_elements(terms: WatchedTerms) -> tuple[CompiledElements | None, str
 
 
 def has_many_contacts(numeric: NumericEquations) -> bool:
-    """Return True for bodies that nothing joins with so many elements of a kind that loops over them pay, in C."""
+    """Return True if no joint holds the bodies and so many elements are alike that loops over them in C pay."""
     eom = numeric.eom
     if eom.lam.numel() or numeric.massless or build.compiler() is None:
         return False

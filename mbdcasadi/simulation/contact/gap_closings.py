@@ -14,14 +14,14 @@ from ..path import Path, hermite_states
 from ..stepper import Stepper
 from .watched_terms import WatchedTerms
 
-#: Depth, m, below which outlines that just touch count as apart: rounding and the tolerances of positions.
+#: Depth, m, below which touching outlines count as apart: rounding and the tolerances of positions.
 SHALLOW = 1e-9
 #: Factor on rates for what they may grow by within an interval.
 SAFETY = 1.5
-#: Halvings in which whatever could close by the bound of its rate is looked at; and most halvings.
+#: Bisections in which every gap that could close by the bound of its rate is kept, and bisections at most.
 COARSE, MOST = 4, 40
-#: Times after a closing at which it is looked at how the force grows, in times in which outlines would pass through
-#: each other: powers of a half.
+#: Times after a closing at which the force is evaluated, relative to the time in which the outlines would pass through
+#: each other: powers of one half.
 GROWTH = 0.5 ** np.arange(24)[::-1]
 #: Stops in the time that a force takes to stop the outlines, and such times that have stops.
 PARTS, TIMES = 4, 6
@@ -35,7 +35,7 @@ class Closing:
     ----------
     owner : int
         Whose gap.
-    time, spell : float
+    time, duration : float
         When it closes, and for how long if nothing stops it, s.
     depth : float
         Depth that is reached on the path, m.
@@ -43,7 +43,7 @@ class Closing:
 
     owner: int
     time: float
-    spell: float
+    duration: float
     depth: float
 
 
@@ -106,9 +106,9 @@ class GapClosings:
         return [self._located(path, owner, *inside) for owner, inside in spans.items()]
 
     def stops(self, path: Path, closing: Closing) -> np.ndarray:
-        """Times after a closing over which no step may go, so that the force that arises is followed (k,)."""
+        """Times after a closing that no step may cross, so that the force that arises is followed (k,)."""
         # deeper and deeper on the path, until the force would stop the outlines in the time that has passed
-        since = closing.spell * GROWTH
+        since = closing.duration * GROWTH
         slopes = self._terms.gradient(closing.owner, self._table(path, closing.time + since))
         a = self._stepper.outputs.accelerations(path, closing.time + since)
         pull = np.abs(np.einsum("kn,kn->k", slopes, a))
@@ -133,12 +133,12 @@ class GapClosings:
         ahead = np.linspace(inside, end, 257)[1:]
         gaps = self._of(owner, path, ahead)[0]
         shut = int(np.argmax(gaps >= 0)) if np.any(gaps >= 0) else gaps.size - 1
-        spell = float(ahead[shut] - opened)
+        duration = float(ahead[shut] - opened)
         depth = float(-np.min(gaps[: shut + 1], initial=0.0))
         # a little before: what ends in the contact by rounding has seen its force
         speed = abs(self._of(owner, path, np.array([opened]))[1][0])
         margin = min(2 * SHALLOW / speed, (opened - before) / 2) if speed else 0.0
-        return Closing(owner, opened - margin, spell + margin, depth)
+        return Closing(owner, opened - margin, duration + margin, depth)
 
 
 @dataclass(frozen=True)

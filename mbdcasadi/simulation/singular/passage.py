@@ -22,11 +22,11 @@ from ..outputs import Outputs
 from ..path import Path, StatesAt, hermite_states
 from .regularity import ENTRY, Regularity, finer_times
 
-#: States of a regular path at which its pivot is looked at.
+#: States of a regular path at which its pivot is evaluated.
 SOME = 16
 #: Paths of which such poses are kept before their pivots are found.
 MOST_REGULAR = 32
-#: Poses about the lowest pivot at which it is looked at again.
+#: Poses about the lowest pivot at which it is evaluated again.
 CLOSE = 64
 #: Distances from the pose, relative to that of the entry, between which the polynomial is tried: far away it errs by
 #: its length, near by what the singular value divides. Measured on parallelograms in rows of one to five, the energy

@@ -31,7 +31,7 @@ from ..schedule import PIECES, Piece
 from ..stepper import PRECISE, Counts, SteppedSystem, Stepper
 from .explicit_system import explicit_system
 
-#: Decay of drift in the regularised form: so many times in a piece, and for each radian that a body turns.
+#: Rate at which drift decays in the regularised form, by piece, and by radian that a body turns.
 DECAY, DECAY_PER_RADIAN = 20.0, 5.0
 #: Relative distance from consistent unknowns at which the search of IDAS for them starts well.
 PERTURBATION = 1e-6
@@ -46,7 +46,7 @@ def refuse_joined_bodies(integrator: Integrator, numeric: NumericEquations) -> N
     held = f"{', '.join(numeric.eom.row_names[:6])} hold bodies" if numeric.eom.lam.numel() else ""
     if held or numeric.massless:
         raise SimulationError(
-            f'method="{integrator.name}" takes bodies with mass that nothing joins, and '
+            f'method="{integrator.name}" takes bodies with mass that no joint holds, and '
             f'{held or "a body has no mass"}; use method="idas"'
         )
 

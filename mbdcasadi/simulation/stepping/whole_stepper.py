@@ -49,7 +49,7 @@ def refuse_redundant_rows(integrator: Integrator, numeric: NumericEquations, sta
     if pose is not None:
         raise SingularityError(
             f'method="{integrator.name}" cannot start at t = {state.t:.6g} s: the pose is singular, {pose.text}; '
-            'use method="idas", or start from a pose beside it',
+            'use method="idas", or start from a pose nearby',
             time=state.t,
         )
     vanishing = np.abs(numeric.rank(state.t, state.q).null_rows)

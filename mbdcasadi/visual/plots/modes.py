@@ -64,16 +64,13 @@ def _draw(axes: Any, mode: Any) -> None:
     rest = scene.poses(Sample(mode.model.state))
     for pose, strength in ((poses[4], 0.25), (poses[0], 1.0)):
         Canvas(axes, replace(scene, labels=[]), strength, still=strength == 1.0).show(pose)
-    outline = replace(scene, marks=[_thin(mark) for mark in scene.marks if mark.style in ("body", "pin")], labels=[])
+    # as dashed outlines
+    marks = [replace(mark, style="tie") for mark in scene.marks if mark.style in ("body", "pin")]
+    outline = replace(scene, marks=marks, labels=[])
     Canvas(axes, outline, 0.55, still=False).show(rest[0])
     frame_axes(axes, room(scene, np.vstack([poses, rest]), np.zeros((0, 2))), fresh=False)
     damped = f", damping ratio {mode.damping_ratio:.3g}" if abs(mode.damping_ratio) > 1e-9 else ""
     axes.set_title(f"{mode.frequency:.4g} Hz{damped}", fontsize="medium")
-
-
-def _thin(mark: Any) -> Any:
-    """A mark as a dashed outline."""
-    return replace(mark, style="tie")
 
 
 def _amplitude(mode: Any) -> float:

@@ -35,7 +35,7 @@ def absolute_x(joint: AbsoluteX, pen: Pen) -> None:
 
 @glyph.register
 def absolute_y(joint: AbsoluteY, pen: Pen) -> None:
-    """A support on rollers that go to and fro; a pin on a stand if the other coordinate is held too."""
+    """A support on rollers; a pin on a stand if the other coordinate is held too."""
     _held(joint, pen, np.pi / 2)
 
 

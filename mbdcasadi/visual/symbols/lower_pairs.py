@@ -166,7 +166,7 @@ def point_on_line(joint: PointOnLine, pen: Pen) -> None:
     u, height, body = pen.unit, pen.number(joint.offset), joint.a.body
     low, high = pen.span(joint.displacement)
     frame = pen.on(joint.a)
-    # of one pose the slot is drawn as if the block went to and fro, in a shape from end to end
+    # of one pose the slot is drawn as if the block went back and forth, in a shape from end to end
     moves = high - low > 1e-3 * u
     margin = 2.0 * u if moves else 6.0 * u
     ends = np.array([[low - margin, height], [high + margin, height]])
