@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from functools import partial
 from types import MappingProxyType
@@ -101,6 +102,10 @@ class Integrator(Immutable):
     def tolerances(self) -> tuple[float, float]:
         """Relative and absolute tolerance."""
         return self.reltol, self.abstol
+
+    def longest_step(self, *limits: float | None) -> float:
+        """Longest step under further limits, each None if there is none, s; infinite without any limit."""
+        return min((limit for limit in (self.max_step, *limits) if limit is not None), default=math.inf)
 
     def replace(self, **changes: Any) -> Integrator:
         """Return the same method with some arguments replaced."""

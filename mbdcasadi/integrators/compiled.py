@@ -273,8 +273,7 @@ class CompiledIntegrator:
 
     def least_steps(self, length: float, max_step: float | None) -> int:
         """Least number of steps over a piece, by the longest step that is allowed; 0 for no limit."""
-        limits = [limit for limit in (max_step, self.integrator.max_step) if limit is not None]
-        return int(np.ceil(length / min(limits) * (1 - 1e-9))) if limits else 0
+        return int(np.ceil(length / self.integrator.longest_step(max_step) * (1 - 1e-9)))
 
     # --- integrating -----------------------------------------------------------------------
     def advance(self, problem: InitialValueProblem, steps: int = MAX_STEPS) -> tuple[np.ndarray, np.ndarray]:

@@ -40,7 +40,7 @@ STOPPED = "it was stopped"
 
 @dataclass(frozen=True)
 class Times:
-    """Times of a case: outputs, and those over which no step may go.
+    """Times of a case: outputs, and those that no step may cross.
 
     Attributes
     ----------
@@ -96,11 +96,11 @@ def times_of(setup: MotionSetup, p: np.ndarray, load_step: float | None = None) 
         raise SimulationError(
             f'a prescribed motion jumps; method="{setup.integrator.name}" does not take that in sweeps'
         )
-    limits = [limit for limit in (dependence.max_step, setup.integrator.max_step, load_step) if limit is not None]
+    longest = setup.integrator.longest_step(dependence.max_step, load_step)
     schedule = Schedule(grid, stops=np.r_[signals.breaks, dependence.stops, dependence.jumps], watch_points=0)
     piece = schedule.piece(float(grid[0]), 0, schedule.size - 1)
     columns = signals.columns_from(piece.begins)
-    return Times((piece.times, piece.wanted, piece.stops, columns, np.array([min(limits, default=np.inf)])))
+    return Times((piece.times, piece.wanted, piece.stops, columns, np.array([longest])))
 
 
 class WholeParcel:

@@ -73,7 +73,8 @@ class NativeIntegrator(CompiledIntegrator):
             stretch = self._stretch(problem, start, x, slice(len(rows), None))
             reached = self._runner.advance(stretch, progress)
             wanted = reached.index >= 0
-            self._count(reached.steps)
+            self.steps += reached.steps
+            self.all_steps += reached.steps
             since_output = reached.steps if np.any(wanted) else since_output + reached.steps
             if reached.status.is_failure or (reached.status == Status.PAUSED and since_output > steps):
                 return FLAGS[reached.status]
@@ -83,14 +84,9 @@ class NativeIntegrator(CompiledIntegrator):
         self.integrals = integrals
         return rows, np.zeros((times.size, 0))
 
-    def _count(self, steps: int) -> None:
-        self.steps += steps
-        self.all_steps += steps
-
     def _stretch(self, problem: InitialValueProblem, start: float, x: np.ndarray, part: slice) -> Stretch:
         """The problem from a state over some of its intervals."""
         system = self._runner.system
-        limits = [s for s in (problem.max_step, self.integrator.max_step) if s is not None]
         parameters, levels = system.input.numel_in(4), system.input.numel_in(5)
         channels = np.zeros((problem.times.size, 0)) if problem.u is None else problem.u.T
         return Stretch(
@@ -104,6 +100,6 @@ class NativeIntegrator(CompiledIntegrator):
             np.ones(system.coordinates),
             tightened(self.integrator.reltol, TIGHTER, TIGHTEST),
             tightened(self.integrator.abstol, TIGHTER, TIGHTEST),
-            min(limits, default=np.inf),
+            self.integrator.longest_step(problem.max_step),
             self._runner.slice(),
         )

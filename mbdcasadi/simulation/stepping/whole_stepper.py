@@ -76,8 +76,7 @@ class WholeStepper(Stepper):
 
     def __init__(self, system: SteppedSystem, *, watch: EventWatch, decides: Callable[[Event], bool], may_fold: bool):
         super().__init__(system)
-        limits = [limit for limit in (self.max_step, self.integrator.max_step) if limit is not None]
-        self._longest = min(limits, default=np.inf)
+        self._longest = self.integrator.longest_step(self.max_step)
         self._watch, self._may_fold, self._spacing = watch, may_fold, system.span / WATCH_POINTS
         terms = watched_terms(self.numeric.eom)
         self._rates, self._keeps_samples = terms.size, bool(terms.owners)
