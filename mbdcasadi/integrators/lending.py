@@ -32,7 +32,7 @@ class Lending:
         self._lock = threading.Lock()
 
     def borrow(self, key: Hashable, make: Callable[[], Any]) -> Any:
-        """Return an object of a key that nobody has; if there is none, make one."""
+        """Return an object of a key that is not lent; if there is none, make one."""
         with self._lock:
             free = self._free.get(key)
             if free:

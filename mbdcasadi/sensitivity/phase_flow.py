@@ -127,7 +127,7 @@ class PhaseFlow:
     p : numpy.ndarray
         Values of the parameters of the mechanism.
     rows : numpy.ndarray
-        Of the outputs, whether the mechanism has them (n_y,).
+        True for outputs that the mechanism has (n_y,).
     """
 
     def __init__(self, varied: VariedMotion, number: int):

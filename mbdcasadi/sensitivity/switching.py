@@ -326,7 +326,7 @@ class BorderPassage:
         self._append(tuple(switches), border, sides, impulse)
 
     def _strike(self, sides: np.ndarray) -> bool:
-        """Let velocities jump as the constraints ask for; whether they did."""
+        """Let velocities jump as the constraints ask for; return True if they did."""
         numeric = self._system.numeric
         if not numeric.eom.lam.numel():
             return False

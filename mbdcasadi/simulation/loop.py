@@ -41,15 +41,15 @@ from .trajectory_builder import TrajectoryBuilder
 
 #: Time from the jump of a prescribed velocity, relative to a run, at which it explains a failure.
 NEAR_CORNER = 1e-5
-#: Fraction of a piece after whose start a new start at a touch makes sense.
+#: Fraction of a piece within which a restart at a touch would lead no further.
 NEW_START = 1e-6
-#: Looks at the path across one load, at most.
+#: Times that the path across one load is examined, at most.
 LOOKS = 4
 LEAST_NORM = "the constraints are redundant: multipliers and reactions are those of least norm"
 
 
 class Run:
-    """A simulation that is being run; one that is given an interruption leaves it to its analysis to notice Ctrl-C."""
+    """One run of a simulation; if an interruption is given, its analysis notices Ctrl-C."""
 
     def __init__(
         self,
@@ -88,7 +88,7 @@ class Run:
         #: events of the instant at which the run ended that change the mechanism, and the state there
         self.changing: list[Event] = []
         self.reached: State | None = None
-        #: whether an event ended the whole run
+        #: True if an event ended the whole run
         self.stops = False
 
     def _is_watched(self, integrator: Integrator) -> bool:
@@ -241,7 +241,7 @@ class Run:
 
     # --- one piece ----------------------------------------------------------------------------------
     def _advance(self, last: int) -> bool:
-        """Advance by the piece that ends at an index, or by less; whether the run ended."""
+        """Advance by the piece that ends at an index, or by less; return True if the run ended."""
         arc = self._arc
         stops, self._extra_stops = self._extra_stops, np.zeros(0)
         piece = self._schedule.piece(self._time, self._index, last).through(stops)
@@ -336,7 +336,7 @@ class Run:
 
     # --- singular poses -------------------------------------------------------------------------------
     def _advance_across(self, piece: Piece, path: Path, passage: Passage) -> bool:
-        """Advance to the far side of a singular pose; whether the run ended."""
+        """Advance to the far side of a singular pose; return True if the run ended."""
         approach = self._schedule.stretch(piece.start, self._index, passage.start)
         if self._finish(approach, passage.approach(path, approach.times)):
             return True
@@ -403,7 +403,7 @@ class Run:
         return EventOccurrence(crossing.event.name, crossing.time, self.modes.whole(self._arc.mode, state))
 
     def _at_events(self, crossings: Sequence[Crossing]) -> bool:
-        """Go on from the events of one instant; whether one of them ends the run."""
+        """Go on from the events of one instant; return True if one of them ends the run."""
         arc, first = self._arc, crossings[0]
         time = first.time
         self._index = self._schedule.index_after(time + self.instant)

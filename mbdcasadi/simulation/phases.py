@@ -200,7 +200,7 @@ class PhasedRun:
 
     # --- changes ------------------------------------------------------------------------------------
     def _change(self, run: Run) -> tuple[Run, bool]:
-        """Go on in the mechanism to which the events of an instant lead; whether the run ends there."""
+        """Go on in the mechanism to which the events of an instant lead; True if the run ends there."""
         assert run.reached is not None
         before = in_whole(run.reached, self.whole, self._p)
         chain = self._chain(run.changing, run.reached, run.instant)

@@ -1,4 +1,4 @@
-"""Friction that depends on reactions: whether these are unique."""
+"""Uniqueness of reactions on which friction depends."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ...equations.numeric import NumericEquations
 
 
 class Uniqueness:
-    """Watches whether one set of accelerations and multipliers alone meets the equations.
+    """Checks that only one set of accelerations and multipliers meets the equations.
 
     With loads as ``|lam|`` the equations are piecewise linear in ``(a, lam)``. The
     solution is unique where the determinants of the pieces have the sign that they have

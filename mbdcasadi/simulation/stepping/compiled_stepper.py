@@ -33,7 +33,7 @@ from .explicit_system import explicit_system
 
 #: Rate at which drift decays in the regularised form, by piece, and by radian that a body turns.
 DECAY, DECAY_PER_RADIAN = 20.0, 5.0
-#: Relative distance from consistent unknowns at which the search of IDAS for them starts well.
+#: Relative distance from consistent unknowns from which the search of IDAS for them succeeds.
 PERTURBATION = 1e-6
 
 
@@ -145,9 +145,9 @@ class CompiledStepper(Stepper):
     ) -> Path:
         usual = self.formulation
 
-        def attempt(form: Formulation, steps: int, *, beside: bool = False) -> Path | IntegrationFailure:
+        def attempt(form: Formulation, steps: int, *, nearby: bool = False) -> Path | IntegrationFailure:
             compiled, problem = self._of(form), self._problem(form, piece, x)
-            problem = replace(problem, z=perturbed(problem.z)) if beside else problem
+            problem = replace(problem, z=perturbed(problem.z)) if nearby else problem
             try:
                 states = compiled.advance(problem, steps)[0]
             except IntegrationFailure as failure:
@@ -160,8 +160,8 @@ class CompiledStepper(Stepper):
 
         outcome = attempt(usual, FEW_STEPS)
         if isinstance(outcome, IntegrationFailure) and outcome.flag == "IDA_LINESEARCH_FAIL":
-            # the search for consistent unknowns takes rounding for a failure, and starts well from beside
-            outcome = attempt(usual, FEW_STEPS, beside=True)
+            # the search for consistent unknowns mistakes rounding for a failure, and succeeds from nearby
+            outcome = attempt(usual, FEW_STEPS, nearby=True)
         if isinstance(outcome, Path):
             return outcome
         has_constraints = self.numeric.eom.lam.numel() > 0
@@ -257,5 +257,5 @@ def lending_of(numeric: NumericEquations) -> Lending:
 
 
 def perturbed(z: np.ndarray) -> np.ndarray:
-    """Unknowns near to consistent ones: at these the search of IDAS takes rounding for a failure."""
+    """Return unknowns near consistent ones; at these themselves the search of IDAS mistakes rounding for a failure."""
     return z + PERTURBATION * (1 + np.abs(z))

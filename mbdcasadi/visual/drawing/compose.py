@@ -115,7 +115,7 @@ def _depth(mark: scene.Mark) -> tuple[int, int]:
 
 
 def _measures(sample: Sample) -> tuple[float, bool]:
-    """Unit of symbols, m, and whether the mechanism hangs from its supports."""
+    """Unit of symbols, m, and True if the mechanism hangs from its supports."""
     mechanism = sample.mechanism
     elements = [*mechanism.joints, *mechanism.forces]
     markers = [m for e in elements for m in getattr(e, "markers", ())]
