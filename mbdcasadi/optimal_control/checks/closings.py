@@ -134,8 +134,8 @@ def _warn_of_free_choices(solution: Solution) -> None:
     if any(part.phase.mechanism.inputs for part in solution.phases) or _has_cost(solution):
         return
     times = [part.segment_times for part in solution.phases]
-    lower, upper = program.bounds(solution.phases[0].trajectory.initial, solution.meshes, times)
-    unknown = int(np.sum(lower < upper))
+    bounds = program.bounds(solution.phases[0].trajectory.initial, solution.meshes, times)
+    unknown = int(np.sum(bounds.lower < bounds.upper))
     free = unknown - sum(row.equality for row in program.rows)
     if free > 0:
         names = ", ".join(f"'{phase.name}'" for phase in problem.phases)

@@ -33,12 +33,13 @@ from ..refinement.mesh import Mesh
 from ..solution import Solution
 from .best_so_far import BestSoFar
 from .change import ChangeSetup, numeric_at
-from .collocation_program import CollocationProgram, Held
+from .collocation_program import Bounds, CollocationProgram, Held
 from .elastic_program import ElasticProgram
 from .held_limits import LIMIT_TOLERANCE, ROUNDS, largest_share, points_to_hold
 from .limit_sides import LimitSides
 from .setup import PhaseSetup, Settings, typical_duration
-from .solvers.base import Beginning, Bounds, Elsewhere, Result
+from .solvers import make_solver
+from .solvers.base import Beginning, Elsewhere, Result
 from .start import check_start, first_state
 from .statistics import Answer
 
@@ -64,7 +65,7 @@ class ProblemSolver:
         initial: Any = None,
         best: BestSoFar | None = None,
     ):
-        self.problem, self.settings, self._nlp_solver = problem, settings, settings.make_solver()
+        self.problem, self.settings, self._nlp_solver = problem, settings, make_solver(settings)
         #: points at which path limits are held besides stages and mesh points
         self.held: Held = ()
         #: share of its size by which a path limit may be passed between them
@@ -98,7 +99,7 @@ class ProblemSolver:
     def on(self, elsewhere: Elsewhere) -> ProblemSolver:
         """Return the same solver with its runs on an executor; several of these work beside each other."""
         other = copy(self)
-        other._nlp_solver = self.settings.make_solver(elsewhere)
+        other._nlp_solver = make_solver(self.settings, elsewhere)
         return other
 
     def _first_state(self, numerics: list[NumericEquations], signals: Signals) -> State:
@@ -306,11 +307,10 @@ class ProblemSolver:
         program = self.transcribe(meshes)
         iterate = guess.iterate if guess.iterate is not None and guess.iterate.belongs_to(program, meshes) else None
         x = iterate.x if iterate else guess.variables(program, meshes)
-        lower, upper = program.bounds(self.start, meshes, guess.segment_times)
+        bounds = program.bounds(self.start, meshes, guess.segment_times)
         data = program.data([setup.numeric.p for setup in self.setups], meshes, guess.segment_times)
         if program.has_integrals and not iterate:
-            x = program.with_integrals(x, program.rows_at(np.clip(x, lower, upper), data))
-        bounds = Bounds(lower, upper, program.lower, np.zeros(program.lower.size))
+            x = program.with_integrals(x, program.rows_at(np.clip(x, bounds.lower, bounds.upper), data))
         return Beginning(program, meshes, guess, iterate, x, data, bounds, began)
 
     def _solution(self, begin: Beginning, result: Result) -> Solution:

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 
 from ....errors import ModelError
+from ...guess.guess import Iterate
+from ..collocation_program import Bounds, CollocationProgram
+from ..elastic_program import ElasticProgram
 from ..statistics import Stage
-from .base import QUIET, Beginning, Bounds, Elsewhere, NLPSolver, Result, SolverWatch
+from .base import QUIET, Beginning, Elsewhere, NLPSolver, Result, SolverWatch
 from .ipopt import Ipopt
-
-if TYPE_CHECKING:
-    from ...guess.guess import Iterate
-    from ..collocation_program import CollocationProgram
-    from ..elastic_program import ElasticProgram
 
 #: Options of fatrop that were measured best on these programs.
 DEFAULTS: dict[str, Any] = {
