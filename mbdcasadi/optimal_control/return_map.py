@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
 from ..errors import ModelError
 from ..numerics.rank import analyse_rank
-
-if TYPE_CHECKING:
-    from .nlp.phase_program import PhaseProgram
-    from .solution import Solution
+from .nlp.phase_program import PhaseProgram
+from .solved_motion import SolvedMotion
 
 #: Share of the largest slope by which the next start may miss the boundary conditions.
 CLOSURE_TOLERANCE = 1e-6
@@ -46,7 +43,7 @@ class Stability:
         return f"Stability: {kind}, Floquet multipliers {values}"
 
 
-def stability_of_solution(solution: Solution) -> Stability:
+def stability_of_solution(solution: SolvedMotion) -> Stability:
     """Return the return map of a periodic solution to first order; see :meth:`Solution.stability`."""
     return _ReturnMap(solution).result()
 
@@ -58,7 +55,7 @@ class _ReturnMap:
     the changes among it; the boundary conditions lead from the end to the next start.
     """
 
-    def __init__(self, solution: Solution):
+    def __init__(self, solution: SolvedMotion):
         self.solution, self.program = solution, solution.program
         if not solution.problem.boundary:
             raise ModelError("stability: the problem has no boundary conditions, and so no next period")

@@ -10,15 +10,14 @@ from typing import Any
 import numpy as np
 
 from ..errors import FileError, ModelError
-from ..numerics.symbolic import symbolic
 from ..results.archives import Archive, read_arrays, write_arrays
 from .nlp.collocation_program import CollocationProgram
-from .nlp.problem_solver import ProblemSolver
+from .nlp.problem_setup import ProblemSetup
 from .nlp.setup import Settings
 from .nlp.statistics import Answer, ContinuationStep, Pass, SolveStatistics, Stage, Start
 from .problem import OptimalControlProblem
 from .refinement.mesh import Mesh
-from .solution import Solution
+from .solved_motion import SolvedMotion
 from .transcription import TRANSCRIPTIONS
 
 _FORMAT = "mbdcasadi solution 4"
@@ -26,8 +25,8 @@ _FORMAT = "mbdcasadi solution 4"
 SAME_TOLERANCE = 1e-6
 
 
-def save(solution: Solution, path: str | Path) -> None:
-    """Write a solution; see :func:`read_solution`."""
+def save(solution: SolvedMotion, path: str | Path) -> None:
+    """Write a solution; :func:`restored` reads it."""
     program, scheme = solution.program, solution.settings.transcription
     if type(scheme) not in TRANSCRIPTIONS.values():
         raise ModelError(
@@ -61,26 +60,10 @@ def _prefix(problem: OptimalControlProblem, number: int) -> str:
     return f"phase {number} " if len(problem.phases) > 1 else ""
 
 
-@symbolic
-def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
-    """Read what ``Solution.save`` wrote.
+def restored(path: str | Path, problem: OptimalControlProblem) -> tuple[Any, ...]:
+    """Return the arguments of a solution of a problem from what :func:`save` wrote.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    problem : OptimalControlProblem
-        Problem that it solves: the rows of its program must be the same.
-
-    Returns
-    -------
-    Solution
-        As complete as the one that was saved.
-
-    Raises
-    ------
-    FileError
-        For what is not such a file, and for a solution of another problem.
+    A :class:`FileError` is raised for what is not such a file, and for a solution of another problem.
     """
     if not isinstance(problem, OptimalControlProblem):
         raise ModelError(f"read_solution takes an OptimalControlProblem, got {problem!r}")
@@ -93,7 +76,7 @@ def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
         raise FileError(f"{path}: an entry of the solution is missing or damaged: {error}") from None
 
 
-def _restored(path: str | Path, problem: OptimalControlProblem, content: Archive) -> Solution:
+def _restored(path: str | Path, problem: OptimalControlProblem, content: Archive) -> tuple[Any, ...]:
     try:
         chosen = {**content.json("settings")}
         angles = chosen.pop("angles", False)
@@ -101,9 +84,9 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: Archive
     except ModelError as error:
         raise FileError(f"{path}: the settings of the solution are damaged, or of another version: {error}") from None
     meshes, times, parameters = _phases(path, problem, content)
-    solver = ProblemSolver(problem, settings)
-    solver.held = tuple((int(phase), str(label), float(tau)) for phase, label, tau in content.json("held"))
-    program = solver.transcribe(meshes)
+    setup = ProblemSetup(problem, settings)
+    held = tuple((int(phase), str(label), float(tau)) for phase, label, tau in content.json("held"))
+    program = setup.transcribe(meshes, held)
     labels = [row.label for row in program.rows]
     theirs, count = content.names("row labels"), len(labels)
     if program.size != content["x"].size or labels != theirs:
@@ -113,11 +96,11 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: Archive
     statistics = content.json("statistics")
     for name, kind in (("starts", Start), ("passes", Pass), ("steps", ContinuationStep), ("stages", Stage)):
         statistics[name] = [kind(**one) for one in statistics.get(name, [])]
-    return Solution(
+    return (
         problem,
         program,
         settings,
-        solver.initial,
+        setup.initial,
         parameters,
         meshes,
         times,

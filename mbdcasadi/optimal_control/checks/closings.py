@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ...errors import warn
 from ...model.symbols import symbols_of
-
-if TYPE_CHECKING:
-    from ..nlp.change import Change
-    from ..phase_solution import PhaseSolution
-    from ..solution import Solution
+from ..nlp.change import Change
+from ..phase_solution import PhaseSolution
+from ..solution import Solution
 
 #: Times of a phase at which it is looked whether something passes.
 POINTS = 400

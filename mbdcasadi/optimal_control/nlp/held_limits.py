@@ -7,26 +7,19 @@ they do so most. What is left over is the error of the mesh: the motion passes a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from ...errors import warn
-from ...model.conditions import Condition, stacked
+from ...model.conditions import Condition
+from ..phase_solution import PhaseSolution
+from ..solution import Solution
+from .limit_excess import POINTS
 
-if TYPE_CHECKING:
-    from ..phase_solution import PhaseSolution
-    from ..solution import Solution
-
-#: Points of an interval at which limits are looked at, both ends included.
-POINTS = 21
 #: Share of its size by which a limit may be passed between the points at which it is held.
 LIMIT_TOLERANCE = 1e-2
-#: Distance from a limit, as a share of its size, within which the polynomials of an interval must come for the motion
-#: itself to be looked at.
-NEAR = 0.3
 #: Largest number of times that points are added.
 ROUNDS = 3
 
@@ -50,7 +43,7 @@ def points_to_hold(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> se
     for number, part in enumerate(solution.phases):
         if not part.mesh.count:  # a phase of no duration
             continue
-        limits, excess = part.program.limits_at_points, _excess_of_polynomials(part)
+        limits, excess = part.program.limits_at_points, part.excess_of_polynomials
         for limit, values in zip(limits, np.moveaxis(excess, 2, 0), strict=True):
             i, j = np.unravel_index(int(np.argmax(values)), values.shape)
             if values[i, j] > tolerance * _size(part, limit, part.time_at(int(i), int(j) / (POINTS - 1))):
@@ -82,58 +75,9 @@ def shares_by_interval(part: PhaseSolution) -> np.ndarray:
     return shares
 
 
-def excess_of_motion(part: PhaseSolution) -> Iterator[tuple[Condition, np.ndarray, np.ndarray, np.ndarray]]:
-    """Limits, intervals whose polynomials come near one, times in these, and values there, above zero if passed."""
-    if not part.mesh.count:  # a phase of no duration
-        return
-    limits, excess = part.program.limits_at_points, _excess_of_polynomials(part)
-    sizes = np.array([part.program.condition_sizes[c] for c in limits])
-    near = np.flatnonzero(np.any(~(excess < -NEAR * sizes), axis=(1, 2)))
-    if not near.size:
-        return
-    begin, length = part.mesh_times[near, None], np.diff(part.mesh_times)[near, None]
-    # up to just before the next mesh point, since what jumps there belongs to the interval that ends
-    times = np.minimum(begin + length * np.linspace(0, 1, POINTS), np.nextafter(begin + length, -np.inf))
-    motion = part.trajectory.at(times.ravel())
-    for limit in limits:
-        yield limit, near, *_with_peaks(part, limit, times, motion[limit.expression].reshape(times.shape))
-
-
-def _with_peaks(
-    part: PhaseSolution, limit: Condition, times: np.ndarray, values: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Times and values of a limit (k, POINTS), the largest one of each interval at its peak between the points."""
-    middle = np.clip(np.argmax(values, axis=1), 1, POINTS - 2)
-    rows = np.arange(len(values))
-    before, most, after = (values[rows, middle + shift] for shift in (-1, 0, 1))
-    bend = 2 * most - before - after
-    rows = np.flatnonzero((most >= np.maximum(before, after)) & (bend > 0))
-    if not rows.size:
-        return times, values
-    shift = (after - before)[rows] / (2 * bend[rows])
-    places, steps = middle[rows], times[rows, 1] - times[rows, 0]
-    peaks = times[rows, places] + shift * steps
-    at_peaks = part.trajectory.at(peaks)[limit.expression].ravel()
-    higher = at_peaks > most[rows]
-    times, values = times.copy(), values.copy()
-    times[rows[higher], places[higher]], values[rows[higher], places[higher]] = peaks[higher], at_peaks[higher]
-    return times, values
-
-
 def largest_share(solution: Solution) -> float:
     """Return the largest share of its size by which a limit is passed."""
     return max((limit.share for limit in passed_limits(solution, 0.0)), default=0.0)
-
-
-def _excess_of_polynomials(part: PhaseSolution) -> np.ndarray:
-    """Values of the limits by the polynomials of the transcription (N, POINTS, limits), negative if they hold."""
-    program, count = part.program, part.mesh.count
-    limits = program.limits_at_points
-    if not limits:
-        return np.zeros((count, POINTS, 0))
-    k, tau = np.repeat(np.arange(count), POINTS), np.tile(np.linspace(0, 1, POINTS), count)
-    (values,) = part.by_polynomials([stacked(limits)], k, tau)
-    return values.T.reshape(count, POINTS, len(limits))
 
 
 def _places(part: PhaseSolution, limit: Condition, values: np.ndarray) -> set[float]:

@@ -8,15 +8,11 @@ an interval with a kink, whose neighbours it leads astray, agrees with one of th
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ...numerics.real import stretches
 from ..nlp.scaling import SMALLEST_SHARE
-
-if TYPE_CHECKING:
-    from ..phase_solution import PhaseSolution
+from ..phase_solution import PhaseSolution
 
 #: Points of an interval at which the product of the distances is looked at, both ends included.
 POINTS = 41

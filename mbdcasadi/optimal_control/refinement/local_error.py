@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
-from typing import TYPE_CHECKING
-
-import casadi as ca
 import numpy as np
 
-from ...equations.numeric import NumericEquations
-from ...equations.recovery import Recovery
 from ...errors import warn
 from ...numerics.collocation import gauss
-from ...numerics.console import call
+from ..phase_solution import PhaseSolution
+from ..solution import Solution
 from .singularity import close_to_singular
-
-if TYPE_CHECKING:
-    from ..phase_solution import PhaseSolution
-    from ..solution import Solution
 
 #: Local error of an interval, in rad or sizes of the mechanism, velocities times the duration, from which the mesh
 #: counts as coarse. At 0.02 the swing-up of a cart-pole ends 0.1 off when its force is replayed, at 0.001 0.007 off.
@@ -27,8 +18,6 @@ COARSE_ERROR = 0.01
 COARSE_STATE_ERROR = 0.05
 #: Error inside the intervals below which the mesh counts as fine without an integration.
 FINE_ERROR = COARSE_ERROR / 3
-#: Tolerance of the integration against which an interval is measured.
-INTEGRATION_TOLERANCE = 1e-11
 
 
 def warn_of_coarse_mesh(solution: Solution) -> None:
@@ -65,7 +54,7 @@ def state_coarseness(part: PhaseSolution) -> np.ndarray:
     if not part.mesh.count or not part.phase.mechanism.states:
         return np.zeros(part.mesh.count)
     try:
-        errors = state_errors(part)
+        errors = part.state_errors
     except RuntimeError:  # the integrator did not get to the end of an interval
         return np.full(part.mesh.count, np.inf)
     coarse = errors[:, ~(np.sum(errors, axis=0) <= COARSE_STATE_ERROR)]
@@ -97,7 +86,7 @@ def coarse_mesh(part: PhaseSolution, errors: np.ndarray) -> str:
 
 def _warn_of_states(part: PhaseSolution) -> None:
     """Warn if the errors of a first-order state, added up as those of a meter do, count beside its range."""
-    sums = np.sum(state_errors(part), axis=0)
+    sums = np.sum(part.state_errors, axis=0)
     for state, error in zip(part.phase.mechanism.states, sums, strict=True):
         if error > COARSE_STATE_ERROR:
             warn(
@@ -105,11 +94,6 @@ def _warn_of_states(part: PhaseSolution) -> None:
                 f"intervals, integrated again, end off by {error:.2g} of its range in all; take more intervals=, or "
                 "tolerance= for a mesh that is refined"
             )
-
-
-def state_errors(part: PhaseSolution) -> np.ndarray:
-    """Differences of the first-order states at the ends of the intervals, as shares of their ranges (N, k)."""
-    return part.end_errors[:, 2 * part.phase.equations.q.numel() :] / part.state_ranges
 
 
 def projection_steps(part: PhaseSolution) -> np.ndarray:
@@ -139,70 +123,3 @@ def inner_errors(part: PhaseSolution) -> np.ndarray:
     h = np.diff(part.mesh_times)[:, None]
     errors = [np.max(np.abs(np.einsum("js,ijn->isn", w, differences)), axis=1) for w in (twice, once)]
     return np.hstack([h**2 * errors[0], h * errors[1]])
-
-
-def end_errors(part: PhaseSolution) -> np.ndarray:
-    """Differences of q, v and z at the ends of all intervals, by integration and as the mesh has them (N, 2 n + k)."""
-    numeric, count = part.numeric, part.mesh.count
-    eom = numeric.eom
-    n = eom.q.numel()
-    pieces = [piece.coefficients for piece in part.polynomials.inputs.values()]
-    coefficients = np.stack(pieces, axis=2) if pieces else np.zeros((count, 1, 0))  # (N, d, n_u)
-    degree, inputs = coefficients.shape[1:]
-    parameters = np.vstack(
-        [
-            part.mesh_times[:-1],
-            np.diff(part.mesh_times),
-            np.tile(numeric.p[:, None], (1, count)),
-            coefficients.transpose(2, 1, 0).reshape(degree * inputs, count),
-        ]
-    )
-    starts = part.mesh_states[:-1, : 2 * n + eom.z.numel()]
-    redundant = part.redundant
-    key = ("interval", degree, redundant, numeric.light_key)
-    integrator = eom.mechanism.cache.get_or_create(key, lambda: _integrator(numeric, degree, redundant=redundant))
-    reached = call(partial(integrator.map(count), x0=starts.T, p=parameters))["xf"].full().T
-    recovery = Recovery(numeric, redundant=redundant)
-    times = part.mesh_times[1:]
-    q = recovery.positions(times, reached[:, :n])
-    v = recovery.velocities(times, q, reached[:, n : 2 * n])
-    return np.abs(np.hstack([q, v, reached[:, 2 * n :]]) - part.mesh_states[1:])
-
-
-def _integrator(numeric: NumericEquations, degree: int, *, redundant: bool) -> ca.Function:
-    """``(x0, (start, length, p, coefficients of the inputs)) -> xf`` over one interval."""
-    eom = numeric.eom
-    tau, start, length = ca.SX.sym("s"), ca.SX.sym("t0"), ca.SX.sym("h")
-    c = ca.SX.sym("c", degree * eom.u.numel())
-    since = length * tau
-    u = ca.vertcat(
-        ca.SX(0, 1),
-        *[sum((c[k * degree + j] * since**j for j in range(degree)), ca.SX(0)) for k in range(eom.u.numel())],
-    )
-    t = start + since
-    a, lam = numeric.forward_dynamics(redundant=redundant)(t, eom.q, eom.v, eom.z, u, eom.p)
-    rate = ca.Function("rate", [*eom.symbols], [eom.z_rate])(t, eom.q, eom.v, a, eom.z, lam, u, eom.p)
-    system = {
-        "t": tau,
-        "x": ca.vertcat(eom.q, eom.v, eom.z),
-        "p": ca.vertcat(start, length, eom.p, c),
-        "ode": length * ca.vertcat(eom.v, a, rate),
-    }
-    options = {"reltol": INTEGRATION_TOLERANCE, "abstol": INTEGRATION_TOLERANCE, "max_num_steps": 100_000}
-    return ca.integrator("interval", "erk", system, 0.0, 1.0, options)
-
-
-def local_errors(part: PhaseSolution) -> np.ndarray:
-    """Largest difference in displacements (m) and angles (rad) by interval (N, 2)."""
-    errors = part.end_errors[:, : part.phase.equations.q.numel()]
-    angles = part.program.scales.angles
-    return np.column_stack([np.max(errors[:, ~angles], axis=1), np.max(errors[:, angles], axis=1)])
-
-
-def scaled_errors(part: PhaseSolution) -> np.ndarray:
-    """Largest difference by interval: coordinates, velocities times the duration, states by their ranges (N,)."""
-    if not part.mesh.count:
-        return np.zeros(0)
-    n = part.phase.equations.q.numel()
-    errors = np.max(part.end_errors[:, : 2 * n] * np.repeat([1.0, part.duration], n), axis=1)
-    return np.maximum(errors, np.max(state_errors(part), axis=1)) if part.phase.mechanism.states else errors

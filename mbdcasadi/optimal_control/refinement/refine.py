@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,15 +16,13 @@ from ..guess.guess import Guess
 from ..nlp.held_limits import passed_limits, shares_by_interval
 from ..nlp.problem_solver import ProblemSolver
 from ..nlp.statistics import Pass
+from ..phase_solution import PhaseSolution
 from ..solution import Solution
 from .input_error import input_order, unresolved_inputs
-from .local_error import COARSE_ERROR, coarseness, scaled_errors, state_coarseness
+from .local_error import COARSE_ERROR, coarseness, state_coarseness
 from .mesh import Mesh
 from .singularity import close_to_singular
 from .switches import unresolved_switches
-
-if TYPE_CHECKING:
-    from ..phase_solution import PhaseSolution
 
 #: Largest number of passes, of pieces into which an interval is split, and of intervals of a mesh.
 PASSES, PIECES, INTERVALS = 12, 6, 2000
@@ -317,7 +314,7 @@ def _errors(solution: Solution) -> list[np.ndarray]:
     """Local errors of the intervals by phase; Ctrl-C in compiled code comes as what it is."""
     with interruptible() as interruption:
         try:
-            return [scaled_errors(phase) for phase in solution.phases]
+            return [part.scaled_errors for part in solution.phases]
         except RuntimeError:
             if not interruption.requested:
                 raise

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..checks.branch import branch_jump, refuse_branch_jump
 from ..checks.failure import OptimizationError
+from ..guess.guess import Guess
+from ..nlp.problem_solver import ProblemSolver
 from ..nlp.statistics import Stage
+from ..phase_solution import PhaseSolution
+from ..solution import Solution
 from .local_error import coarse_mesh, coarseness, projection_steps
 from .refine import refine_if_coarse
-
-if TYPE_CHECKING:
-    from ..guess.guess import Guess
-    from ..nlp.problem_solver import ProblemSolver
-    from ..phase_solution import PhaseSolution
-    from ..solution import Solution
 
 #: Step by which the end of an interval is moved onto the constraints, in rad or sizes of the mechanism, from which a
 #: solution is no motion, whatever mesh was asked for.

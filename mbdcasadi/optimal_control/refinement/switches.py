@@ -10,16 +10,14 @@ astray. Intervals in which the inputs are off are split instead, see :mod:`input
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ..nlp.limits import activity
 from ..phase import BEYOND_STATES
-
-if TYPE_CHECKING:
-    from ..phase_solution import PhaseSolution
-    from ..solution import Solution
+from ..phase_solution import PhaseSolution
+from ..solution import Solution
 
 #: Scaled slack below which a limit counts as active, whatever its multiplier: on long arcs both may be small.
 SLACK = 3e-4
