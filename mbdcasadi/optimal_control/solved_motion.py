@@ -21,7 +21,7 @@ from .guess.guess import Guess, Iterate
 from .nlp.collocation_program import CollocationProgram
 from .nlp.phase_program import PhaseProgram
 from .nlp.setup import Settings
-from .nlp.statistics import Answer, SolveStatistics
+from .nlp.statistics import Answer, Attempt, SolveStatistics
 from .phase_solution import InstantSolution, PhaseSolution
 from .problem import OptimalControlProblem
 from .refinement.mesh import Mesh
@@ -129,6 +129,11 @@ class SolvedMotion:
             time = float(phases[-1].segment_times[-1])
         free = [self.parameters.get(p, p.value) for p in problem.free_parameters]
         return Guess(tuple(phases), np.array(free), "solution", self._iterate(self.variables / self.program.scale))
+
+    def as_attempt(self, description: str, **more: Any) -> Attempt:
+        """Return the record of the solve that led to it."""
+        s, intervals = self.statistics, sum(mesh.count for mesh in self.meshes)
+        return Attempt(description, self.cost, s.iterations, s.status, s.seconds, intervals, **more)
 
     def _iterate(self, x: np.ndarray) -> Iterate:
         return Iterate(self.program, self.meshes, x, self.answer.lam_x, self.answer.lam_g)

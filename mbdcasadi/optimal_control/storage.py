@@ -14,7 +14,7 @@ from ..results.archives import Archive, read_arrays, write_arrays
 from .nlp.collocation_program import CollocationProgram
 from .nlp.problem_setup import ProblemSetup
 from .nlp.setup import Settings
-from .nlp.statistics import Answer, ContinuationStep, Pass, SolveStatistics, Stage, Start
+from .nlp.statistics import Answer, Attempt, SolveStatistics
 from .problem import OptimalControlProblem
 from .refinement.mesh import Mesh
 from .solved_motion import SolvedMotion
@@ -94,8 +94,8 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: Archive
         raise FileError(f"{path}: the solution belongs to another problem: {other or 'its size is another one'}")
     _check_values(path, problem, program, program.data(parameters, meshes, times), times, content)
     statistics = content.json("statistics")
-    for name, kind in (("starts", Start), ("passes", Pass), ("steps", ContinuationStep), ("stages", Stage)):
-        statistics[name] = [kind(**one) for one in statistics.get(name, [])]
+    for name in ("starts", "passes", "steps", "stages"):
+        statistics[name] = [_attempt(one) for one in statistics.get(name, [])]
     return (
         problem,
         program,
@@ -109,6 +109,12 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: Archive
         SolveStatistics(**statistics),
         Answer(content.numbers("lam_x", program.size), content.numbers("lam_g", count), content["rows"]),
     )
+
+
+def _attempt(entry: dict[str, Any]) -> Attempt:
+    """An attempt from its entry; files of earlier versions name a start by its guess, and lack what it did not have."""
+    lacking = {"description": entry.pop("guess", ""), "cost": np.nan, "status": "", "seconds": np.nan, "intervals": 0}
+    return Attempt(**(lacking | entry))
 
 
 def _phases(

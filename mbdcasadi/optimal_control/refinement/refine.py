@@ -15,7 +15,7 @@ from ..checks.failure import OptimizationError
 from ..guess.guess import Guess
 from ..nlp.held_limits import passed_limits, shares_by_interval
 from ..nlp.problem_solver import ProblemSolver
-from ..nlp.statistics import Pass
+from ..nlp.statistics import Attempt
 from ..phase_solution import PhaseSolution
 from ..solution import Solution
 from .input_error import input_order, unresolved_inputs
@@ -68,7 +68,9 @@ class _Refinement:
 
     def __init__(self, solver: ProblemSolver, solution: Solution, tolerance: float):
         self.solver, self.solution, self.tolerance = solver, solution, tolerance
-        self.passes: list[Pass] = []
+        self.passes: list[Attempt] = []
+        #: largest local error of each of them
+        self.history: list[float] = []
         self.merging, self.moves = True, MOVES
         #: True if the last pass had more mesh points for switches, or more that move
         self.resolves = False
@@ -99,11 +101,12 @@ class _Refinement:
 
     def _measure(self) -> None:
         """Errors of the intervals of the last solution, and its entry in the table of passes."""
-        solution, s = self.solution, self.solution.statistics
+        solution = self.solution
         self.errors = _errors(solution)
         self.error = float(np.max(np.concatenate(self.errors)))
-        self.passes.append(Pass(_count(solution.meshes), self.error, solution.cost, s.iterations, s.seconds))
-        solution.statistics = replace(s, passes=list(self.passes))
+        self.history.append(self.error)
+        self.passes.append(solution.as_attempt("refinement", error=self.error))
+        solution.statistics = replace(solution.statistics, passes=list(self.passes))
 
     def _missed(self) -> str:
         """Demands that a solution with small local errors does not meet, in words; nothing if it meets all."""
@@ -130,7 +133,7 @@ class _Refinement:
         """Meshes of the next pass; None if there is none that is better."""
         meshes, order = self.solution.meshes, self.solution.phases[0].program.scheme.order
         if self.error > self.tolerance:
-            before = [p.error for p in self.passes[:-1]][-2:]
+            before = self.history[:-1][-2:]
             if len(before) == 2 and self.error > max(before) / 2 and not self.merging:
                 return None
             self.merging = self.merging and self.error <= min(before, default=np.inf) / 2

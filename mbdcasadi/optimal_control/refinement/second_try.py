@@ -11,7 +11,7 @@ from ..checks.branch import branch_jump, refuse_branch_jump
 from ..checks.failure import OptimizationError
 from ..guess.guess import Guess
 from ..nlp.problem_solver import ProblemSolver
-from ..nlp.statistics import Stage
+from ..nlp.statistics import Attempt
 from ..phase_solution import PhaseSolution
 from ..solution import Solution
 from .local_error import coarse_mesh, coarseness, projection_steps
@@ -35,38 +35,33 @@ def as_motion(solver: ProblemSolver, solution: Solution, guesses: Iterable[Calla
     interval ends far off the constraints or the motion; then the mesh is refined. An :class:`OptimizationError` is
     raised if all solutions jump, or the mesh stays that coarse.
     """
-    jump, s = branch_jump(solution), solution.statistics
+    jump = branch_jump(solution)
     if jump is None and _largest_projection(solution) <= LARGEST_PROJECTION and not _is_far_off(solution):
         return solution
     what = "mesh too coarse for the motion" if jump is None else f"jump to another branch at t = {jump.begin:.6g} s"
-    stages = [*s.stages, Stage(what, s.iterations, s.status, s.seconds)]
+    attempts = [solution.as_attempt(what)]
     # on a finer mesh a jump seldom leads to a motion, and at great cost
-    motion = _from_guesses(solver, solution, guesses, stages) if jump is not None else None
+    motion = _from_guesses(solver, solution, guesses, attempts) if jump is not None else None
     if motion is None:
-        motion = _refined(solver, solution, stages)
+        motion = _refined(solver, solution, attempts)
         refuse_branch_jump(motion)
         _refuse_far_off(motion)
-    motion.statistics = replace(
-        motion.statistics,
-        iterations=s.iterations + sum(stage.iterations for stage in stages[len(s.stages) + 1 :]),
-        seconds=s.seconds + sum(stage.seconds for stage in stages[len(s.stages) + 1 :]),
-        starts=s.starts,
-        stages=stages,
-    )
+    motion.statistics = motion.statistics.at_end_of(attempts, solution.statistics)
     return motion
 
 
-def _refined(solver: ProblemSolver, solution: Solution, stages: list[Stage]) -> Solution:
+def _refined(solver: ProblemSolver, solution: Solution, attempts: list[Attempt]) -> Solution:
     """The solution on a mesh that is refined where it is coarse; the same one if that does not succeed."""
     before, refined = solution.statistics, refine_if_coarse(solver, solution)[0]
     if refined is not solution:
-        r = refined.statistics
-        stages.append(Stage("refined mesh", r.iterations - before.iterations, r.status, r.seconds - before.seconds))
+        record = refined.as_attempt("refined mesh")
+        further = record.iterations - before.iterations, record.seconds - before.seconds
+        attempts.append(replace(record, iterations=further[0], seconds=further[1]))
     return refined
 
 
 def _from_guesses(
-    solver: ProblemSolver, solution: Solution, guesses: Iterable[Callable[[], Guess]], stages: list[Stage]
+    solver: ProblemSolver, solution: Solution, guesses: Iterable[Callable[[], Guess]], attempts: list[Attempt]
 ) -> Solution | None:
     """The first solution without jumps from other guesses on a finer mesh; None if there is none."""
     meshes = [mesh.split(PIECES) for mesh in solution.meshes]
@@ -78,8 +73,7 @@ def _from_guesses(
             candidate = refine_if_coarse(solver, solver.solve(meshes, guess, limit=ITERATIONS))[0]
         except OptimizationError as error:
             candidate, failed = error.partial, True
-        s = candidate.statistics
-        stages.append(Stage(f"finer mesh, {guess.description}", s.iterations, s.status, s.seconds))
+        attempts.append(candidate.as_attempt(f"finer mesh, {guess.description}"))
         if not failed and branch_jump(candidate) is None:
             return candidate
     return None

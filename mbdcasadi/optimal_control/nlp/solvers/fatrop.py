@@ -11,7 +11,7 @@ from ....errors import ModelError
 from ...guess.guess import Iterate
 from ..collocation_program import Bounds, CollocationProgram
 from ..elastic_program import ElasticProgram
-from ..statistics import Stage
+from ..statistics import Attempt
 from .base import QUIET, Beginning, Elsewhere, NLPSolver, Result, SolverWatch
 from .ipopt import Ipopt
 
@@ -61,9 +61,10 @@ class Fatrop(NLPSolver):
         if result.succeeded or result.interrupted:
             return result
         ipopt = self._ipopt.run(begin, bounds, warmth, iterate, limit)
-        s = result.statistics
-        stages = [Stage(self.name, s.iterations, s.status, s.seconds), *ipopt.statistics.stages]
-        return replace(ipopt, statistics=replace(ipopt.statistics, stages=stages))
+        s, cost = result.statistics, float(result.answer["f"][0]) * begin.program.cost_scale
+        intervals = sum(mesh.count for mesh in begin.meshes)
+        failed = Attempt(self.name, cost, s.iterations, s.status, s.seconds, intervals)
+        return replace(ipopt, statistics=replace(ipopt.statistics, stages=[failed, *ipopt.statistics.stages]))
 
     def least_violation(self, begin: Beginning, elastic: ElasticProgram, limit: int) -> tuple[Result, dict[str, float]]:
         """Minimise the violations of a program by IPOPT: it has no stages."""
