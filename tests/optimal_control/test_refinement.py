@@ -336,7 +336,8 @@ def test_a_solution_that_is_no_motion_is_found_again_from_its_guess(monkeypatch)
 def test_all_intervals_are_halved_if_the_error_moves_on(monkeypatch):
     """The first interval stays coarse though it was split: a fast motion that goes to where the mesh is coarse."""
     problem, *_ = rest_to_rest()
-    monkeypatch.setattr(refinement, "coarseness", lambda part: np.where(np.arange(part.mesh.count) == 0, 0.1, 0.0))
+    first = lambda _measure, part: np.where(np.arange(part.mesh.count) == 0, 0.1, 0.0)  # noqa: E731
+    monkeypatch.setattr(refinement.Coarseness, "of", first)
     solution = mbd.optimize(problem)
     assert solution.mesh.size - 1 == (40 + 1) * 2 ** (refinement.COARSE_PASSES - 1)
     assert solution.cost == pytest.approx(12, rel=1e-8)

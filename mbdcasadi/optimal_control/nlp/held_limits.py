@@ -15,7 +15,7 @@ import numpy as np
 from ...errors import warn
 from ...model.conditions import Condition
 from ..phase_solution import PhaseSolution
-from ..solution import Solution
+from ..solved_motion import SolvedMotion
 from .limit_excess import POINTS
 
 #: Share of its size by which a limit may be passed between the points at which it is held.
@@ -34,7 +34,7 @@ class PassedLimit(NamedTuple):
     time: float
 
 
-def points_to_hold(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> set[tuple[int, str, float]]:
+def points_to_hold(solution: SolvedMotion, tolerance: float = LIMIT_TOLERANCE) -> set[tuple[int, str, float]]:
     """Return phases, labels of limits and points of the intervals at which these should be held besides.
 
     Those at which the polynomials of the solution pass a limit most, by more than a share of its size.
@@ -46,36 +46,25 @@ def points_to_hold(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> se
         limits, excess = part.program.limits_at_points, part.excess_of_polynomials
         for limit, values in zip(limits, np.moveaxis(excess, 2, 0), strict=True):
             i, j = np.unravel_index(int(np.argmax(values)), values.shape)
-            if values[i, j] > tolerance * _size(part, limit, part.time_at(int(i), int(j) / (POINTS - 1))):
+            if values[i, j] > tolerance * size_of(part, limit, part.time_at(int(i), int(j) / (POINTS - 1))):
                 points |= {(number, limit.label, tau) for tau in _places(part, limit, values)}
     return points
 
 
-def passed_limits(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> list[PassedLimit]:
+def passed_limits(solution: SolvedMotion, tolerance: float = LIMIT_TOLERANCE) -> list[PassedLimit]:
     """Return the limits that the motion of a solution passes by more than a share of their sizes."""
     passed = []
     for number, part in enumerate(solution.phases):
         for limit, _, times, values in part.excess_of_motion:
             worst = np.unravel_index(int(np.argmax(values)), values.shape)
             time, amount = float(times[worst]), float(values[worst])
-            share = amount / _size(part, limit, time) if amount > 0 else 0.0
+            share = amount / size_of(part, limit, time) if amount > 0 else 0.0
             if share > tolerance:
                 passed.append(PassedLimit(number, limit.label, amount, share, time))
     return passed
 
 
-def shares_by_interval(part: PhaseSolution) -> np.ndarray:
-    """Return the largest shares of their sizes by which limits are passed in each interval (N,)."""
-    shares = np.zeros(part.mesh.count)
-    for limit, intervals, times, values in part.excess_of_motion:
-        most = np.argmax(values, axis=1)[:, None]
-        amounts, at = (np.take_along_axis(x, most, axis=1).ravel() for x in (values, times))
-        passed = [a / _size(part, limit, float(t)) if a > 0 else 0.0 for a, t in zip(amounts, at, strict=True)]
-        shares[intervals] = np.maximum(shares[intervals], passed)
-    return shares
-
-
-def largest_share(solution: Solution) -> float:
+def largest_share(solution: SolvedMotion) -> float:
     """Return the largest share of its size by which a limit is passed."""
     return max((limit.share for limit in passed_limits(solution, 0.0)), default=0.0)
 
@@ -89,8 +78,8 @@ def _places(part: PhaseSolution, limit: Condition, values: np.ndarray) -> set[fl
     return {float(taus[np.argmax(row)]) for row in inside if np.max(row) > most / 2}
 
 
-def _size(part: PhaseSolution, limit: Condition, time: float) -> float:
-    """Size of a limit at a time: the larger of its two sides, or its typical size if one of them is zero by itself."""
+def size_of(part: PhaseSolution, limit: Condition, time: float) -> float:
+    """Return the size of a limit at a time: the larger of its sides, or its typical size if one of them is zero."""
     expression, typical = limit.expression, part.program.condition_sizes[limit]
     if expression.n_dep() != 2 or expression.op() not in (ca.OP_SUB, ca.OP_ADD):
         return typical
@@ -100,7 +89,7 @@ def _size(part: PhaseSolution, limit: Condition, time: float) -> float:
     return float(np.max(np.abs(part.trajectory.at(time)[ca.vertcat(*sides)]))) or typical
 
 
-def warn_of_passed_limits(solution: Solution) -> None:
+def warn_of_passed_limits(solution: SolvedMotion) -> None:
     """Warn of limits that a motion passes between the points at which they are held."""
     for limit in passed_limits(solution):
         warn(

@@ -7,7 +7,8 @@ import numpy as np
 from ...errors import warn
 from ...numerics.collocation import gauss
 from ..phase_solution import PhaseSolution
-from ..solution import Solution
+from ..solved_motion import SolvedMotion
+from .measure import Measure
 from .singularity import close_to_singular
 
 #: Local error of an interval, in rad or sizes of the mechanism, velocities times the duration, from which the mesh
@@ -20,11 +21,63 @@ COARSE_STATE_ERROR = 0.05
 FINE_ERROR = COARSE_ERROR / 3
 
 
-def warn_of_coarse_mesh(solution: Solution) -> None:
+class LocalErrors(Measure):
+    """Largest differences at the ends of the intervals: q (m, rad), v by the duration, states by their ranges."""
+
+    def of(self, part: PhaseSolution) -> np.ndarray:
+        """Errors of the intervals of a phase (N,)."""
+        return part.scaled_errors
+
+    def order(self, part: PhaseSolution) -> int:
+        """One more than that of the scheme."""
+        return part.program.scheme.order + 1
+
+    def sentences(self) -> list[str]:
+        """The largest of all."""
+        return [f"the local error is still {self.largest:.2g}"] if not self.largest <= self.tolerance else []
+
+
+class Coarseness(Measure):
+    """Errors by which a mesh is no approximation of the motion, see :func:`coarseness`."""
+
+    #: foreseen to be well below
+    margin = 4.0
+
+    def __init__(self, solution: SolvedMotion):
+        super().__init__(solution, COARSE_ERROR)
+
+    def of(self, part: PhaseSolution) -> np.ndarray:
+        """Errors of the intervals of a phase (N,)."""
+        return coarseness(part)
+
+    def order(self, part: PhaseSolution) -> int:
+        """That of the scheme, one less than of a smooth error, which the steps of projection are not."""
+        return part.program.scheme.order
+
+    def sentences(self) -> list[str]:
+        """The coarsest interval of each phase, and a remedy."""
+        pairs = zip(self.solution.phases, self.errors, strict=True)
+        return [coarse_mesh(part, errors) for part, errors in pairs if np.max(errors, initial=0.0) > COARSE_ERROR]
+
+
+class StateCoarseness(Coarseness):
+    """Errors of first-order states by which a mesh is no approximation of these, see :func:`state_coarseness`."""
+
+    def of(self, part: PhaseSolution) -> np.ndarray:
+        """Errors of the intervals of a phase (N,)."""
+        return state_coarseness(part)
+
+    def sentences(self) -> list[str]:
+        """States whose errors, added up as those of a meter do, count beside their ranges, and a remedy."""
+        pairs = zip(self.solution.phases, self.errors, strict=True)
+        return [text for part, errors in pairs if np.all(np.isfinite(errors)) for text in _coarse_states(part)]
+
+
+def warn_of_coarse_mesh(solution: SolvedMotion) -> None:
     """Warn if an interval, integrated again from its own mesh point, ends far from the next one."""
-    for part in solution.phases:
-        if part.mesh.count:
-            _warn_of_coarse_phase(part)
+    for measure in (StateCoarseness(solution), Coarseness(solution)):
+        for sentence in measure.sentences():
+            warn(sentence)
 
 
 def coarseness(part: PhaseSolution) -> np.ndarray:
@@ -62,14 +115,6 @@ def state_coarseness(part: PhaseSolution) -> np.ndarray:
     return COARSE_ERROR * share
 
 
-def _warn_of_coarse_phase(part: PhaseSolution) -> None:
-    errors = coarseness(part)
-    if part.phase.mechanism.states and np.all(np.isfinite(errors)):
-        _warn_of_states(part)
-    if np.max(errors) > COARSE_ERROR:
-        warn(coarse_mesh(part, errors))
-
-
 def coarse_mesh(part: PhaseSolution, errors: np.ndarray) -> str:
     """Return in words where the mesh is coarse, from the errors of its intervals (N,), and a remedy."""
     worst = int(np.argmax(errors))
@@ -84,16 +129,15 @@ def coarse_mesh(part: PhaseSolution, errors: np.ndarray) -> str:
     )
 
 
-def _warn_of_states(part: PhaseSolution) -> None:
-    """Warn if the errors of a first-order state, added up as those of a meter do, count beside its range."""
-    sums = np.sum(part.state_errors, axis=0)
-    for state, error in zip(part.phase.mechanism.states, sums, strict=True):
-        if error > COARSE_STATE_ERROR:
-            warn(
-                f"the mesh of {part.mesh.count} intervals is too coarse for the state '{state.label}': the "
-                f"intervals, integrated again, end off by {error:.2g} of its range in all; take more intervals=, or "
-                "tolerance= for a mesh that is refined"
-            )
+def _coarse_states(part: PhaseSolution) -> list[str]:
+    sums = np.sum(part.state_errors, axis=0) if part.phase.mechanism.states else []
+    return [
+        f"the mesh of {part.mesh.count} intervals is too coarse for the state '{state.label}': the intervals, "
+        f"integrated again, end off by {error:.2g} of its range in all; take more intervals=, or tolerance= for a mesh "
+        "that is refined"
+        for state, error in zip(part.phase.mechanism.states, sums, strict=True)
+        if error > COARSE_STATE_ERROR
+    ]
 
 
 def projection_steps(part: PhaseSolution) -> np.ndarray:

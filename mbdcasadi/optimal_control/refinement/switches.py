@@ -17,7 +17,8 @@ import numpy as np
 from ..nlp.limits import activity
 from ..phase import BEYOND_STATES
 from ..phase_solution import PhaseSolution
-from ..solution import Solution
+from ..solved_motion import SolvedMotion
+from .measure import Measure
 
 #: Scaled slack below which a limit counts as active, whatever its multiplier: on long arcs both may be small.
 SLACK = 3e-4
@@ -33,7 +34,34 @@ class Switch(NamedTuple):
     time: float
 
 
-def unresolved_switches(solution: Solution, tolerance: float) -> list[list[Switch]]:
+class UnresolvedSwitches(Measure):
+    """Switches that the mesh does not resolve: points beside them move, and at last their intervals are split."""
+
+    def __init__(self, solution: SolvedMotion, tolerance: float):
+        self.switches = unresolved_switches(solution, tolerance)
+        super().__init__(solution, tolerance)
+
+    def of(self, part: PhaseSolution) -> np.ndarray:
+        """Infinite in intervals of a switch, zero in others (N,)."""
+        errors = np.zeros(part.mesh.count)
+        errors[[k for switch in self.switches[part.program.number] for k in switch.intervals]] = np.inf
+        return errors
+
+    def order(self, part: PhaseSolution) -> int:
+        """One: the time of a switch."""
+        return 1
+
+    def sentences(self) -> list[str]:
+        """Times at which limits change."""
+        return [f"the limits that change at t = {switch.time:.6g} s" for of in self.switches for switch in of]
+
+    @property
+    def moving(self) -> list[set[int]]:
+        """Mesh points that enclose the switches, by phase."""
+        return [{k for switch in of for k in switch.points} for of in self.switches]
+
+
+def unresolved_switches(solution: SolvedMotion, tolerance: float) -> list[list[Switch]]:
     """Return the switches that the mesh does not resolve, by phase.
 
     The cost is wrong by about the square of the length of an interval in which an input jumps, as a share of the
