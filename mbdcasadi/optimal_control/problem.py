@@ -19,7 +19,7 @@ from ..results.state import State
 from .checks.consistency import check_conditions
 from .cost_parts import CostParts, parameter_parts, split_along_path
 from .nlp.compiled import CompiledProblem
-from .phase import Phase, Waypoint, read_cost, time_span
+from .phase import Phase, Waypoint, read_cost, span_text, time_span
 from .placeholders import PARTS, placeholders_in, with_values
 from .statement import ProblemStatement
 
@@ -194,9 +194,7 @@ class OptimalControlProblem(ProblemStatement):
     def __repr__(self) -> str:
         if self.is_phased:
             return f"OptimalControlProblem(phases=[{', '.join(phase.name for phase in self.phases)}])"
-        low, high = self.duration
-        time = f"{low:g} s" if low == high else f"{low:g} … {high:g} s"
-        return f"OptimalControlProblem({self.mechanism!r}, duration {time})"
+        return f"OptimalControlProblem({self.mechanism!r}, duration {span_text(self.duration)})"
 
 
 def _one_phase(

@@ -21,6 +21,7 @@ from ..simulation.simulate import simulate
 from .guess.guess import Guess, PhaseGuess
 from .nlp.limits import ActiveLimit, active_limits, costates, limit_excess
 from .problem import OptimalControlProblem
+from .refinement.mesh import interval_count
 from .refinement.verification import Verification, verification
 from .return_map import Stability, stability_of_solution
 from .solved_motion import SolvedMotion
@@ -193,7 +194,7 @@ class Solution(SolvedMotion):
         s = self.statistics
         text = (
             f"Solution: cost {self.cost:.8g}, duration {self.duration:.6g} s, "
-            f"{sum(mesh.count for mesh in self.meshes)} intervals, "
+            f"{interval_count(self.meshes)} intervals, "
             f"{s.iterations} iterations, {s.seconds:.3g} s ({s.status})"
         )
         return text + "".join(f"\n  {symbol.label} = {value:.6g}" for symbol, value in self.parameters.items())
@@ -203,7 +204,7 @@ class Solution(SolvedMotion):
         s = self.statistics
         rows = [("cost", f"{self.cost:.8g}"), ("duration", f"{self.duration:.6g} s")]
         rows += [(symbol.label, f"{value:.6g}") for symbol, value in self.parameters.items()]
-        rows.append(("mesh intervals", str(sum(mesh.count for mesh in self.meshes))))
+        rows.append(("mesh intervals", str(interval_count(self.meshes))))
         rows.append(("solver", f"{s.iterations} iterations, {s.seconds:.3g} s ({s.status})"))
         return html_table("Solution", rows)
 

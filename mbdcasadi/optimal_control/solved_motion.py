@@ -24,7 +24,7 @@ from .nlp.setup import Settings
 from .nlp.statistics import Answer, Attempt, SolveStatistics
 from .phase_solution import InstantSolution, PhaseSolution
 from .problem import OptimalControlProblem
-from .refinement.mesh import Mesh
+from .refinement.mesh import Mesh, interval_count
 
 
 class SolvedMotion:
@@ -132,8 +132,8 @@ class SolvedMotion:
 
     def as_attempt(self, description: str, **more: Any) -> Attempt:
         """Return the record of the solve that led to it."""
-        s, intervals = self.statistics, sum(mesh.count for mesh in self.meshes)
-        return Attempt(description, self.cost, s.iterations, s.status, s.seconds, intervals, **more)
+        s, count = self.statistics, interval_count(self.meshes)
+        return Attempt(description, self.cost, s.iterations, s.status, s.seconds, count, **more)
 
     def _iterate(self, x: np.ndarray) -> Iterate:
         return Iterate(self.program, self.meshes, x, self.answer.lam_x, self.answer.lam_g)

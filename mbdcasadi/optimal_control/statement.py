@@ -11,7 +11,7 @@ from ..model.immutable import Immutable
 from ..model.symbols import Parameter, role_of, symbols_of
 from ..results.state import State
 from .nlp.compiled import CompiledProblem
-from .phase import Phase
+from .phase import Phase, contains_any, prescribes_motion
 from .placeholders import Placeholder
 
 
@@ -45,6 +45,11 @@ class ProblemStatement(Immutable):
         """Return the free parameters that the mechanism of a phase does not have."""
         known = phase.mechanism.parameters
         return tuple(p for p in self.free_parameters if not any(p is other for other in known))
+
+    def differentiated_path_constraints(self, phase: Phase) -> list[Condition]:
+        """Return path conditions that prescribe the motion; those with free parameters hold at the stages alone."""
+        free = self.free_parameters
+        return [c for c in phase.path if prescribes_motion(c) and not contains_any(c.expression, free)]
 
     def phases_of(self, placeholder: Placeholder) -> tuple[Phase, ...]:
         """Return the phase that a placeholder means; for an integral over the motion, those that have its symbols."""

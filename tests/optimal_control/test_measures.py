@@ -7,9 +7,10 @@ import pytest
 from motions import crank_rocker, half_turn, rest_to_rest
 
 import mbdcasadi as mbd
+from mbdcasadi.optimal_control.refinement.coarse_mesh import COARSE_MEASURES
 from mbdcasadi.optimal_control.refinement.local_error import LocalErrors
 from mbdcasadi.optimal_control.refinement.measure import PIECES, pieces_of
-from mbdcasadi.optimal_control.refinement.refine import COARSE_MEASURES, MEASURES
+from mbdcasadi.optimal_control.refinement.refine import MEASURES
 
 
 def test_pieces_go_with_the_power_of_the_length():

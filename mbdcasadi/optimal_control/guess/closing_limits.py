@@ -17,8 +17,8 @@ from ..checks.expressions import kinks_in_costs, kinks_in_path
 from ..checks.failure import OptimizationError, infeasible, not_found
 from ..nlp.problem_solver import ProblemSolver
 from ..nlp.statistics import Attempt
+from ..refinement.coarse_mesh import FRESH_PASSES, is_lost
 from ..refinement.mesh import Mesh
-from ..refinement.refine import FRESH_PASSES, is_lost
 from ..solution import Solution
 from .guess import Guess
 

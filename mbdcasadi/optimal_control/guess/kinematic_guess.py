@@ -82,7 +82,7 @@ def kinematic_path(
             places.append(pose_conditions(numeric, stated.t, stated.q))
         else:
             places.append(_on_positions(stated, extra))
-    prescribed = phase.differentiated_path_constraints(problem.free_parameters)
+    prescribed = problem.differentiated_path_constraints(phase)
     speeds = [c for c in prescribed if c.depends_on("velocity")]
     return _Way(numeric, start, _on_positions(phase.path, extra), speeds).through(places, segment_times)
 
@@ -93,7 +93,7 @@ def has_free_path(problem: ProblemStatement, phase: Phase) -> bool:
         return False
     later = [*phase.conditions, *problem.boundary]
     inner = [p.expression for c in later for p in placeholders_in(c.expression)]
-    prescribed = phase.differentiated_path_constraints(problem.free_parameters)
+    prescribed = problem.differentiated_path_constraints(phase)
     positions = [c for c in later if c.equality and c.depends_on("position")]
     return not positions and not prescribed and not any(Condition(e, True, "").depends_on("position") for e in inner)
 

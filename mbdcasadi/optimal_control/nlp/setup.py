@@ -141,7 +141,7 @@ class PhaseSetup:
     ) -> Transcription:
         curved = not self.ends.are_singular()
         eom = reduced_equations(self.phase.equations, curved=curved, angles=settings.angles)
-        path_constraints = self.phase.differentiated_path_constraints(problem.free_parameters)
+        path_constraints = problem.differentiated_path_constraints(self.phase)
         constraints = MotionConstraints(eom, self.numeric.p, self._independent_rows(eom), path_constraints)
         # an input that drives a first-order state could else move it unseen: by a polynomial that is zero at all stages
         drives = bool(eom.u.numel()) and bool(ca.depends_on(eom.z_rate, eom.u))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
 
 from ..phase_solution import PhaseSolution
 from ..solved_motion import SolvedMotion
+from .mesh import Mesh
 
 #: Largest number of pieces into which an interval is split.
 PIECES = 6
@@ -70,3 +72,9 @@ def pieces_of(errors: np.ndarray, tolerance: float, order: int, margin: float = 
     pieces = np.clip(needed, 1, PIECES).astype(int)
     pieces[errors <= tolerance] = 1
     return pieces
+
+
+def split(part: PhaseSolution, measures: Sequence[Measure], least: np.ndarray | int = 1) -> Mesh:
+    """Return the mesh of a phase with intervals split into as many pieces as measures need, or `least` (N,)."""
+    pieces = np.max([np.broadcast_to(least, part.mesh.count), *(measure.pieces(part) for measure in measures)], axis=0)
+    return part.mesh.refined(pieces, np.zeros(part.mesh.count, bool))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -11,34 +10,22 @@ import numpy as np
 from ...errors import warn
 from ...numerics.console import interruptible
 from ..checks.failure import OptimizationError
-from ..guess.guess import Guess
-from ..nlp.held_limits import passed_limits
 from ..nlp.problem_solver import ProblemSolver
 from ..nlp.statistics import Attempt
-from ..phase_solution import PhaseSolution
 from ..solution import Solution
 from .input_error import UnresolvedInputs
 from .limit_error import PassedLimits
-from .local_error import COARSE_ERROR, Coarseness, LocalErrors, StateCoarseness
-from .measure import Measure, pieces_of
-from .mesh import Mesh
-from .singularity import close_to_singular
+from .local_error import LocalErrors
+from .measure import Measure, pieces_of, split
+from .mesh import Mesh, interval_count
 from .switches import UnresolvedSwitches
 
 #: What is measured on a solution with small local errors.
 MEASURES: tuple[type[Measure], ...] = (UnresolvedSwitches, PassedLimits, UnresolvedInputs)
-#: What is measured on a mesh of which no tolerance is asked.
-COARSE_MEASURES: tuple[type[Coarseness], ...] = (Coarseness, StateCoarseness)
 #: Largest number of passes, and of intervals of a mesh.
 PASSES, INTERVALS = 12, 2000
 #: Passes in which mesh points around switches move; after these their intervals are split.
 MOVES = 3
-#: Largest number of passes for a mesh that is too coarse, if no tolerance is asked for, and of intervals of a mesh that
-#: is halved for it.
-COARSE_PASSES, HALVED_INTERVALS = 4, 200
-#: Local error, in rad or sizes of the mechanism, velocities times the duration, from which a solution is no motion, and
-#: largest number of meshes, each twice as fine, on which it is then solved again from its guess.
-LOST_ERROR, FRESH_PASSES = 3.0, 2
 #: Tolerance of the solver, by which it relaxes limits and may miss the least cost, both scaled.
 SOLVER_TOLERANCE = 1e-8
 #: Share of the tolerance below which the error of two merged intervals must be foreseen.
@@ -96,8 +83,8 @@ class _Refinement:
             if meshes is None:
                 reason = "the errors do not fall any further"
                 break
-            if _count(meshes) > INTERVALS:
-                reason = f"the next mesh would have {_count(meshes)} intervals"
+            if interval_count(meshes) > INTERVALS:
+                reason = f"the next mesh would have {interval_count(meshes)} intervals"
                 break
             if not self._solve(meshes):
                 reason = "the solver fails on the next mesh"
@@ -152,7 +139,7 @@ class _Refinement:
         """Meshes with intervals split as the measures need it; None if that did not help in the last pass."""
         before, spread = self.spread, max(measure.spread for measure in self.measures)
         self.spread = spread or np.inf
-        return None if spread > 0.8 * before else [_split(part, self.measures) for part in self.solution.phases]
+        return None if spread > 0.8 * before else [split(part, self.measures) for part in self.solution.phases]
 
     def _is_settled(self) -> bool:
         """Return True if the cost did not change in the last pass, beyond the tolerance and that of the solver."""
@@ -198,96 +185,10 @@ class _Refinement:
             return solution
         (missed,) = self.local.sentences()
         raise OptimizationError(
-            f"the mesh was refined to {_count(self.solution.meshes)} intervals and {missed}, above the tolerance "
-            f"{self.tolerance:g}: {reason}; the last solution is in .partial",
+            f"the mesh was refined to {interval_count(self.solution.meshes)} intervals and {missed}, above the "
+            f"tolerance {self.tolerance:g}: {reason}; the last solution is in .partial",
             partial=self.solution,
         )
-
-
-def refine_or_repeat(solver: ProblemSolver, solution: Solution, guess: Guess) -> tuple[Solution, bool]:
-    """Refine a coarse mesh, or solve again from the guess on a finer one if the solution is no motion at all.
-
-    A solution that owes its cost to the errors of a coarse mesh is a poor guess for a finer one.
-
-    Returns
-    -------
-    Solution, bool
-        The last solution, and whether its mesh is fine enough.
-    """
-    for _ in range(FRESH_PASSES):
-        if not is_lost(solution):
-            break
-        finer = solver.solve_further(solution, [mesh.split(2) for mesh in solution.meshes], guess)
-        if finer is None:
-            break
-        solution = finer
-    return refine_if_coarse(solver, solution)
-
-
-def is_lost(solution: Solution) -> bool:
-    """Return True if the mesh is so coarse that a solution is no motion at all."""
-    return Coarseness(solution).largest > LOST_ERROR
-
-
-def refine_if_coarse(solver: ProblemSolver, solution: Solution) -> tuple[Solution, bool]:
-    """Solve again with intervals split that are too coarse for the motion, or in which it passes a limit.
-
-    A few times at most. If the largest error does not fall, since a fast motion moved on to the next coarse interval,
-    all intervals are halved; unless free parameters lead to a singular pose there, which no mesh resolves.
-
-    Returns
-    -------
-    Solution, bool
-        The last solution, and whether its mesh is fine enough.
-    """
-    measures, stalled = [measure(solution) for measure in COARSE_MEASURES], False
-    error = max(measure.largest for measure in measures)
-    for _ in range(COARSE_PASSES):
-        if stalled and _tends_to_lock(measures[0]):
-            break
-        if stalled and _count(solution.meshes) <= HALVED_INTERVALS:
-            meshes = [mesh.split(2) for mesh in solution.meshes]
-        else:
-            meshes = _split_where_coarse(solution, measures)
-        if _count(meshes) == _count(solution.meshes):
-            break
-        finer = solver.solve_further(solution, meshes)
-        if finer is None:
-            break
-        solution, measures, before = finer, [measure(finer) for measure in COARSE_MEASURES], error
-        error = max(measure.largest for measure in measures)
-        stalled = not error < max(COARSE_ERROR, before / 2)  # infinite if an interval cannot be integrated
-    return solution, error <= COARSE_ERROR
-
-
-def _tends_to_lock(measure: Coarseness) -> bool:
-    """True if dimensions are free and the linkage is close to a singular pose where the mesh is coarsest."""
-    parts = (
-        zip(measure.solution.phases, measure.errors, strict=True) if measure.solution.problem.free_parameters else ()
-    )
-    return any(errors.size and close_to_singular(part, int(np.argmax(errors))) for part, errors in parts)
-
-
-def _split_where_coarse(solution: Solution, measures: Sequence[Coarseness]) -> list[Mesh]:
-    """Meshes with intervals split that are too coarse, and with those halved in which a limit is passed."""
-    meshes, passed = [], passed_limits(solution)
-    for number, part in enumerate(solution.phases):
-        times = [limit.time for limit in passed if limit.phase == number]
-        least = np.ones(part.mesh.count, int)
-        least[np.clip(np.searchsorted(part.mesh_times, times) - 1, 0, part.mesh.count - 1)] = 2
-        meshes.append(_split(part, measures, least))
-    return meshes
-
-
-def _split(part: PhaseSolution, measures: Sequence[Measure], least: np.ndarray | int = 1) -> Mesh:
-    """Mesh of a phase with intervals split into as many pieces as the measures need, or `least` (N,)."""
-    pieces = np.max([np.broadcast_to(least, part.mesh.count), *(measure.pieces(part) for measure in measures)], axis=0)
-    return part.mesh.refined(pieces, np.zeros(part.mesh.count, bool))
-
-
-def _count(meshes: Sequence[Mesh]) -> int:
-    """Number of intervals of all phases."""
-    return sum(mesh.count for mesh in meshes)
 
 
 def _local_errors(solution: Solution, tolerance: float) -> LocalErrors:

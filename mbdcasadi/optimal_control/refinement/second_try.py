@@ -14,8 +14,8 @@ from ..nlp.problem_solver import ProblemSolver
 from ..nlp.statistics import Attempt
 from ..phase_solution import PhaseSolution
 from ..solution import Solution
+from .coarse_mesh import refine_if_coarse
 from .local_error import coarse_mesh, coarseness, projection_steps
-from .refine import refine_if_coarse
 
 #: Step by which the end of an interval is moved onto the constraints, in rad or sizes of the mechanism, from which a
 #: solution is no motion, whatever mesh was asked for.

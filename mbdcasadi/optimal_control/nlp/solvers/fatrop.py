@@ -9,6 +9,7 @@ import casadi as ca
 
 from ....errors import ModelError
 from ...guess.guess import Iterate
+from ...refinement.mesh import interval_count
 from ..collocation_program import Bounds, CollocationProgram
 from ..elastic_program import ElasticProgram
 from ..statistics import Attempt
@@ -62,8 +63,7 @@ class Fatrop(NLPSolver):
             return result
         ipopt = self._ipopt.run(begin, bounds, warmth, iterate, limit)
         s, cost = result.statistics, float(result.answer["f"][0]) * begin.program.cost_scale
-        intervals = sum(mesh.count for mesh in begin.meshes)
-        failed = Attempt(self.name, cost, s.iterations, s.status, s.seconds, intervals)
+        failed = Attempt(self.name, cost, s.iterations, s.status, s.seconds, interval_count(begin.meshes))
         return replace(ipopt, statistics=replace(ipopt.statistics, stages=[failed, *ipopt.statistics.stages]))
 
     def least_violation(self, begin: Beginning, elastic: ElasticProgram, limit: int) -> tuple[Result, dict[str, float]]:
