@@ -43,12 +43,7 @@ class Stability:
         return f"Stability: {kind}, Floquet multipliers {values}"
 
 
-def stability_of_solution(solution: SolvedMotion) -> Stability:
-    """Return the return map of a periodic solution to first order; see :meth:`Solution.stability`."""
-    return _ReturnMap(solution).result()
-
-
-class _ReturnMap:
+class ReturnMap:
     """The rows of a program, linearised at a solution.
 
     The dynamics, the impacts and the rows that close determine everything that follows from the start, the times of
@@ -110,8 +105,8 @@ class _ReturnMap:
                 places += phase.inner_index(i)[inner].tolist()
         return places
 
-    def result(self) -> Stability:
-        """Disturbances at the next start by those at this one."""
+    def stability(self) -> Stability:
+        """Return the disturbances at the next start by those at this one; see :meth:`Solution.stability`."""
         begin = self.jacobian[:, self.start.tolist()].full()
         tangent = analyse_rank(begin[self.at_start]).null_columns if self.at_start else np.eye(self.start.size)
         following = self._following(-begin[self.dynamics] @ tangent)

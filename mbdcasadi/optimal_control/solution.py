@@ -22,8 +22,8 @@ from .guess.guess import Guess, PhaseGuess
 from .nlp.limits import ActiveLimit, active_limits, costates, limit_excess
 from .problem import OptimalControlProblem
 from .refinement.mesh import interval_count
-from .refinement.verification import Verification, verification
-from .return_map import Stability, stability_of_solution
+from .refinement.verification import Replay, Verification
+from .return_map import ReturnMap, Stability
 from .solved_motion import SolvedMotion
 from .storage import restored, save
 
@@ -110,7 +110,7 @@ class Solution(SolvedMotion):
         direction of approach and nearest to the planned time, and what follows is moved by the difference; what only
         opens does so after the planned duration.
         """
-        return verification(self, reltol, abstol)
+        return Replay(self, reltol, abstol).run()
 
     @symbolic
     def simulate(self, *, initial: Any = None, parameters: Any = None, **settings: Any) -> Trajectory:
@@ -158,7 +158,7 @@ class Solution(SolvedMotion):
         ----------
         Goswami, Espiau, Keramane, "Limit cycles and their stability in a passive bipedal gait", ICRA 1996.
         """
-        return stability_of_solution(self)
+        return ReturnMap(self).stability()
 
     # --- limits ---------------------------------------------------------------------------
     @cached_property

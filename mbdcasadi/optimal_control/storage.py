@@ -71,19 +71,23 @@ def restored(path: str | Path, problem: OptimalControlProblem) -> tuple[Any, ...
         raise FileError(f"read_solution takes the path of a file, got {path!r}")
     content = read_arrays(path, _FORMAT, "solution", "Solution.save")
     try:
-        return _restored(path, problem, content)
+        return _restored(problem, content)
+    except FileError:
+        raise
     except (KeyError, TypeError, ValueError) as error:
         raise FileError(f"{path}: an entry of the solution is missing or damaged: {error}") from None
 
 
-def _restored(path: str | Path, problem: OptimalControlProblem, content: Archive) -> tuple[Any, ...]:
+def _restored(problem: OptimalControlProblem, content: Archive) -> tuple[Any, ...]:
     try:
         chosen = {**content.json("settings")}
         angles = chosen.pop("angles", False)
         settings = replace(Settings.read(**chosen, options=None, progress=False), angles=angles)
     except ModelError as error:
-        raise FileError(f"{path}: the settings of the solution are damaged, or of another version: {error}") from None
-    meshes, times, parameters = _phases(path, problem, content)
+        raise FileError(
+            f"{content.path}: the settings of the solution are damaged, or of another version: {error}"
+        ) from None
+    meshes, times, parameters = _phases(problem, content)
     setup = ProblemSetup(problem, settings)
     held = tuple((int(phase), str(label), float(tau)) for phase, label, tau in content.json("held"))
     program = setup.transcribe(meshes, held)
@@ -91,8 +95,10 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: Archive
     theirs, count = content.names("row labels"), len(labels)
     if program.size != content["x"].size or labels != theirs:
         other = next((f"'{a}' where the problem has '{b}'" for a, b in zip(theirs, labels, strict=False) if a != b), "")
-        raise FileError(f"{path}: the solution belongs to another problem: {other or 'its size is another one'}")
-    _check_values(path, problem, program, program.data(parameters, meshes, times), times, content)
+        raise FileError(
+            f"{content.path}: the solution belongs to another problem: {other or 'its size is another one'}"
+        )
+    _check_values(problem, program, program.data(parameters, meshes, times), times, content)
     statistics = content.json("statistics")
     for name in ("starts", "passes", "steps", "stages"):
         statistics[name] = [_attempt(one) for one in statistics.get(name, [])]
@@ -111,31 +117,37 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: Archive
     )
 
 
+def _another(content: Archive, reason: str) -> FileError:
+    return FileError(f"{content.path}: the solution belongs to another problem: {reason}")
+
+
 def _attempt(entry: dict[str, Any]) -> Attempt:
     """An attempt from its entry; files of earlier versions name a start by its guess, and lack what it did not have."""
     lacking = {"description": entry.pop("guess", ""), "cost": np.nan, "status": "", "seconds": np.nan, "intervals": 0}
     return Attempt(**(lacking | entry))
 
 
-def _phases(
-    path: str | Path, problem: OptimalControlProblem, content: Archive
-) -> tuple[list[Mesh], list[np.ndarray], list[np.ndarray]]:
+def _phases(problem: OptimalControlProblem, content: Archive) -> tuple[list[Mesh], list[np.ndarray], list[np.ndarray]]:
     """Meshes, times of start, waypoints and end, s, and parameters by phase."""
     meshes, times, parameters = [], [], []
     for number, phase in enumerate(problem.phases):
         prefix = _prefix(problem, number)
+        parameters.append(content.numbers(f"{prefix}parameters", len(phase.mechanism.parameters)))
         count = sum(name.startswith(f"{prefix}mesh ") for name in content)
+        if phase.is_instant and count == 1:
+            meshes.append(Mesh.instant())
+            times.append(content.numbers(f"{prefix}segment times", 2))
+            continue
         segments = [_increasing(content, f"{prefix}mesh {k}") for k in range(count)]
         if len(segments) != len(phase.waypoints) + 1:
             raise FileError(
-                f"{path}: the solution has {len(segments) - 1} waypoints, the problem {len(phase.waypoints)}"
+                f"{content.path}: the solution has {len(segments) - 1} waypoints, the problem {len(phase.waypoints)}"
                 if segments
-                else f"{path}: the solution does not have the phase '{phase.name}' of the problem"
+                else f"{content.path}: the solution does not have the phase '{phase.name}' of the problem"
             )
         moving = f"{prefix}moving mesh points"  # files of earlier versions have none
         meshes.append(Mesh(tuple(segments), tuple(content.numbers(moving, None).tolist()) if moving in content else ()))
         times.append(_increasing(content, f"{prefix}segment times", len(segments) + 1))
-        parameters.append(content.numbers(f"{prefix}parameters", len(phase.mechanism.parameters)))
     return meshes, times, parameters
 
 
@@ -148,7 +160,6 @@ def _increasing(content: Archive, name: str, count: int | None = None) -> np.nda
 
 
 def _check_values(
-    path: str | Path,
     problem: OptimalControlProblem,
     program: CollocationProgram,
     data: np.ndarray,
@@ -159,15 +170,13 @@ def _check_values(
     low, high = np.sum([phase.span for phase in problem.phases], axis=0).tolist()
     duration = float(times[-1][-1])
     if not low * (1 - SAME_TOLERANCE) <= duration <= high * (1 + SAME_TOLERANCE):
-        raise FileError(f"{path}: the solution takes {duration:g} s, the problem {low:g} … {high:g} s")
+        raise FileError(f"{content.path}: the solution takes {duration:g} s, the problem {low:g} … {high:g} s")
     x, theirs = content.numbers("x", program.size), float(content.numbers("cost"))
     cost, rows = program.nlp.evaluate(x / program.scale, data)
     off = abs(float(cost) * program.cost_scale - theirs)
     if not off <= SAME_TOLERANCE * (abs(theirs) + program.cost_scale):
-        raise FileError(f"{path}: the solution belongs to another problem: its cost there would differ by {off:.3g}")
+        raise _another(content, f"its cost there would differ by {off:.3g}")
     difference = np.abs(rows.full().ravel() - content.numbers("rows", len(program.rows)))
     worst = int(np.argmax(difference))
     if difference[worst] > SAME_TOLERANCE:
-        raise FileError(
-            f"{path}: the solution belongs to another problem, which differs in: {program.rows[worst].label}"
-        )
+        raise _another(content, f"it differs in: {program.rows[worst].label}")

@@ -33,7 +33,7 @@ def input_errors(part: PhaseSolution, *, worse: bool = False) -> np.ndarray:
     neighbours, if the inputs are no constants.
     """
     basis, count = part.program.scheme.inputs, part.mesh.count
-    courses = part.polynomials.inputs if count else {}  # an instant has none
+    courses = part.polynomials.inputs
     lengths = np.diff(part.mesh_times)
     if basis.name != "polynomial" or not courses:
         return np.zeros((count, len(courses)))
@@ -84,13 +84,11 @@ class UnresolvedInputs(Measure):
 
     def sentences(self) -> list[str]:
         """The largest error, with its time."""
-        part, errors = max(
-            zip(self.solution.phases, self.errors, strict=True), key=lambda pair: np.max(pair[1], initial=0.0)
-        )
-        if not np.any(errors):
+        if not self.largest:
             return []
-        k = int(np.argmax(errors))
-        return [f"the inputs, which are off by about {errors[k]:.2g} of their sizes at t = {part.mesh_times[k]:.6g} s"]
+        part, k = self.worst
+        time = part.mesh_times[k]
+        return [f"the inputs, which are off by about {self.largest:.2g} of their sizes at t = {time:.6g} s"]
 
     @property
     def spread(self) -> float:

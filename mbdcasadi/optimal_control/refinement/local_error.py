@@ -85,8 +85,6 @@ def coarseness(part: PhaseSolution) -> np.ndarray:
 
     Zero if they are certainly small, infinite if an interval cannot be integrated again.
     """
-    if not part.mesh.count:  # a phase of no duration
-        return np.zeros(0)
     sizes = np.r_[part.program.scales.q, part.program.scales.q / part.duration]
     steps = projection_steps(part) / sizes
     fine = max(np.max(inner_errors(part) / sizes), np.max(steps)) <= FINE_ERROR  # nan is not
@@ -104,7 +102,7 @@ def state_coarseness(part: PhaseSolution) -> np.ndarray:
 
     An even share of the sum that is allowed counts as much as that error; zero if no sum is above it.
     """
-    if not part.mesh.count or not part.phase.mechanism.states:
+    if not part.phase.mechanism.states:
         return np.zeros(part.mesh.count)
     try:
         errors = part.state_errors

@@ -19,7 +19,7 @@ PIECES = 6
 class Measure(ABC):
     """Errors of one kind in the intervals of a solution, beside a tolerance.
 
-    A subclass writes :meth:`of`, :meth:`order` and :meth:`sentences`; a list of measures in :mod:`refine` has it.
+    A subclass writes :meth:`of`, :meth:`order` and :meth:`sentences`; ``MEASURES`` of :mod:`refine` lists it.
 
     Attributes
     ----------
@@ -32,11 +32,11 @@ class Measure(ABC):
 
     def __init__(self, solution: SolvedMotion, tolerance: float):
         self.solution, self.tolerance = solution, tolerance
-        self.errors = [self.of(part) for part in solution.phases]
+        self.errors = [self.of(part) if part.mesh.count else np.zeros(0) for part in solution.phases]
 
     @abstractmethod
     def of(self, part: PhaseSolution) -> np.ndarray:
-        """Errors of the intervals of a phase (N,): up to the tolerance if they meet it, nan if they are not known."""
+        """Errors of the intervals of a phase that takes time (N,), nan if they are not known."""
 
     @abstractmethod
     def order(self, part: PhaseSolution) -> int:
@@ -44,7 +44,7 @@ class Measure(ABC):
 
     @abstractmethod
     def sentences(self) -> list[str]:
-        """What does not meet the tolerance, in words, the first one first; empty if all does."""
+        """Errors that do not meet the tolerance, in words, with the one to be reported first."""
 
     @property
     def moving(self) -> list[set[int]]:
@@ -60,6 +60,13 @@ class Measure(ABC):
     def largest(self) -> float:
         """Largest error of an interval."""
         return float(np.max(np.concatenate(self.errors), initial=0.0))
+
+    @property
+    def worst(self) -> tuple[PhaseSolution, int]:
+        """Phase and interval of the largest error."""
+        parts = zip(self.solution.phases, self.errors, strict=True)
+        part, errors = max(parts, key=lambda pair: float(np.max(pair[1], initial=0.0)))
+        return part, int(np.argmax(errors))
 
     def pieces(self, part: PhaseSolution) -> np.ndarray:
         """Number of pieces into which each interval of a phase is split (N,)."""

@@ -15,7 +15,7 @@ from ..nlp.statistics import Attempt
 from ..phase_solution import PhaseSolution
 from ..solution import Solution
 from .coarse_mesh import refine_if_coarse
-from .local_error import coarse_mesh, coarseness, projection_steps
+from .local_error import Coarseness, coarse_mesh, projection_steps
 
 #: Step by which the end of an interval is moved onto the constraints, in rad or sizes of the mechanism, from which a
 #: solution is no motion, whatever mesh was asked for.
@@ -36,7 +36,11 @@ def as_motion(solver: ProblemSolver, solution: Solution, guesses: Iterable[Calla
     raised if all solutions jump, or the mesh stays that coarse.
     """
     jump = branch_jump(solution)
-    if jump is None and _largest_projection(solution) <= LARGEST_PROJECTION and not _is_far_off(solution):
+    if (
+        jump is None
+        and _largest_projection(solution) <= LARGEST_PROJECTION
+        and _FarOff(solution).largest <= LARGEST_ERROR
+    ):
         return solution
     what = "mesh too coarse for the motion" if jump is None else f"jump to another branch at t = {jump.begin:.6g} s"
     attempts = [solution.as_attempt(what)]
@@ -81,35 +85,31 @@ def _from_guesses(
 
 def _largest_projection(solution: Solution) -> float:
     """Largest step onto the constraints in positions, in rad or sizes of the mechanism."""
-    largest = 0.0
-    for part in solution.phases:
-        if part.mesh.count:
-            sizes = part.program.scales.q
-            largest = max(largest, float(np.max(projection_steps(part)[:, : sizes.size] / sizes, initial=0.0)))
-    return largest
+    steps = [
+        np.max(projection_steps(part)[:, : part.program.scales.q.size] / part.program.scales.q, initial=0.0)
+        for part in solution.phases
+        if part.mesh.count
+    ]
+    return float(max(steps))
+
+
+class _FarOff(Coarseness):
+    """Errors by which intervals of closed loops end far from the next ones, perhaps on another branch."""
+
+    def of(self, part: PhaseSolution) -> np.ndarray:
+        """Errors of the intervals of a phase (N,)."""
+        errors = super().of(part) if part.phase.equations.has_loops else np.zeros(part.mesh.count)
+        # an interval that cannot be integrated again, because it is stiff, may be right
+        return np.where(np.isfinite(errors), errors, 0.0)
 
 
 def _is_far_off(solution: Solution) -> bool:
-    """True if an interval of a closed loop, integrated again, ends far from the next one, perhaps on another branch."""
-    return any(_far_off(coarseness(part)) for part in _closed_loops(solution))
-
-
-def _far_off(errors: np.ndarray) -> bool:
-    """True if an error is large, and known: what cannot be integrated again, as what is stiff, may be right."""
-    return bool(np.max(errors[np.isfinite(errors)], initial=0.0) > LARGEST_ERROR)
-
-
-def _closed_loops(solution: Solution) -> list[PhaseSolution]:
-    return [part for part in solution.phases if part.phase.equations.has_loops]
+    return _FarOff(solution).largest > LARGEST_ERROR
 
 
 def _refuse_far_off(solution: Solution) -> None:
-    for part in _closed_loops(solution):
-        errors = coarseness(part)
-        if _far_off(errors):
-            errors = np.where(np.isfinite(errors), errors, 0.0)
-            raise OptimizationError(
-                f"the solution is no motion: {coarse_mesh(part, errors)}",
-                partial=solution,
-                time=float(part.mesh_times[int(np.argmax(errors))]),
-            )
+    if _is_far_off(solution):
+        measure = _FarOff(solution)
+        part, k = measure.worst
+        text = coarse_mesh(part, measure.errors[part.program.number])
+        raise OptimizationError(f"the solution is no motion: {text}", partial=solution, time=float(part.mesh_times[k]))

@@ -35,16 +35,30 @@ class Switch(NamedTuple):
 
 
 class UnresolvedSwitches(Measure):
-    """Switches that the mesh does not resolve: points beside them move, and at last their intervals are split."""
+    """Switches that the mesh does not resolve: points beside them move, and at last their intervals are split.
+
+    The cost is wrong by about the square of the length of an interval in which an input jumps, as a share of the
+    duration: above the tolerance it is not resolved. Inputs that are constant on intervals, those of a digital
+    controller, jump when it lets them.
+    """
 
     def __init__(self, solution: SolvedMotion, tolerance: float):
-        self.switches = unresolved_switches(solution, tolerance)
+        constant = solution.settings.control == "constant"
+        self._shares = {} if constant else activity(solution, SLACK, inside=True)
+        self.switches: list[list[Switch]] = [[] for _ in solution.phases]
         super().__init__(solution, tolerance)
 
     def of(self, part: PhaseSolution) -> np.ndarray:
         """Infinite in intervals of a switch, zero in others (N,)."""
-        errors = np.zeros(part.mesh.count)
-        errors[[k for switch in self.switches[part.program.number] for k in switch.intervals]] = np.inf
+        number, lengths, errors = part.program.number, np.diff(part.mesh_times), np.zeros(part.mesh.count)
+        limits = part.program.limits_at_points
+        positions = {limit.label for limit in limits if not limit.depends_on("velocity", "state", *BEYOND_STATES)}
+        shares = [x for (phase, label), x in self._shares.items() if phase == number and label not in positions]
+        longest = part.duration * np.sqrt(self.tolerance)
+        for switch in _switches(part, np.array(shares).reshape(len(shares), part.mesh.count)):
+            if np.sum(lengths[list(switch.intervals)]) > longest:
+                self.switches[number].append(switch)
+                errors[list(switch.intervals)] = np.inf
         return errors
 
     def order(self, part: PhaseSolution) -> int:
@@ -59,28 +73,6 @@ class UnresolvedSwitches(Measure):
     def moving(self) -> list[set[int]]:
         """Mesh points that enclose the switches, by phase."""
         return [{k for switch in of for k in switch.points} for of in self.switches]
-
-
-def unresolved_switches(solution: SolvedMotion, tolerance: float) -> list[list[Switch]]:
-    """Return the switches that the mesh does not resolve, by phase.
-
-    The cost is wrong by about the square of the length of an interval in which an input jumps, as a share of the
-    duration: above the tolerance it is not resolved. Inputs that are constant on intervals, those of a digital
-    controller, jump when it lets them.
-    """
-    if solution.settings.control == "constant":
-        return [[] for _ in solution.phases]
-    shares = activity(solution, SLACK, inside=True)
-    unresolved = []
-    for number, part in enumerate(solution.phases):
-        limits = part.program.limits_at_points if part.mesh.count else []
-        positions = {limit.label for limit in limits if not limit.depends_on("velocity", "state", *BEYOND_STATES)}
-        own = [x for (phase, label), x in shares.items() if phase == number and label not in positions]
-        switches = _switches(part, np.array(own).reshape(len(own), part.mesh.count)) if part.mesh.count else []
-        longest = part.duration * np.sqrt(tolerance)
-        lengths = np.diff(part.mesh_times)
-        unresolved.append([switch for switch in switches if np.sum(lengths[list(switch.intervals)]) > longest])
-    return unresolved
 
 
 def _switches(part: PhaseSolution, shares: np.ndarray) -> list[Switch]:

@@ -69,8 +69,8 @@ class Verification:
         )
 
 
-class _Replay:
-    """The simulation of a solution, phase by phase."""
+class Replay:
+    """Simulation of a solution from its first state, phase by phase, compared with it at the mesh points."""
 
     def __init__(self, solution: SolvedMotion, reltol: float, abstol: float):
         self.solution, self._reltol, self._abstol = solution, reltol, abstol
@@ -214,8 +214,3 @@ def _defects(part: PhaseSolution) -> np.ndarray:
     errors = part.end_errors[:, : part.phase.equations.q.numel()]
     angles = part.program.scales.angles
     return np.column_stack([np.max(errors[:, ~angles], axis=1), np.max(errors[:, angles], axis=1)])
-
-
-def verification(solution: SolvedMotion, reltol: float, abstol: float) -> Verification:
-    """Simulate from the first state of a solution and compare at the mesh points."""
-    return _Replay(solution, reltol, abstol).run()
