@@ -61,16 +61,35 @@ class Coarseness(Measure):
 
 
 class StateCoarseness(Coarseness):
-    """Errors of first-order states by which a mesh is no approximation of these, see :func:`state_coarseness`."""
+    """Errors of first-order states by which a mesh is no approximation of these.
+
+    An even share of the sum that is allowed counts as much as :data:`COARSE_ERROR`; zero if no sum is above it.
+    """
 
     def of(self, part: PhaseSolution) -> np.ndarray:
         """Errors of the intervals of a phase (N,)."""
-        return state_coarseness(part)
+        if not part.phase.mechanism.states:
+            return np.zeros(part.mesh.count)
+        try:
+            errors = part.state_errors
+        except RuntimeError:  # the integrator did not get to the end of an interval
+            return np.full(part.mesh.count, np.inf)
+        coarse = errors[:, ~(np.sum(errors, axis=0) <= COARSE_STATE_ERROR)]
+        share = np.max(coarse, axis=1, initial=0.0) * part.mesh.count / COARSE_STATE_ERROR
+        return COARSE_ERROR * share
 
     def sentences(self) -> list[str]:
         """States whose errors, added up as those of a meter do, count beside their ranges, and a remedy."""
         pairs = zip(self.solution.phases, self.errors, strict=True)
-        return [text for part, errors in pairs if np.all(np.isfinite(errors)) for text in _coarse_states(part)]
+        return [
+            f"the mesh of {part.mesh.count} intervals is too coarse for the state '{state.label}': the intervals, "
+            f"integrated again, end off by {error:.2g} of its range in all; take more intervals=, or tolerance= for a "
+            "mesh that is refined"
+            for part, errors in pairs
+            if np.any(errors) and np.all(np.isfinite(errors))
+            for state, error in zip(part.phase.mechanism.states, np.sum(part.state_errors, axis=0), strict=True)
+            if error > COARSE_STATE_ERROR
+        ]
 
 
 def warn_of_coarse_mesh(solution: SolvedMotion) -> None:
@@ -97,22 +116,6 @@ def coarseness(part: PhaseSolution) -> np.ndarray:
     return errors
 
 
-def state_coarseness(part: PhaseSolution) -> np.ndarray:
-    """Errors of the intervals in first-order states, relative to :data:`COARSE_ERROR` as those of :func:`coarseness`.
-
-    An even share of the sum that is allowed counts as much as that error; zero if no sum is above it.
-    """
-    if not part.phase.mechanism.states:
-        return np.zeros(part.mesh.count)
-    try:
-        errors = part.state_errors
-    except RuntimeError:  # the integrator did not get to the end of an interval
-        return np.full(part.mesh.count, np.inf)
-    coarse = errors[:, ~(np.sum(errors, axis=0) <= COARSE_STATE_ERROR)]
-    share = np.max(coarse, axis=1, initial=0.0) * part.mesh.count / COARSE_STATE_ERROR
-    return COARSE_ERROR * share
-
-
 def coarse_mesh(part: PhaseSolution, errors: np.ndarray) -> str:
     """Return in words where the mesh is coarse, from the errors of its intervals (N,), and a remedy."""
     worst = int(np.argmax(errors))
@@ -125,17 +128,6 @@ def coarse_mesh(part: PhaseSolution, errors: np.ndarray) -> str:
         f"in radians or sizes of the mechanism, velocities times the duration{more}); take more intervals=, or "
         f"tolerance= for a mesh that is refined{close_to_singular(part, worst)}"
     )
-
-
-def _coarse_states(part: PhaseSolution) -> list[str]:
-    sums = np.sum(part.state_errors, axis=0) if part.phase.mechanism.states else []
-    return [
-        f"the mesh of {part.mesh.count} intervals is too coarse for the state '{state.label}': the intervals, "
-        f"integrated again, end off by {error:.2g} of its range in all; take more intervals=, or tolerance= for a mesh "
-        "that is refined"
-        for state, error in zip(part.phase.mechanism.states, sums, strict=True)
-        if error > COARSE_STATE_ERROR
-    ]
 
 
 def projection_steps(part: PhaseSolution) -> np.ndarray:
