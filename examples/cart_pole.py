@@ -41,7 +41,7 @@ usual = mbd.optimize(swing_up, intervals=50)
 best = mbd.optimize(swing_up, intervals=50, starts=8)
 print("starts:")
 for start in best.statistics.starts:
-    print(f"  {start.guess:36} cost {start.cost:9.4f} N²s, {start.iterations} iterations")
+    print(f"  {start.description:36} cost {start.cost:9.4f} N²s, {start.iterations} iterations")
 
 found = {}
 for name, coarse in {"usual start": usual, "best of eight starts": best}.items():

@@ -95,9 +95,8 @@ if _typing.TYPE_CHECKING:
     from .optimal_control.placeholders import absolute, at_end, at_start, integral, positive_part
     from .optimal_control.problem import OptimalControlProblem
     from .optimal_control.return_map import Stability
-    from .optimal_control.solution import Solution
+    from .optimal_control.solution import Solution, read_solution
     from .optimal_control.stability import stability
-    from .optimal_control.storage import read_solution
     from .optimal_control.transcription import GaussLegendre, HermiteSimpson, Transcription
     from .optimal_control.transcription.points import CollocationPoint
     from .sensitivity.cost import CostFunction, cost_function
@@ -135,9 +134,8 @@ _LATER = {
     "optimal_control.placeholders": "absolute at_end at_start integral positive_part",
     "optimal_control.problem": "OptimalControlProblem",
     "optimal_control.return_map": "Stability",
-    "optimal_control.solution": "Solution",
+    "optimal_control.solution": "Solution read_solution",
     "optimal_control.stability": "stability",
-    "optimal_control.storage": "read_solution",
     "optimal_control.transcription": "GaussLegendre HermiteSimpson Transcription",
     "optimal_control.transcription.points": "CollocationPoint",
     "sensitivity.cost": "CostFunction cost_function",

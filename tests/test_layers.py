@@ -8,6 +8,7 @@ import importlib.util
 import re
 from collections.abc import Iterator
 from functools import cache
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,9 @@ INNER = {
     "simulation": ("contact", "checks", "formulations", "changes", "singular", "stepping"),
     "visual": ("drawing", "plots"),
 }
+
+#: Rooms whose modules import each other without circles.
+WITHOUT_CIRCLES = ("optimal_control",)
 
 
 @cache
@@ -93,6 +97,23 @@ def test_imports_inside_a_room(name):
         if own[1] != target[1] and {own[1], target[1]} <= level.keys() and level[target[1]] >= level[own[1]]:
             wrong.append(f"{file.relative_to(ROOT)}:{line} imports {'.'.join(target)}")
     assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize("name", WITHOUT_CIRCLES)
+def test_modules_of_a_room_form_no_circle(name):
+    """Modules can be put in an order in which each imports earlier ones alone; imports for types count."""
+    files = {file.relative_to(PACKAGE).with_suffix("").parts for file in PACKAGE.joinpath(name).rglob("*.py")}
+    needed = {file: set() for file in files}
+    for file, target, _ in imports():
+        own = file.relative_to(PACKAGE).with_suffix("").parts
+        for module in (target, target[:-1], (*target, "__init__"), (*target[:-1], "__init__")):
+            if own in files and module in files and module != own:
+                needed[own].add(module)
+                break
+    try:
+        list(TopologicalSorter(needed).static_order())
+    except CycleError as error:
+        pytest.fail(" -> ".join("/".join(module) for module in error.args[1]))
 
 
 def test_the_test_sees_imports():

@@ -1,4 +1,17 @@
-"""Solve an optimal-control problem: transcribe, guess, hand to a solver, read the solution."""
+"""Solution of an optimal-control problem, from its statement to warnings about what was found.
+
+In the order in which they are passed:
+
+1. :mod:`problem`, of phases (:mod:`phase`): the statement, checked by :mod:`checks.consistency`.
+2. :mod:`search`: the attempts that are made, and what follows if they fail.
+3. :mod:`nlp.problem_setup`: parameters, first state, poses on the way, and what the programs of a phase share.
+4. :mod:`guess.multistart`: motions to start from.
+5. :mod:`nlp.collocation_program`, by a scheme of :mod:`transcription`: the nonlinear program on a mesh.
+6. :mod:`nlp.problem_solver`: one solve, by a solver of :mod:`nlp.solvers`; :mod:`checks.failure` says why one failed.
+7. :mod:`refinement.refine`: other meshes, until all :mod:`refinement.measure` meet a tolerance; without one
+   :mod:`refinement.coarse_mesh` and :mod:`refinement.second_try`.
+8. :mod:`solution`: the motion, its limits and costates, and :mod:`refinement.verification`.
+"""
 
 from __future__ import annotations
 
@@ -135,7 +148,9 @@ def optimize(
                 solution = search.solve_in_turn(steps, parameters, guess, starts, accuracy)
             if accuracy is None and not search.is_known(guess):
                 warn_of_coarse_mesh(solution)
-            _warn_of_limits(solution)
+            warn_of_passed_limits(solution)
+            warn_of_closings(solution)
+            _warn_of_validity(solution)
     except KeyboardInterrupt:
         raise best.interrupted() from None
     return solution
@@ -148,10 +163,8 @@ def _check_executor(executor: Any, starts: Any) -> None:
         raise ModelError("optimize: executor= solves from several starts at a time; give starts=, too")
 
 
-def _warn_of_limits(solution: Solution) -> None:
-    """Warn of limits that are passed, closings that cannot be, and elements outside of their range of validity."""
-    warn_of_passed_limits(solution)
-    warn_of_closings(solution)
+def _warn_of_validity(solution: Solution) -> None:
+    """Warn of elements that leave their range of validity."""
     for part in solution.phases:
         if validity_conditions(part.phase.mechanism):
             report_validity(part.trajectory)

@@ -67,9 +67,8 @@ class Waypoint(Immutable):
         self.parameters: tuple[Parameter, ...] = ()
 
     def __repr__(self) -> str:
-        low, high = self.time
-        time = f"{low:g} s" if low == high else f"{low:g} … {high:g} s"
-        return f"Waypoint({time}{': ' if self.conditions else ''}{', '.join(c.label for c in self.conditions)})"
+        conditions = ", ".join(c.label for c in self.conditions)
+        return f"Waypoint({span_text(self.time)}{': ' if conditions else ''}{conditions})"
 
 
 class _SplitWaypoint(Waypoint):
@@ -230,10 +229,6 @@ class Phase(Immutable):
         end = [] if isinstance(self.final, State) else self.final
         return [*self.path, *(c for w in self.waypoints for c in w.conditions), *end]
 
-    def differentiated_path_constraints(self, free_parameters: Sequence[Parameter]) -> list[Condition]:
-        """Path conditions that prescribe the motion; those with free parameters stay conditions at the stages."""
-        return [c for c in self.path if _prescribes_motion(c) and not contains_any(c.expression, free_parameters)]
-
     def with_free(self, p: ca.SX, parameters: Sequence[Parameter], values: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return parameters of the mechanism with those that are free substituted, and the others that are free."""
         p, extra = ca.SX(p), []
@@ -261,9 +256,13 @@ class Phase(Immutable):
         return np.array(times)
 
     def __repr__(self) -> str:
-        low, high = self.span
-        time = f"{low:g} s" if low == high else f"{low:g} … {high:g} s"
-        return f"Phase({self.name!r}, {self.mechanism!r}, duration {time})"
+        return f"Phase({self.name!r}, {self.mechanism!r}, duration {span_text(self.span)})"
+
+
+def span_text(span: tuple[float, float]) -> str:
+    """Return a time, or a range of times, in words."""
+    low, high = span
+    return f"{low:g} s" if low == high else f"{low:g} … {high:g} s"
 
 
 def on_states(conditions: Sequence[Condition]) -> list[Condition]:
@@ -305,7 +304,7 @@ def contains_any(expression: ca.SX, symbols: Sequence[ca.SX]) -> bool:
     return bool(known) and any(s.element_hash() in known for s in symbols_of(expression))
 
 
-def _prescribes_motion(condition: Condition) -> bool:
+def prescribes_motion(condition: Condition) -> bool:
     """Return True if an equality is one in positions, or linear in velocities, and so can be differentiated.
 
     Imposed at stages alone such a condition would be a differential-algebraic

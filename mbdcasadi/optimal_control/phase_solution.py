@@ -9,17 +9,17 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
-from ..model.conditions import Condition
+from ..model.conditions import Condition, stacked
 from ..numerics.lazy import cached_property
 from ..numerics.symbolic import symbolic
 from ..results.state import State
 from ..results.trajectory import Statistics, Trajectory
 from .guess.guess import PhaseGuess, guess_from_motion
-from .nlp.held_limits import excess_of_motion
+from .nlp.limit_excess import POINTS, Excess, excess_of_motion
 from .nlp.phase_program import PhaseProgram
 from .phase import Phase
-from .refinement.local_error import end_errors, scaled_errors
 from .refinement.mesh import Mesh
+from .refinement.reintegration import end_errors
 from .transcription.motion import OptimalMotion, Polynomials
 
 
@@ -73,9 +73,20 @@ class PhaseSolution:
         return [values.full() for values in function.call([*points, self.numeric.p, self.extra])]
 
     @cached_property
-    def excess_of_motion(self) -> list[tuple[Condition, np.ndarray, np.ndarray, np.ndarray]]:
-        """Limits that the motion comes near, as :func:`~.nlp.held_limits.excess_of_motion` finds them."""
-        return list(excess_of_motion(self))
+    def excess_of_polynomials(self) -> np.ndarray:
+        """Values of the limits at points of the intervals by the polynomials (N, POINTS, k), negative if they hold."""
+        limits, count = self.program.limits_at_points, self.mesh.count
+        if not limits or not count:
+            return np.zeros((count, POINTS, len(limits)))
+        k, tau = np.repeat(np.arange(count), POINTS), np.tile(np.linspace(0, 1, POINTS), count)
+        (values,) = self.by_polynomials([stacked(limits)], k, tau)
+        return values.T.reshape(count, POINTS, len(limits))
+
+    @cached_property
+    def excess_of_motion(self) -> list[Excess]:
+        """Limits that the motion comes near."""
+        sizes = {limit: self.program.condition_sizes[limit] for limit in self.program.limits_at_points}
+        return list(excess_of_motion(self.trajectory, self.mesh_times, sizes, self.excess_of_polynomials))
 
     @property
     def duration(self) -> float:
@@ -97,8 +108,7 @@ class PhaseSolution:
     @property
     def redundant(self) -> bool:
         """True if constraint rows were left out because others imply them."""
-        scheme = self.program.scheme
-        return len(scheme.rows) < scheme.eom.lam.numel()
+        return self.program.scheme.redundant
 
     @cached_property
     @symbolic
@@ -107,7 +117,7 @@ class PhaseSolution:
         scheme = self.program.scheme
         statistics = Statistics(scheme.name, f"order {scheme.order}, {self.mesh.count} intervals", self._seconds)
         extra = dict(zip(self.program.extra_parameters, self.extra.tolist(), strict=True))
-        return self.polynomials.trajectory(self.phase, extra, statistics, redundant=self.redundant)
+        return self.polynomials.trajectory(self.phase, extra, statistics)
 
     @property
     def limits(self) -> list[Condition]:
@@ -123,7 +133,20 @@ class PhaseSolution:
     @symbolic
     def end_errors(self) -> np.ndarray:
         """Misses of the next mesh point by each interval, integrated again, in q, v and z (N, 2 n + k)."""
-        return end_errors(self)
+        return end_errors(self.polynomials)
+
+    @property
+    def state_errors(self) -> np.ndarray:
+        """The same of the first-order states, as shares of their ranges (N, k)."""
+        return self.end_errors[:, 2 * self.phase.equations.q.numel() :] / self.state_ranges
+
+    @property
+    def scaled_errors(self) -> np.ndarray:
+        """Largest difference by interval: coordinates, velocities times the duration, states by their ranges (N,)."""
+        n = self.phase.equations.q.numel()
+        errors = self.end_errors[:, : 2 * n] * np.repeat([1.0, self.duration], n)
+        largest: np.ndarray = np.max(np.hstack([errors, self.state_errors]), axis=1)
+        return largest
 
     @property
     def state_ranges(self) -> np.ndarray:
@@ -135,7 +158,7 @@ class PhaseSolution:
     @cached_property
     def mesh_error(self) -> float:
         """Largest local error of an interval: q (m, rad), v by the duration, first-order states by their ranges."""
-        return float(np.max(scaled_errors(self)))
+        return float(np.max(self.scaled_errors, initial=0.0))
 
     @property
     def initial(self) -> State:
@@ -193,7 +216,7 @@ class InstantSolution(PhaseSolution):
         """Nothing: conditions on the state hold at one place."""
         return []
 
-    @cached_property
-    def mesh_error(self) -> float:
-        """Zero: nothing is integrated."""
-        return 0.0
+    @property
+    def end_errors(self) -> np.ndarray:
+        """None: nothing is integrated (0, 2 n + k)."""
+        return np.zeros((0, self.mesh_states.shape[1]))

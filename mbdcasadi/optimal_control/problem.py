@@ -11,7 +11,6 @@ import casadi as ca
 
 from ..errors import ExpressionError, ModelError
 from ..model.conditions import Condition, read_conditions
-from ..model.immutable import Immutable
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries, listed, refuse_twice
 from ..model.symbols import Parameter, describe, role_of, symbols_of
@@ -20,11 +19,12 @@ from ..results.state import State
 from .checks.consistency import check_conditions
 from .cost_parts import CostParts, parameter_parts, split_along_path
 from .nlp.compiled import CompiledProblem
-from .phase import Phase, Waypoint, read_cost, time_span
-from .placeholders import PARTS, Placeholder, placeholders_in, with_values
+from .phase import Phase, Waypoint, read_cost, span_text, time_span
+from .placeholders import PARTS, placeholders_in, with_values
+from .statement import ProblemStatement
 
 
-class OptimalControlProblem(Immutable):
+class OptimalControlProblem(ProblemStatement):
     """Demands on a motion, and the cost to minimise.
 
     Parameters
@@ -84,7 +84,6 @@ class OptimalControlProblem(Immutable):
         free_parameters: Sequence[Parameter] = (),
         phases: Sequence[Phase] | None = None,
     ):
-        self.phases: tuple[Phase, ...]
         one = (mechanism, duration, initial, final, path, running_cost, waypoints)
         cost, rows = read_cost(terminal_cost, "terminal_cost"), read_conditions(boundary)
         if phases is None:
@@ -103,31 +102,12 @@ class OptimalControlProblem(Immutable):
         self.terminal_cost = parts.split(cost, "terminal_cost")
         self.boundary = (*rows, *parts.limits)
         own = [*(p for phase in self.phases for w in phase.waypoints for p in w.parameters), *parts.symbols]
-        self.free_parameters: tuple[Parameter, ...] = (*free, *own)
+        self.free_parameters = (*free, *own)
         #: arguments before parts of the cost have become parameters
         self._whole = {"terminal_cost": cost, "boundary": rows, "free_parameters": free}
         self.compiled = CompiledProblem()
         self._check()
         check_conditions(self)
-
-    @property
-    def has_free_times(self) -> bool:
-        """True if the duration of a phase or the time of a waypoint is free."""
-        return any(phase.has_free_times for phase in self.phases)
-
-    def has_input_rates(self, initial: State | Sequence[Condition]) -> bool:
-        """Return True if a rate of an input occurs in the problem, or in conditions at its start."""
-        start = [] if isinstance(initial, State) else initial
-        conditions = [*start, *self.boundary, *(c for phase in self.phases for c in phase.conditions)]
-        costs = [self.terminal_cost, *(phase.running_cost for phase in self.phases)]
-        costs += [w.cost for phase in self.phases for w in phase.waypoints]
-        symbols = [s for e in (*costs, *(c.expression for c in conditions)) for s in symbols_of(e)]
-        return any(role is not None and role.kind == "input rate" for role in map(role_of, symbols))
-
-    def extra_parameters(self, phase: Phase) -> tuple[Parameter, ...]:
-        """Return the free parameters that the mechanism of a phase does not have."""
-        known = phase.mechanism.parameters
-        return tuple(p for p in self.free_parameters if not any(p is other for other in known))
 
     def replace(self, **changes: Any) -> OptimalControlProblem:
         """Return a new problem with some arguments replaced."""
@@ -163,15 +143,6 @@ class OptimalControlProblem(Immutable):
             raise ModelError(
                 "there is nothing to optimise: the mechanism has no inputs and no parameter or time is free"
             )
-
-    def phases_of(self, placeholder: Placeholder) -> tuple[Phase, ...]:
-        """Return the phase that a placeholder means; for an integral over the motion, those that have its symbols."""
-        if placeholder.phase is not None:
-            return (placeholder.phase,)
-        if placeholder.kind != "integral":
-            return (self.phases[0 if placeholder.kind == "at_start" else -1],)
-        known = [phase for phase in self.phases if not phase.is_instant and phase.has(placeholder.expression)]
-        return tuple(known) or self.phases[-1:]
 
     def _check_placeholders(self, expressions: dict[str, ca.SX]) -> None:
         """Check the boundary conditions and the terminal cost: each placeholder in its phase, the rest at the end."""
@@ -223,9 +194,7 @@ class OptimalControlProblem(Immutable):
     def __repr__(self) -> str:
         if self.is_phased:
             return f"OptimalControlProblem(phases=[{', '.join(phase.name for phase in self.phases)}])"
-        low, high = self.duration
-        time = f"{low:g} s" if low == high else f"{low:g} … {high:g} s"
-        return f"OptimalControlProblem({self.mechanism!r}, duration {time})"
+        return f"OptimalControlProblem({self.mechanism!r}, duration {span_text(self.duration)})"
 
 
 def _one_phase(

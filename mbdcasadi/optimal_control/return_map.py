@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
 from ..errors import ModelError
 from ..numerics.rank import analyse_rank
-
-if TYPE_CHECKING:
-    from .nlp.phase_program import PhaseProgram
-    from .solution import Solution
+from .nlp.phase_program import PhaseProgram
+from .solved_motion import SolvedMotion
 
 #: Share of the largest slope by which the next start may miss the boundary conditions.
 CLOSURE_TOLERANCE = 1e-6
@@ -46,19 +43,14 @@ class Stability:
         return f"Stability: {kind}, Floquet multipliers {values}"
 
 
-def stability_of_solution(solution: Solution) -> Stability:
-    """Return the return map of a periodic solution to first order; see :meth:`Solution.stability`."""
-    return _ReturnMap(solution).result()
-
-
-class _ReturnMap:
+class ReturnMap:
     """The rows of a program, linearised at a solution.
 
     The dynamics, the impacts and the rows that close determine everything that follows from the start, the times of
     the changes among it; the boundary conditions lead from the end to the next start.
     """
 
-    def __init__(self, solution: Solution):
+    def __init__(self, solution: SolvedMotion):
         self.solution, self.program = solution, solution.program
         if not solution.problem.boundary:
             raise ModelError("stability: the problem has no boundary conditions, and so no next period")
@@ -113,8 +105,8 @@ class _ReturnMap:
                 places += phase.inner_index(i)[inner].tolist()
         return places
 
-    def result(self) -> Stability:
-        """Disturbances at the next start by those at this one."""
+    def stability(self) -> Stability:
+        """Return the disturbances at the next start by those at this one; see :meth:`Solution.stability`."""
         begin = self.jacobian[:, self.start.tolist()].full()
         tangent = analyse_rank(begin[self.at_start]).null_columns if self.at_start else np.eye(self.start.size)
         following = self._following(-begin[self.dynamics] @ tangent)

@@ -36,8 +36,9 @@ from .nlp.problem_solver import ProblemSolver
 from .nlp.setup import PhaseSetup, Settings, is_open_chain
 from .nlp.solvers.ipopt import sharp_options
 from .problem import OptimalControlProblem
+from .refinement.coarse_mesh import refine_if_coarse, refine_or_repeat
 from .refinement.mesh import Mesh
-from .refinement.refine import refine, refine_if_coarse, refine_or_repeat
+from .refinement.refine import refine
 from .refinement.second_try import as_motion
 from .solution import Shifted, Solution
 

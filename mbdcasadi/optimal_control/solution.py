@@ -2,46 +2,36 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from ..arguments.piecewise_polynomial import PiecewisePolynomial
 from ..arguments.values import pairs_of, parameter_vector
 from ..equations.numeric import NumericEquations
 from ..errors import ConditionError, MechanismError, ModelError
-from ..model.conditions import Condition
-from ..model.symbols import Parameter, number
+from ..model.symbols import number
 from ..numerics.lazy import cached_property
 from ..numerics.symbolic import symbolic
 from ..results.notebook import html_table
-from ..results.phases import PhasedTrajectory, in_whole, union_of
 from ..results.state import State
-from ..results.trajectory import EventOccurrence, Statistics, Trajectory
+from ..results.trajectory import Trajectory
 from ..simulation.simulate import simulate
-from .guess.guess import Guess, Iterate, PhaseGuess
-from .nlp.collocation_program import CollocationProgram
+from .guess.guess import Guess, PhaseGuess
 from .nlp.limits import ActiveLimit, active_limits, costates, limit_excess
-from .nlp.phase_program import PhaseProgram
-from .nlp.statistics import Answer, SolveStatistics
-from .phase_solution import InstantSolution, PhaseSolution
 from .problem import OptimalControlProblem
-from .refinement.mesh import Mesh
-from .refinement.verification import Verification, verification
-from .return_map import Stability, stability_of_solution
-
-if TYPE_CHECKING:
-    from .nlp.setup import Settings
+from .refinement.mesh import interval_count
+from .refinement.verification import Replay, Verification
+from .return_map import ReturnMap, Stability
+from .solved_motion import SolvedMotion
+from .storage import restored, save
 
 #: Miss of a constraint from which the first state of a solution does not belong to a mechanism with other parameters.
 STATE_TOLERANCE = 1e-6
 
 
-class Solution:
+class Solution(SolvedMotion):
     """A motion found by optimal control.
 
     Parameters
@@ -85,97 +75,6 @@ class Solution:
         Values of the free parameters.
     """
 
-    def __init__(
-        self,
-        problem: OptimalControlProblem,
-        program: CollocationProgram,
-        settings: Settings,
-        initial: State | tuple[Condition, ...],
-        p: Sequence[np.ndarray],
-        meshes: Sequence[Mesh],
-        segment_times: Sequence[np.ndarray],
-        x: np.ndarray,
-        cost: float,
-        statistics: SolveStatistics,
-        answer: Answer,
-    ):
-        self.problem, self.program, self.settings, self.initial = problem, program, settings, initial
-        self.cost, self.statistics, self.answer = cost, statistics, answer
-        #: variables of the program, in physical units
-        self.variables = x
-        free = x[program.parameter_index].tolist()
-        self.parameters: dict[Parameter, float] = dict(zip(problem.free_parameters, free, strict=True))
-        parts = zip(program.phases, p, meshes, segment_times, strict=True)
-        self.phases = tuple(self._part(*part) for part in parts)
-        self.durations = tuple(phase.duration for phase in self.phases)
-        self.duration = float(self.phases[-1].segment_times[-1])
-        self.waypoint_times = np.concatenate([phase.segment_times[1:-1] for phase in self.phases])
-        first, *others = (phase.mesh_times for phase in self.phases)
-        self.mesh = self.mesh_times = np.concatenate([first, *(times[1:] for times in others)])
-
-    def _part(self, program: PhaseProgram, p: np.ndarray, mesh: Mesh, times: np.ndarray) -> PhaseSolution:
-        phase, values = program.phase, p.copy()
-        for k, symbol in enumerate(phase.mechanism.parameters):
-            values[k] = self.parameters.get(symbol, values[k])
-        numeric = NumericEquations(phase.equations, values)
-        extra = np.array([self.parameters[s] for s in program.extra_parameters])
-        kind = InstantSolution if phase.is_instant else PhaseSolution
-        return kind(program, numeric, mesh, self.variables, times, extra, self.statistics.seconds)
-
-    @property
-    def meshes(self) -> tuple[Mesh, ...]:
-        """Meshes by phase."""
-        return tuple(phase.mesh for phase in self.phases)
-
-    # --- the motion -----------------------------------------------------------------------
-    @property
-    def inputs(self) -> dict[Any, PiecewisePolynomial]:
-        """The inputs as piecewise polynomials, as ``simulate(inputs=…)`` takes them."""
-        if len(self.phases) == 1:
-            return self.phases[0].polynomials.inputs
-        parts = [part for part in self.phases if not part.phase.is_instant]
-        symbols = dict.fromkeys(u for part in parts for u in part.phase.mechanism.inputs)
-        return {
-            symbol: _joined([(part.mesh_times, part.polynomials.inputs.get(symbol)) for part in parts])
-            for symbol in symbols
-        }
-
-    @cached_property
-    @symbolic
-    def trajectory(self) -> Trajectory:
-        """The motion at mesh points and stages; ``.at(times)`` between them by the polynomials of the scheme."""
-        if len(self.phases) == 1:
-            return self.phases[0].trajectory
-        whole = union_of(part.phase.mechanism for part in self.phases)
-        by_symbol: dict[Any, float] = {}
-        for part in self.phases:
-            by_symbol |= dict(zip(part.phase.mechanism.parameters, part.numeric.p.tolist(), strict=True))
-        values = np.array([by_symbol.get(p, p.value) for p in whole.parameters])
-        parts = [part.trajectory for part in self.phases]
-        events = []
-        for change, (before, after) in zip(self.program.changes, itertools.pairwise(parts), strict=True):
-            first = after.initial
-            state = State(first.mechanism, *first.arguments, first.obstacle, change.impulses(self.variables))
-            ends = [in_whole(one, whole, values) for one in (before.final, state)]
-            events.append(EventOccurrence(change.after.phase.name, first.t, *ends))
-        statistics = Statistics(parts[0].statistics.method, parts[0].statistics.formulation, self.statistics.seconds)
-        return PhasedTrajectory(parts, whole, [values] * len(parts), events=events, statistics=statistics)
-
-    @property
-    def mesh_error(self) -> float:
-        """Largest local error of an interval: q (m, rad), v by the duration, first-order states by their ranges."""
-        return max(phase.mesh_error for phase in self.phases)
-
-    @property
-    def points_per_interval(self) -> int:
-        """Points of :attr:`trajectory` in each interval."""
-        return self.phases[0].points_per_interval
-
-    @property
-    def redundant(self) -> bool:
-        """True if constraint rows were left out because others imply them: reactions are not unique."""
-        return any(phase.redundant for phase in self.phases)
-
     def state(self, index: int) -> State:
         """State at a mesh point, by index."""
         self._refuse_phases("state", "take the states of .phases[k].trajectory")
@@ -184,18 +83,6 @@ class Solution:
         if isinstance(index, bool) or not isinstance(index, int | np.integer) or not -points <= index < points:
             raise MechanismError(f"the solution has {points} mesh points, and none of index {index!r}")
         return part.trajectory.state((index % points) * part.points_per_interval)
-
-    def as_guess(self, problem: OptimalControlProblem) -> Guess:
-        """The motion as a guess for the same or a similar problem."""
-        phases, time = [], 0.0
-        for part, phase in zip(self.phases, problem.phases, strict=True):
-            phases.append(part.as_guess(phase, time))
-            time = float(phases[-1].segment_times[-1])
-        free = [self.parameters.get(p, p.value) for p in problem.free_parameters]
-        return Guess(tuple(phases), np.array(free), "solution", self._iterate(self.variables / self.program.scale))
-
-    def _iterate(self, x: np.ndarray) -> Iterate:
-        return Iterate(self.program, self.meshes, x, self.answer.lam_x, self.answer.lam_g)
 
     def shifted(self, time: float) -> Shifted:
         """The motion from a later time on, as a guess: what follows its end stays as it ends.
@@ -223,7 +110,7 @@ class Solution:
         direction of approach and nearest to the planned time, and what follows is moved by the difference; what only
         opens does so after the planned duration.
         """
-        return verification(self, reltol, abstol)
+        return Replay(self, reltol, abstol).run()
 
     @symbolic
     def simulate(self, *, initial: Any = None, parameters: Any = None, **settings: Any) -> Trajectory:
@@ -271,7 +158,7 @@ class Solution:
         ----------
         Goswami, Espiau, Keramane, "Limit cycles and their stability in a passive bipedal gait", ICRA 1996.
         """
-        return stability_of_solution(self)
+        return ReturnMap(self).stability()
 
     # --- limits ---------------------------------------------------------------------------
     @cached_property
@@ -290,7 +177,7 @@ class Solution:
     @symbolic
     def active_limits(self) -> list[ActiveLimit]:
         """Limits that are active, and when; the costliest first."""
-        return active_limits(self)
+        return active_limits(self, self.costates)
 
     @cached_property
     @symbolic
@@ -301,15 +188,13 @@ class Solution:
     # --- files ----------------------------------------------------------------------------
     def save(self, path: str | Path) -> None:
         """Write the solution to a ``.npz`` file; ``read_solution(path, problem)`` reads it."""
-        from .storage import save
-
         save(self, path)
 
     def __repr__(self) -> str:
         s = self.statistics
         text = (
             f"Solution: cost {self.cost:.8g}, duration {self.duration:.6g} s, "
-            f"{sum(mesh.count for mesh in self.meshes)} intervals, "
+            f"{interval_count(self.meshes)} intervals, "
             f"{s.iterations} iterations, {s.seconds:.3g} s ({s.status})"
         )
         return text + "".join(f"\n  {symbol.label} = {value:.6g}" for symbol, value in self.parameters.items())
@@ -319,23 +204,9 @@ class Solution:
         s = self.statistics
         rows = [("cost", f"{self.cost:.8g}"), ("duration", f"{self.duration:.6g} s")]
         rows += [(symbol.label, f"{value:.6g}") for symbol, value in self.parameters.items()]
-        rows.append(("mesh intervals", str(sum(mesh.count for mesh in self.meshes))))
+        rows.append(("mesh intervals", str(interval_count(self.meshes))))
         rows.append(("solver", f"{s.iterations} iterations, {s.seconds:.3g} s ({s.status})"))
         return html_table("Solution", rows)
-
-
-def _joined(parts: Sequence[tuple[np.ndarray, PiecewisePolynomial | None]]) -> PiecewisePolynomial:
-    """An input over phases that follow each other; zero in those that do not have it."""
-    terms = max(p.terms for _, p in parts if p is not None)
-    breaks, rows = [parts[0][0]], []
-    for k, (times, polynomial) in enumerate(parts):
-        if k:
-            breaks.append(times[1:])
-        own = np.zeros((times.size - 1, terms))
-        if polynomial is not None:
-            own[:, : polynomial.terms] = polynomial.coefficients
-        rows.append(own)
-    return PiecewisePolynomial(np.concatenate(breaks), np.vstack(rows))
 
 
 @dataclass(frozen=True)
@@ -360,3 +231,27 @@ class Shifted:
             return phase.sample(np.clip(wanted + self.time, 0.0, last))
 
         return replace(phase, sample=sample)
+
+
+@symbolic
+def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
+    """Read what ``Solution.save`` wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    problem : OptimalControlProblem
+        Problem that it solves: the rows of its program must be the same.
+
+    Returns
+    -------
+    Solution
+        As complete as the one that was saved.
+
+    Raises
+    ------
+    FileError
+        For what is not such a file, and for a solution of another problem.
+    """
+    return Solution(*restored(path, problem))

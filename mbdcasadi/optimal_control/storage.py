@@ -10,15 +10,14 @@ from typing import Any
 import numpy as np
 
 from ..errors import FileError, ModelError
-from ..numerics.symbolic import symbolic
 from ..results.archives import Archive, read_arrays, write_arrays
 from .nlp.collocation_program import CollocationProgram
-from .nlp.problem_solver import ProblemSolver
+from .nlp.problem_setup import ProblemSetup
 from .nlp.setup import Settings
-from .nlp.statistics import Answer, ContinuationStep, Pass, SolveStatistics, Stage, Start
+from .nlp.statistics import Answer, Attempt, SolveStatistics
 from .problem import OptimalControlProblem
 from .refinement.mesh import Mesh
-from .solution import Solution
+from .solved_motion import SolvedMotion
 from .transcription import TRANSCRIPTIONS
 
 _FORMAT = "mbdcasadi solution 4"
@@ -26,8 +25,8 @@ _FORMAT = "mbdcasadi solution 4"
 SAME_TOLERANCE = 1e-6
 
 
-def save(solution: Solution, path: str | Path) -> None:
-    """Write a solution; see :func:`read_solution`."""
+def save(solution: SolvedMotion, path: str | Path) -> None:
+    """Write a solution; :func:`restored` reads it."""
     program, scheme = solution.program, solution.settings.transcription
     if type(scheme) not in TRANSCRIPTIONS.values():
         raise ModelError(
@@ -61,26 +60,10 @@ def _prefix(problem: OptimalControlProblem, number: int) -> str:
     return f"phase {number} " if len(problem.phases) > 1 else ""
 
 
-@symbolic
-def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
-    """Read what ``Solution.save`` wrote.
+def restored(path: str | Path, problem: OptimalControlProblem) -> tuple[Any, ...]:
+    """Return the arguments of a solution of a problem from what :func:`save` wrote.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    problem : OptimalControlProblem
-        Problem that it solves: the rows of its program must be the same.
-
-    Returns
-    -------
-    Solution
-        As complete as the one that was saved.
-
-    Raises
-    ------
-    FileError
-        For what is not such a file, and for a solution of another problem.
+    A :class:`FileError` is raised for what is not such a file, and for a solution of another problem.
     """
     if not isinstance(problem, OptimalControlProblem):
         raise ModelError(f"read_solution takes an OptimalControlProblem, got {problem!r}")
@@ -88,36 +71,42 @@ def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
         raise FileError(f"read_solution takes the path of a file, got {path!r}")
     content = read_arrays(path, _FORMAT, "solution", "Solution.save")
     try:
-        return _restored(path, problem, content)
+        return _restored(problem, content)
+    except FileError:
+        raise
     except (KeyError, TypeError, ValueError) as error:
         raise FileError(f"{path}: an entry of the solution is missing or damaged: {error}") from None
 
 
-def _restored(path: str | Path, problem: OptimalControlProblem, content: Archive) -> Solution:
+def _restored(problem: OptimalControlProblem, content: Archive) -> tuple[Any, ...]:
     try:
         chosen = {**content.json("settings")}
         angles = chosen.pop("angles", False)
         settings = replace(Settings.read(**chosen, options=None, progress=False), angles=angles)
     except ModelError as error:
-        raise FileError(f"{path}: the settings of the solution are damaged, or of another version: {error}") from None
-    meshes, times, parameters = _phases(path, problem, content)
-    solver = ProblemSolver(problem, settings)
-    solver.held = tuple((int(phase), str(label), float(tau)) for phase, label, tau in content.json("held"))
-    program = solver.transcribe(meshes)
+        raise FileError(
+            f"{content.path}: the settings of the solution are damaged, or of another version: {error}"
+        ) from None
+    meshes, times, parameters = _phases(problem, content)
+    setup = ProblemSetup(problem, settings)
+    held = tuple((int(phase), str(label), float(tau)) for phase, label, tau in content.json("held"))
+    program = setup.transcribe(meshes, held)
     labels = [row.label for row in program.rows]
     theirs, count = content.names("row labels"), len(labels)
     if program.size != content["x"].size or labels != theirs:
         other = next((f"'{a}' where the problem has '{b}'" for a, b in zip(theirs, labels, strict=False) if a != b), "")
-        raise FileError(f"{path}: the solution belongs to another problem: {other or 'its size is another one'}")
-    _check_values(path, problem, program, program.data(parameters, meshes, times), times, content)
+        raise FileError(
+            f"{content.path}: the solution belongs to another problem: {other or 'its size is another one'}"
+        )
+    _check_values(problem, program, program.data(parameters, meshes, times), times, content)
     statistics = content.json("statistics")
-    for name, kind in (("starts", Start), ("passes", Pass), ("steps", ContinuationStep), ("stages", Stage)):
-        statistics[name] = [kind(**one) for one in statistics.get(name, [])]
-    return Solution(
+    for name in ("starts", "passes", "steps", "stages"):
+        statistics[name] = [_attempt(one) for one in statistics.get(name, [])]
+    return (
         problem,
         program,
         settings,
-        solver.initial,
+        setup.initial,
         parameters,
         meshes,
         times,
@@ -128,25 +117,37 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: Archive
     )
 
 
-def _phases(
-    path: str | Path, problem: OptimalControlProblem, content: Archive
-) -> tuple[list[Mesh], list[np.ndarray], list[np.ndarray]]:
+def _another(content: Archive, reason: str) -> FileError:
+    return FileError(f"{content.path}: the solution belongs to another problem: {reason}")
+
+
+def _attempt(entry: dict[str, Any]) -> Attempt:
+    """An attempt from its entry; files of earlier versions name a start by its guess, and lack what it did not have."""
+    lacking = {"description": entry.pop("guess", ""), "cost": np.nan, "status": "", "seconds": np.nan, "intervals": 0}
+    return Attempt(**(lacking | entry))
+
+
+def _phases(problem: OptimalControlProblem, content: Archive) -> tuple[list[Mesh], list[np.ndarray], list[np.ndarray]]:
     """Meshes, times of start, waypoints and end, s, and parameters by phase."""
     meshes, times, parameters = [], [], []
     for number, phase in enumerate(problem.phases):
         prefix = _prefix(problem, number)
+        parameters.append(content.numbers(f"{prefix}parameters", len(phase.mechanism.parameters)))
         count = sum(name.startswith(f"{prefix}mesh ") for name in content)
+        if phase.is_instant and count == 1:
+            meshes.append(Mesh.instant())
+            times.append(content.numbers(f"{prefix}segment times", 2))
+            continue
         segments = [_increasing(content, f"{prefix}mesh {k}") for k in range(count)]
         if len(segments) != len(phase.waypoints) + 1:
             raise FileError(
-                f"{path}: the solution has {len(segments) - 1} waypoints, the problem {len(phase.waypoints)}"
+                f"{content.path}: the solution has {len(segments) - 1} waypoints, the problem {len(phase.waypoints)}"
                 if segments
-                else f"{path}: the solution does not have the phase '{phase.name}' of the problem"
+                else f"{content.path}: the solution does not have the phase '{phase.name}' of the problem"
             )
         moving = f"{prefix}moving mesh points"  # files of earlier versions have none
         meshes.append(Mesh(tuple(segments), tuple(content.numbers(moving, None).tolist()) if moving in content else ()))
         times.append(_increasing(content, f"{prefix}segment times", len(segments) + 1))
-        parameters.append(content.numbers(f"{prefix}parameters", len(phase.mechanism.parameters)))
     return meshes, times, parameters
 
 
@@ -159,7 +160,6 @@ def _increasing(content: Archive, name: str, count: int | None = None) -> np.nda
 
 
 def _check_values(
-    path: str | Path,
     problem: OptimalControlProblem,
     program: CollocationProgram,
     data: np.ndarray,
@@ -170,15 +170,13 @@ def _check_values(
     low, high = np.sum([phase.span for phase in problem.phases], axis=0).tolist()
     duration = float(times[-1][-1])
     if not low * (1 - SAME_TOLERANCE) <= duration <= high * (1 + SAME_TOLERANCE):
-        raise FileError(f"{path}: the solution takes {duration:g} s, the problem {low:g} … {high:g} s")
+        raise FileError(f"{content.path}: the solution takes {duration:g} s, the problem {low:g} … {high:g} s")
     x, theirs = content.numbers("x", program.size), float(content.numbers("cost"))
     cost, rows = program.nlp.evaluate(x / program.scale, data)
     off = abs(float(cost) * program.cost_scale - theirs)
     if not off <= SAME_TOLERANCE * (abs(theirs) + program.cost_scale):
-        raise FileError(f"{path}: the solution belongs to another problem: its cost there would differ by {off:.3g}")
+        raise _another(content, f"its cost there would differ by {off:.3g}")
     difference = np.abs(rows.full().ravel() - content.numbers("rows", len(program.rows)))
     worst = int(np.argmax(difference))
     if difference[worst] > SAME_TOLERANCE:
-        raise FileError(
-            f"{path}: the solution belongs to another problem, which differs in: {program.rows[worst].label}"
-        )
+        raise _another(content, f"it differs in: {program.rows[worst].label}")

@@ -11,7 +11,7 @@ from motions import crank_rocker, half_turn
 import mbdcasadi as mbd
 from mbdcasadi.equations.numeric import NumericEquations
 from mbdcasadi.optimal_control.checks.branch import _changes_sign, branch_jump, refuse_branch_jump
-from mbdcasadi.optimal_control.refinement import refine, second_try
+from mbdcasadi.optimal_control.refinement import coarse_mesh, second_try
 from mbdcasadi.optimal_control.refinement.singularity import close_to_singular
 from mbdcasadi.optimal_control.solution import Solution
 
@@ -103,7 +103,7 @@ def test_an_interval_far_off_the_motion_is_refined_or_refused(monkeypatch):
         warnings.simplefilter("error")
         solution = mbd.optimize(problem, intervals=4)
     assert [stage.description for stage in solution.statistics.stages][-1] == "refined mesh"
-    monkeypatch.setattr(refine, "COARSE_PASSES", 0)
+    monkeypatch.setattr(coarse_mesh, "COARSE_PASSES", 0)
     with pytest.raises(
         mbd.OptimizationError, match="no motion: the mesh of 4 intervals is too coarse.* t = "
     ) as caught:

@@ -110,7 +110,7 @@ def test_a_list_of_starts(solved):
     """Solutions, trajectories and None, the usual guess."""
     problem, _, before = solved
     solution = mbd.optimize(problem, intervals=20, starts=[None, before, before.simulate()])
-    assert [s.guess for s in solution.statistics.starts] == ["kinematic", "solution", "trajectory"]
+    assert [s.description for s in solution.statistics.starts] == ["kinematic", "solution", "trajectory"]
 
 
 def test_starts_that_fail_are_reported():

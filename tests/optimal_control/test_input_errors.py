@@ -52,9 +52,8 @@ def test_a_course_that_was_chosen_is_left_alone(control):
     assert not np.any(input_errors(solution.phases[0])) and solution.mesh.size == 11
 
 
-def test_an_input_at_a_limit_of_a_position():
-    """Bryson and Ho, Applied Optimal Control, 3.11, with kinks at 3 l between the mesh points, without a warning."""
-    size = 0.0937
+def turning_back(size):
+    """Bryson and Ho, Applied Optimal Control, 3.11, with its optimal input, which has kinks at 3 l and 1 - 3 l."""
     problem, u, block = rest_to_rest(0.0, 1.0)
     problem = problem.replace(
         initial=[block.x == 0, block.vx == 1],
@@ -62,26 +61,27 @@ def test_an_input_at_a_limit_of_a_position():
         path=[block.x <= size],
         running_cost=u**2 / 2,
     )
+    return problem, u, lambda t: -2 / (3 * size) * np.maximum(1 - np.minimum(t, 1 - t) / (3 * size), 0)
+
+
+def test_an_input_at_a_limit_of_a_position():
+    """Kinks lie between the mesh points: they are found without a warning."""
+    size = 0.0937
+    problem, u, exact = turning_back(size)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         solution = mbd.optimize(problem, intervals=20, tolerance=1e-6)
     assert solution.cost == pytest.approx(4 / (9 * size), rel=1e-8)
-    errors = off(solution, u, lambda t: -2 / (3 * size) * np.maximum(1 - np.minimum(t, 1 - t) / (3 * size), 0))
+    errors = off(solution, u, exact)
     assert np.mean(errors > 1e-6) < 0.03 and not solution.meshes[0].moving
 
 
 def test_a_kink_that_a_neighbour_does_not_show():
     """Of 20 intervals the one with the kink at 0.06 s agrees with a neighbour by chance, which it has led astray."""
     size = 0.02
-    problem, u, block = rest_to_rest(0.0, 1.0)
-    problem = problem.replace(
-        initial=[block.x == 0, block.vx == 1],
-        final=[block.x == 0, block.vx == -1],
-        path=[block.x <= size],
-        running_cost=u**2 / 2,
-    )
+    problem, u, exact = turning_back(size)
     solution = mbd.optimize(problem, intervals=20, tolerance=1e-4)
-    errors = off(solution, u, lambda t: -2 / (3 * size) * np.maximum(1 - np.minimum(t, 1 - t) / (3 * size), 0))
+    errors = off(solution, u, exact)
     assert np.mean(errors > 1e-4) < 0.02 and solution.cost == pytest.approx(4 / (9 * size), rel=1e-7)
 
 

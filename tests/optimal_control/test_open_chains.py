@@ -39,7 +39,7 @@ def test_swing_ups(driven, duration, best):
         warnings.simplefilter("error")  # no mesh that is too coarse
         solution = mbd.optimize(problem)
     assert solution.cost < 1.005 * best
-    assert [start.guess for start in solution.statistics.starts] == ["kinematic", "kinematic, at rest"]
+    assert [start.description for start in solution.statistics.starts] == ["kinematic", "kinematic, at rest"]
     # replayed by forward dynamics from mesh point to mesh point
     assert np.max(solution.verify().defects) < 0.02
     motion = solution.trajectory

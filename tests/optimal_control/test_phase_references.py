@@ -83,7 +83,7 @@ def test_a_step_of_a_biped():
         other = mbd.optimize(walk, intervals=intervals)
         assert other.cost == pytest.approx(469.50197507, abs=1e-4) and other.statistics.iterations <= 20
     several = mbd.optimize(walk, intervals=10, starts=3)
-    assert [start.guess.split(" of ")[0] for start in several.statistics.starts] == [
+    assert [start.description.split(" of ")[0] for start in several.statistics.starts] == [
         "kinematic", "kinematic with detours", "kinematic with detours",
     ]  # fmt: skip
     assert several.cost < solution.cost + 0.01

@@ -7,7 +7,7 @@ import pytest
 from motions import crank_rocker, guided_block, half_turn, pendulum, rest_to_rest, sprung_block
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.refinement import refine as refinement
+from mbdcasadi.optimal_control.refinement import coarse_mesh
 from mbdcasadi.optimal_control.refinement.mesh import Mesh
 from mbdcasadi.optimal_control.refinement.refine import adapted
 
@@ -323,12 +323,12 @@ def test_a_length_that_the_first_state_does_not_suit_is_named():
 
 def test_a_solution_that_is_no_motion_is_found_again_from_its_guess(monkeypatch):
     """On meshes twice and four times as fine; the iterations of all solves count."""
-    monkeypatch.setattr(refinement, "LOST_ERROR", -1.0)
+    monkeypatch.setattr(coarse_mesh, "LOST_ERROR", -1.0)
     problem, *_ = rest_to_rest()
     solution = mbd.optimize(problem)
     assert solution.mesh.size - 1 == 160
     assert solution.cost == pytest.approx(12, rel=1e-8)
-    monkeypatch.setattr(refinement, "LOST_ERROR", np.inf)
+    monkeypatch.setattr(coarse_mesh, "LOST_ERROR", np.inf)
     once = mbd.optimize(problem)
     assert once.mesh.size - 1 == 40 and solution.statistics.iterations > once.statistics.iterations
 
@@ -336,7 +336,8 @@ def test_a_solution_that_is_no_motion_is_found_again_from_its_guess(monkeypatch)
 def test_all_intervals_are_halved_if_the_error_moves_on(monkeypatch):
     """The first interval stays coarse though it was split: a fast motion that goes to where the mesh is coarse."""
     problem, *_ = rest_to_rest()
-    monkeypatch.setattr(refinement, "coarseness", lambda part: np.where(np.arange(part.mesh.count) == 0, 0.1, 0.0))
+    first = lambda _measure, part: np.where(np.arange(part.mesh.count) == 0, 0.1, 0.0)  # noqa: E731
+    monkeypatch.setattr(coarse_mesh.Coarseness, "of", first)
     solution = mbd.optimize(problem)
-    assert solution.mesh.size - 1 == (40 + 1) * 2 ** (refinement.COARSE_PASSES - 1)
+    assert solution.mesh.size - 1 == (40 + 1) * 2 ** (coarse_mesh.COARSE_PASSES - 1)
     assert solution.cost == pytest.approx(12, rel=1e-8)

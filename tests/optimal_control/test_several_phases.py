@@ -179,7 +179,7 @@ def test_several_starts():
         terminal_cost=mbd.at_start(mbd.dot(ball.velocity, ball.velocity)),
     )
     solution = mbd.optimize(problem, intervals=4, starts=3)
-    names = [start.guess for start in solution.statistics.starts]
+    names = [start.description for start in solution.statistics.starts]
     assert names[0] == "kinematic" and len(names) == 3
     assert all(name.startswith("kinematic with detours of ") and name.count("half wave") == 2 for name in names[1:])
     assert solution.cost == pytest.approx(7.073680986, abs=1e-7)

@@ -23,7 +23,7 @@ def swing_up():
 
 
 def summary(solution):
-    return [(s.guess, s.status, s.iterations) for s in solution.statistics.starts]
+    return [(s.description, s.status, s.iterations) for s in solution.statistics.starts]
 
 
 @pytest.mark.parametrize("make", [ThreadPoolExecutor, pytest.param(ProcessPoolExecutor, marks=pytest.mark.slow)])

@@ -178,3 +178,22 @@ def test_saving_to_nowhere(stored, tmp_path):
     with pytest.raises((OSError, mbd.FileError)):
         solution.save(tmp_path / "no" / "where.npz")
     assert sorted(p.name for p in tmp_path.iterdir()) == [path.name]
+
+
+def test_a_phase_of_no_duration_comes_back(tmp_path):
+    """With its state and time, and the motion of the phases about it."""
+    block, brake = mbd.Body("block", mass=1.0, inertia=1.0), mbd.Input("brake")
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), block.at(0, 0))
+    free = mbd.Mechanism(bodies=[block], joints=[rail])
+    braked = free.replace(forces=[mbd.Force("brake", block.at(0, 0), (brake, 0))], inputs=[brake])
+    slide = mbd.Phase("slide", free, 1.0, initial=[block.x == 0, block.vx == 1])
+    stop = mbd.Phase("stop", braked, 1.0, final=[block.vx == 0], running_cost=brake**2)
+    problem = mbd.OptimalControlProblem(phases=[slide, mbd.Phase("touch", braked, 0.0), stop])
+    solution = mbd.optimize(problem, intervals=4)
+    solution.save(tmp_path / "solution.npz")
+    back = mbd.read_solution(tmp_path / "solution.npz", problem)
+    assert back.phases[1].mesh_times == pytest.approx([1.0]) and back.durations == solution.durations
+    assert np.array_equal(back.trajectory.q, solution.trajectory.q)
+    whole = mbd.OptimalControlProblem(phases=[slide, mbd.Phase("touch", braked, (0.1, 1.0)), stop])
+    with pytest.raises(mbd.FileError, match=r"npz: the entry 'phase 1 mesh 0' does not increase"):
+        mbd.read_solution(tmp_path / "solution.npz", whole)

@@ -8,17 +8,14 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..phase_solution import PhaseSolution
 from ..refinement.local_error import COARSE_ERROR, coarseness, projection_steps
 from ..refinement.singularity import independent_jacobians
+from ..solution import Solution
 from .failure import OptimizationError
-
-if TYPE_CHECKING:
-    from ..phase_solution import PhaseSolution
-    from ..solution import Solution
 
 #: Least share that a determinant has of the largest one in the same pose, for its sign to count.
 REGULAR = 0.1

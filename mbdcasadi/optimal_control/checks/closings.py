@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ...errors import warn
 from ...model.symbols import symbols_of
-
-if TYPE_CHECKING:
-    from ..nlp.change import Change
-    from ..phase_solution import PhaseSolution
-    from ..solution import Solution
+from ..nlp.change import Change
+from ..phase_solution import PhaseSolution
+from ..solution import Solution
 
 #: Times of a phase at which it is looked whether something passes.
 POINTS = 400
@@ -134,8 +132,8 @@ def _warn_of_free_choices(solution: Solution) -> None:
     if any(part.phase.mechanism.inputs for part in solution.phases) or _has_cost(solution):
         return
     times = [part.segment_times for part in solution.phases]
-    lower, upper = program.bounds(solution.phases[0].trajectory.initial, solution.meshes, times)
-    unknown = int(np.sum(lower < upper))
+    bounds = program.bounds(solution.phases[0].trajectory.initial, solution.meshes, times)
+    unknown = int(np.sum(bounds.lower < bounds.upper))
     free = unknown - sum(row.equality for row in program.rows)
     if free > 0:
         names = ", ".join(f"'{phase.name}'" for phase in problem.phases)

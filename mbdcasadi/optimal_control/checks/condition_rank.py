@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -22,10 +21,8 @@ from ...numerics.lazy import cached_property
 from ...numerics.least_squares import project_velocity
 from ...numerics.newton import solve
 from ...numerics.rank import analyse_rank, unit_rows
-
-if TYPE_CHECKING:
-    from ..phase import Phase
-    from ..problem import OptimalControlProblem
+from ..phase import Phase
+from ..statement import ProblemStatement
 
 #: A consistent state: time, coordinates, velocities, first-order states.
 Place = tuple[float, np.ndarray, np.ndarray, np.ndarray]
@@ -42,7 +39,7 @@ CONSTANCY_TOLERANCE = 1e-9
 RECENT = 300
 
 
-def ranks_of(problem: OptimalControlProblem, phase: Phase, numeric: NumericEquations, *, timed: bool) -> ConditionRank:
+def ranks_of(problem: ProblemStatement, phase: Phase, numeric: NumericEquations, *, timed: bool) -> ConditionRank:
     """Return the ranks for the conditions of a phase; `timed` if a time of the problem may be among the unknowns."""
     timed = timed and problem.has_free_times
     free = [*problem.free_parameters, *([numeric.eom.t] if timed else [])]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -22,10 +21,8 @@ from ...results.state import State
 from ..guess.free_poses import PosedPlace, free_poses
 from ..phase import Phase, on_states
 from ..placeholders import placeholders_in, with_values
+from ..statement import ProblemStatement
 from .condition_rank import ranks_of
-
-if TYPE_CHECKING:
-    from ..problem import OptimalControlProblem
 
 #: Violation of a limit from which conditions contradict it, relative to its values.
 CONTRADICTION_TOLERANCE = 1e-6
@@ -45,7 +42,7 @@ def own_limits(mechanism: Mechanism) -> dict[Condition, tuple[Symbol, int]]:
     return limits
 
 
-def check_conditions(problem: OptimalControlProblem) -> None:
+def check_conditions(problem: ProblemStatement) -> None:
     """Refuse conditions that contradict each other, and those that the constraints already fix.
 
     Mechanisms of hundreds of bodies are left to the solver.
@@ -64,7 +61,7 @@ def check_conditions(problem: OptimalControlProblem) -> None:
             check_end(problem, phase, f"waypoint {k}", waypoint.conditions, waypoint.time[1])
 
 
-def at_end_alone(problem: OptimalControlProblem) -> list[Condition]:
+def at_end_alone(problem: ProblemStatement) -> list[Condition]:
     """Boundary conditions that contain values at the end alone, as conditions there."""
     rows = []
     for condition in problem.boundary:
@@ -74,7 +71,7 @@ def at_end_alone(problem: OptimalControlProblem) -> list[Condition]:
     return rows
 
 
-def _refuse_fixed_path(problem: OptimalControlProblem, phase: Phase) -> None:
+def _refuse_fixed_path(problem: ProblemStatement, phase: Phase) -> None:
     """Refuse path equalities that the constraints decide."""
     eom = phase.equations
     rows = on_states([c for c in phase.path if c.equality])
@@ -87,7 +84,7 @@ def _refuse_fixed_path(problem: OptimalControlProblem, phase: Phase) -> None:
 
 
 def check_end(
-    problem: OptimalControlProblem, phase: Phase, name: str, conditions: Sequence[Condition], time: float | None = None
+    problem: ProblemStatement, phase: Phase, name: str, conditions: Sequence[Condition], time: float | None = None
 ) -> None:
     """Check the conditions at the start, at the end, or at another time of a phase.
 

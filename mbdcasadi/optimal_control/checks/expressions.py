@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -13,12 +12,10 @@ from ...equations.switching.switches import Switch, hold
 from ...numerics.graph import operations
 from ...printing import to_text
 from ..phase import Phase
+from ..phase_solution import PhaseSolution
 from ..placeholders import placeholders_in
-
-if TYPE_CHECKING:
-    from ..phase_solution import PhaseSolution
-    from ..problem import OptimalControlProblem
-    from ..solution import Solution
+from ..problem import OptimalControlProblem
+from ..solution import Solution
 
 #: Operations whose slope jumps where their operands are equal, or the only one is zero.
 _BENDING = (ca.OP_FABS, ca.OP_FMAX, ca.OP_FMIN)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +12,8 @@ from ...errors import MechanismError
 from ..nlp.limit_sides import LimitSides, Side
 from ..nlp.limits import label_of
 from ..nlp.rows import violations
+from ..solution import Solution
 from .expressions import kinks_in_costs, kinks_in_path, not_finite
-
-if TYPE_CHECKING:
-    from ..solution import Solution
 
 #: Violation of a scaled row from which it is reported.
 VIOLATION_TOLERANCE = 1e-7

@@ -16,9 +16,9 @@ from ...numerics.homotopy import Step, follow
 from ..checks.expressions import kinks_in_costs, kinks_in_path
 from ..checks.failure import OptimizationError, infeasible, not_found
 from ..nlp.problem_solver import ProblemSolver
-from ..nlp.statistics import Stage
+from ..nlp.statistics import Attempt
+from ..refinement.coarse_mesh import FRESH_PASSES, is_lost
 from ..refinement.mesh import Mesh
-from ..refinement.refine import FRESH_PASSES, is_lost
 from ..solution import Solution
 from .guess import Guess
 
@@ -87,7 +87,7 @@ class LimitSearch:
     ):
         self._solver, self._meshes, self._guess, self._second, self._detour = solver, meshes, guess, second, detour
         self._refined = refined
-        self._stages: list[Stage] = []
+        self._stages: list[Attempt] = []
 
     def run(self, failure: OptimizationError) -> Solution:
         """Return a solution, or raise the failure with the result of the search.
@@ -99,7 +99,6 @@ class LimitSearch:
         Interrupted
             After Ctrl-C.
         """
-        failed = failure.partial.statistics
         self._note(failure.partial, "all limits")
         closed, nearest = self._close_in()
         lost = nearest is self._guess  # without limits, too: then what is said to be in conflict comes first
@@ -107,17 +106,12 @@ class LimitSearch:
             closed = search(nearest, failure) if closed is None else closed
         if closed is None:
             raise not_found(failure, [stage.description for stage in self._stages]) from None
-        closed.statistics = replace(
-            closed.statistics.after(failed),
-            iterations=sum(stage.iterations for stage in self._stages),
-            seconds=sum(stage.seconds for stage in self._stages),
-            stages=self._stages,
-        )
+        failed = failure.partial.statistics
+        closed.statistics = closed.statistics.after(failed).at_end_of(self._stages, failed)
         return closed
 
     def _note(self, solution: Solution, description: str) -> None:
-        s = solution.statistics
-        self._stages.append(Stage(description, s.iterations, s.status, s.seconds))
+        self._stages.append(solution.as_attempt(description))
 
     # --- limits that close in -----------------------------------------------------------------
     def _close_in(self) -> tuple[Solution | None, Guess]:

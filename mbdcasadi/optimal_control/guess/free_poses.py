@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -21,10 +20,8 @@ from ...numerics.nearest import nearest_by_ipopt
 from ...numerics.newton import solve
 from ...results.state import State
 from ..phase import Phase, on_positions
+from ..statement import ProblemStatement
 from .pose_system import Place, PoseSystem, newton_rows
-
-if TYPE_CHECKING:
-    from ..problem import OptimalControlProblem
 
 #: Excess of a limit up to which it counts as met.
 LIMIT_TOLERANCE = 1e-6
@@ -53,7 +50,7 @@ def places_of(phase: Phase, initial: State | Sequence[Condition], segment_times:
 
 
 def free_poses(
-    problem: OptimalControlProblem,
+    problem: ProblemStatement,
     phase: Phase,
     numeric: NumericEquations,
     places: Sequence[PosedPlace],
@@ -78,7 +75,7 @@ class _PlaceSystem(PoseSystem):
     """Conditions of all places of a phase: the unknowns are the poses and the parameters."""
 
     def __init__(
-        self, problem: OptimalControlProblem, phase: Phase, numeric: NumericEquations, places: Sequence[PosedPlace]
+        self, problem: ProblemStatement, phase: Phase, numeric: NumericEquations, places: Sequence[PosedPlace]
     ):
         super().__init__(problem, {phase: numeric})
         self._numeric = numeric

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -13,14 +12,12 @@ from ...errors import ModelError
 from ...results.interpolation import hermite, linear
 from ...results.state import State
 from ...results.trajectory import Trajectory
+from ..nlp.collocation_program import CollocationProgram
+from ..nlp.phase_program import PhaseProgram
 from ..phase import Phase
 from ..refinement.mesh import Mesh
 from .kinematic_guess import KinematicPath
 from .least_squares_loads import LeastSquaresLoads
-
-if TYPE_CHECKING:
-    from ..nlp.collocation_program import CollocationProgram
-    from ..nlp.phase_program import PhaseProgram
 
 #: Values by name (``q, v, z, a, lam, u, rate``), each (k, size), at given times.
 Sampler = Callable[[np.ndarray], dict[str, np.ndarray]]

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from ...equations.numeric import NumericEquations
+from ...model.symbols import Parameter
 from ...numerics.newton import solve
 from ...results.phases import places_in
 from ...results.state import State
@@ -33,7 +34,7 @@ class KeyPoses:
     starts: list[np.ndarray]
     ends: list[np.ndarray]
     #: values of the free parameters
-    parameters: np.ndarray
+    values: dict[Parameter, float]
 
 
 class _KeyPoseSystem(PoseSystem):
@@ -131,4 +132,5 @@ def key_poses(
         x = outcome.x
     poses = [system.pose(k, pose) for k, pair in enumerate(system.places) for pose in pair]
     flat = [pose.full().ravel() for pose in ca.Function("poses", [system.x], poses).call([x])]
-    return KeyPoses(flat[::2], flat[1::2], system.within_limits(x[x.size - system.values.size :]))
+    values = system.within_limits(x[x.size - system.values.size :]).tolist()
+    return KeyPoses(flat[::2], flat[1::2], dict(zip(system.parameters, values, strict=True)))

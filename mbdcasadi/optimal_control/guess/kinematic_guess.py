@@ -26,8 +26,8 @@ from ...numerics.newton import solve
 from ...results.state import State
 from ..phase import BEYOND_STATES, Phase, contains_any, with_parameters
 from ..placeholders import Placeholder, placeholders_in, with_values
-from ..problem import OptimalControlProblem
 from ..state_conditions import pose_conditions
+from ..statement import ProblemStatement
 from .linear_conditions import straight_path
 
 #: Largest number of steps from place to place, and of parts of a step at high speed.
@@ -54,7 +54,7 @@ class KinematicPath:
 
 
 def kinematic_path(
-    problem: OptimalControlProblem,
+    problem: ProblemStatement,
     phase: Phase,
     numeric: NumericEquations,
     start: State,
@@ -82,18 +82,18 @@ def kinematic_path(
             places.append(pose_conditions(numeric, stated.t, stated.q))
         else:
             places.append(_on_positions(stated, extra))
-    prescribed = phase.differentiated_path_constraints(problem.free_parameters)
+    prescribed = problem.differentiated_path_constraints(phase)
     speeds = [c for c in prescribed if c.depends_on("velocity")]
     return _Way(numeric, start, _on_positions(phase.path, extra), speeds).through(places, segment_times)
 
 
-def has_free_path(problem: OptimalControlProblem, phase: Phase) -> bool:
+def has_free_path(problem: ProblemStatement, phase: Phase) -> bool:
     """Return True if no condition after the start contains positions: the motion may go anywhere."""
     if isinstance(phase.final, State):
         return False
     later = [*phase.conditions, *problem.boundary]
     inner = [p.expression for c in later for p in placeholders_in(c.expression)]
-    prescribed = phase.differentiated_path_constraints(problem.free_parameters)
+    prescribed = problem.differentiated_path_constraints(phase)
     positions = [c for c in later if c.equality and c.depends_on("position")]
     return not positions and not prescribed and not any(Condition(e, True, "").depends_on("position") for e in inner)
 
@@ -204,7 +204,7 @@ def _on_positions(conditions: Sequence[Condition], extra: Mapping[Parameter, flo
     return with_parameters(rows, list(extra), extra)
 
 
-def _periodic(problem: OptimalControlProblem, phase: Phase, start: State) -> list[Condition]:
+def _periodic(problem: ProblemStatement, phase: Phase, start: State) -> list[Condition]:
     """Boundary conditions as conditions at the end, with the values at the start substituted."""
 
     def value(placeholder: Placeholder) -> Any:

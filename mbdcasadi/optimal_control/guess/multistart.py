@@ -22,7 +22,7 @@ from ..checks.failure import OptimizationError
 from ..nlp.problem_solver import ProblemSolver
 from ..nlp.setup import PhaseSetup
 from ..nlp.solvers.base import Elsewhere
-from ..nlp.statistics import Start
+from ..nlp.statistics import Attempt
 from ..phase import Phase
 from ..refinement.mesh import Mesh
 from ..solution import Shifted, Solution
@@ -30,7 +30,7 @@ from .guess import Guess, PhaseGuess, guess_at_rest, guess_from_motion, guess_fr
 from .kinematic_guess import STEPS, KinematicPath, has_free_path
 
 #: Reports of the solves from a guess, and the solution or the error in which they ended.
-Outcome = tuple[list[Start], Solution | OptimizationError]
+Outcome = tuple[list[Attempt], Solution | OptimizationError]
 #: Relative difference of costs below which solutions are the same.
 SAME_COST = 1e-6
 
@@ -232,12 +232,11 @@ def _tried(solver: ProblemSolver, guess: Guess, meshes: list[Mesh], warm: bool) 
     for is_warm in (True, False) if warm else (False,):
         result: Solution | OptimizationError
         try:
-            result = solver.solve(meshes, guess, warm=is_warm)
-            cost, s = result.cost, result.statistics
+            result = end = solver.solve(meshes, guess, warm=is_warm)
         except OptimizationError as error:
-            result, cost, s = error, float("nan"), error.partial.statistics
-        description = f"{guess.description}, warm" if is_warm else guess.description
-        reports.append(Start(description, cost, s.iterations, s.status))
+            result, end = error, error.partial
+        report = end.as_attempt(f"{guess.description}, warm" if is_warm else guess.description)
+        reports.append(report if result is end else replace(report, cost=float("nan")))
         if isinstance(result, Solution):
             break
     return reports, result

@@ -13,7 +13,6 @@ from ...errors import ModelError
 from ...model.symbols import Parameter
 from ...numerics.real import real_array
 from ..checks.failure import OptimizationError
-from ..nlp.statistics import ContinuationStep
 from ..problem import OptimalControlProblem
 from ..solution import Solution
 
@@ -76,10 +75,9 @@ def by_continuation(steps: list[dict[Any, float]], solve: Callable[..., Solution
             remaining.insert(0, {key: _between(reached[key], value) for key, value in values.items()})
             continue
         solution, reached = following, remaining.pop(0)
-        s = solution.statistics
         labels = {key.label: value for key, value in reached.items()}
-        done.append(ContinuationStep(labels, solution.cost, s.iterations, s.seconds))
-        solution.statistics = replace(s, steps=list(done))
+        done.append(solution.as_attempt("continuation", values=labels))
+        solution.statistics = replace(solution.statistics, steps=list(done))
     assert solution is not None
     return solution
 

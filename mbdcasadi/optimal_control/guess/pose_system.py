@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -13,9 +12,7 @@ from ...model.symbols import Parameter
 from ...numerics.newton import Equations
 from ..phase import Phase, on_positions
 from ..placeholders import Placeholder, placeholders_in, with_values
-
-if TYPE_CHECKING:
-    from ..problem import OptimalControlProblem
+from ..statement import ProblemStatement
 
 #: Weight of a change of a parameter by its own size, relative to that of a typical step of the heaviest body.
 PARAMETER_WEIGHT = 1e-2
@@ -29,7 +26,7 @@ class PoseSystem:
     `numerics` are the equations of the phases, at the parameters that are given.
     """
 
-    def __init__(self, problem: OptimalControlProblem, numerics: Mapping[Phase, NumericEquations]):
+    def __init__(self, problem: ProblemStatement, numerics: Mapping[Phase, NumericEquations]):
         self._problem, self._numerics = problem, numerics
         self.parameters: tuple[Parameter, ...] = problem.free_parameters
         self.free = ca.SX.sym("f", len(self.parameters))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -272,7 +272,7 @@ class Change:
         return [(symbol, place_of(symbol, theirs)) for symbol in states]
 
 
-def numeric_at(numeric: NumericEquations, values: dict[Parameter, float]) -> NumericEquations:
+def numeric_at(numeric: NumericEquations, values: Mapping[Parameter, float]) -> NumericEquations:
     """Return the equations with other values of some parameters."""
     p = numeric.p.copy()
     for k, symbol in enumerate(numeric.eom.mechanism.parameters):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -27,6 +28,21 @@ from .staged_program import StagedProgram
 
 #: Points at which path limits are held besides stages and mesh points: phase, label, point of the interval.
 Held = tuple[tuple[int, str, float], ...]
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Bounds of the variables and of the rows of a program, scaled."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+    rows_lower: np.ndarray
+    rows_upper: np.ndarray
+
+    @property
+    def of_rows_and_variables(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds, each of the rows and then of the variables."""
+        return np.r_[self.rows_lower, self.lower], np.r_[self.rows_upper, self.upper]
 
 
 class CollocationProgram:
@@ -180,10 +196,8 @@ class CollocationProgram:
         return np.array(sizes)
 
     # --- what enters a solve --------------------------------------------------------------
-    def bounds(
-        self, start: State, meshes: Sequence[Mesh], times: Sequence[np.ndarray]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Limits of the variables, scaled.
+    def bounds(self, start: State, meshes: Sequence[Mesh], times: Sequence[np.ndarray]) -> Bounds:
+        """Bounds of the variables and of the rows.
 
         `start` is the first state if the initial conditions decide it; `times` are those of start, waypoints and end to
         begin with, by phase, s.
@@ -195,7 +209,7 @@ class CollocationProgram:
         impulses = np.full(sum(change.index.size for change in self.changes), np.inf)
         parts = zip(sides, (-impulses, impulses), limits, strict=True)
         lower, upper = (np.concatenate([*side, free, limit]) for side, free, limit in parts)
-        return lower, upper
+        return Bounds(lower, upper, self.lower, np.zeros(self.lower.size))
 
     def data(self, p: Sequence[np.ndarray], meshes: Sequence[Mesh], times: Sequence[np.ndarray]) -> np.ndarray:
         """Parameters of the compiled program: those of the mechanisms by phase, and the intervals.
@@ -216,7 +230,8 @@ class CollocationProgram:
     @cached_property
     def staged(self) -> StagedProgram:
         """The same program in stages."""
-        return StagedProgram(self)
+        intervals = [(phase.number, i) for phase in self.phases for i in range(max(phase.count, 1))]
+        return StagedProgram(self.nlp, [block.copies for block in self.blocks], intervals)
 
     @cached_property
     def rows(self) -> list[Row]:

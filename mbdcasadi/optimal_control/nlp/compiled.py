@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
-
-import casadi as ca
+from typing import Any, TypeVar
 
 from ...model.cache import Cache
 from ...numerics.symbolic import LOCK
 
-if TYPE_CHECKING:
-    from .solvers.base import SolverWatch
+Made = TypeVar("Made")
 
 #: Programs of a problem that are kept: those of the meshes of a refinement, and some more.
 PROGRAMS = 24
@@ -46,7 +43,7 @@ class SolverPool:
     """
 
     def __init__(self) -> None:
-        self._idle: OrderedDict[Hashable, list[tuple[ca.Function, SolverWatch]]] = OrderedDict()
+        self._idle: OrderedDict[Hashable, list[Any]] = OrderedDict()
 
     @property
     def idle(self) -> int:
@@ -55,16 +52,14 @@ class SolverPool:
             return sum(map(len, self._idle.values()))
 
     @contextmanager
-    def lent(
-        self, key: Hashable, make: Callable[[], tuple[ca.Function, SolverWatch]]
-    ) -> Iterator[tuple[ca.Function, SolverWatch]]:
-        """Lend the solver of a key and its callback, made if none is idle; leaving the context returns it."""
+    def lent(self, key: Hashable, make: Callable[[], Made]) -> Iterator[Made]:
+        """Lend the solver of a key, made if none is idle; leaving the context returns it."""
         with LOCK:
             idle = self._idle.setdefault(key, [])
             self._idle.move_to_end(key)
             while len(self._idle) > OPTION_SETS:
                 self._idle.popitem(last=False)
-            solver = idle.pop() if idle else make()
+            solver: Made = idle.pop() if idle else make()
         try:
             yield solver
         finally:

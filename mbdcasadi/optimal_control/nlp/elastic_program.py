@@ -7,9 +7,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from .collocation_program import CollocationProgram
+from .collocation_program import Bounds, CollocationProgram
 from .limit_sides import LimitSides
-from .solvers.base import Bounds
 from .sparse_program import derivatives_for_ipopt
 
 #: Weight of the distance from the guess, which leaves one of many motions without violation.

@@ -42,7 +42,7 @@ class EndConditions:
         self._follows = phase is not problem.phases[0]
         self._ranks = ranks_of(problem, phase, numeric, timed=True)
         self._ranks_at_start = ranks_of(problem, phase, numeric, timed=False)
-        self._prescribed = with_rates(phase.differentiated_path_constraints(problem.free_parameters))
+        self._prescribed = with_rates(problem.differentiated_path_constraints(phase))
         self._few_rows = phase.equations.q.numel() * phase.equations.lam.numel() <= LARGE
         #: conditions that others imply on one branch, with half the width of the window that is left to them; they are
         #: checked in the solution

@@ -7,26 +7,19 @@ they do so most. What is left over is the error of the mesh: the motion passes a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from ...errors import warn
-from ...model.conditions import Condition, stacked
+from ...model.conditions import Condition
+from ..phase_solution import PhaseSolution
+from ..solved_motion import SolvedMotion
+from .limit_excess import POINTS
 
-if TYPE_CHECKING:
-    from ..phase_solution import PhaseSolution
-    from ..solution import Solution
-
-#: Points of an interval at which limits are looked at, both ends included.
-POINTS = 21
 #: Share of its size by which a limit may be passed between the points at which it is held.
 LIMIT_TOLERANCE = 1e-2
-#: Distance from a limit, as a share of its size, within which the polynomials of an interval must come for the motion
-#: itself to be looked at.
-NEAR = 0.3
 #: Largest number of times that points are added.
 ROUNDS = 3
 
@@ -41,7 +34,7 @@ class PassedLimit(NamedTuple):
     time: float
 
 
-def points_to_hold(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> set[tuple[int, str, float]]:
+def points_to_hold(solution: SolvedMotion, tolerance: float = LIMIT_TOLERANCE) -> set[tuple[int, str, float]]:
     """Return phases, labels of limits and points of the intervals at which these should be held besides.
 
     Those at which the polynomials of the solution pass a limit most, by more than a share of its size.
@@ -50,90 +43,30 @@ def points_to_hold(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> se
     for number, part in enumerate(solution.phases):
         if not part.mesh.count:  # a phase of no duration
             continue
-        limits, excess = part.program.limits_at_points, _excess_of_polynomials(part)
+        limits, excess = part.program.limits_at_points, part.excess_of_polynomials
         for limit, values in zip(limits, np.moveaxis(excess, 2, 0), strict=True):
             i, j = np.unravel_index(int(np.argmax(values)), values.shape)
-            if values[i, j] > tolerance * _size(part, limit, part.time_at(int(i), int(j) / (POINTS - 1))):
+            if values[i, j] > tolerance * size_of(part, limit, part.time_at(int(i), int(j) / (POINTS - 1))):
                 points |= {(number, limit.label, tau) for tau in _places(part, limit, values)}
     return points
 
 
-def passed_limits(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> list[PassedLimit]:
+def passed_limits(solution: SolvedMotion, tolerance: float = LIMIT_TOLERANCE) -> list[PassedLimit]:
     """Return the limits that the motion of a solution passes by more than a share of their sizes."""
     passed = []
     for number, part in enumerate(solution.phases):
         for limit, _, times, values in part.excess_of_motion:
             worst = np.unravel_index(int(np.argmax(values)), values.shape)
             time, amount = float(times[worst]), float(values[worst])
-            share = amount / _size(part, limit, time) if amount > 0 else 0.0
+            share = amount / size_of(part, limit, time) if amount > 0 else 0.0
             if share > tolerance:
                 passed.append(PassedLimit(number, limit.label, amount, share, time))
     return passed
 
 
-def shares_by_interval(part: PhaseSolution) -> np.ndarray:
-    """Return the largest shares of their sizes by which limits are passed in each interval (N,)."""
-    shares = np.zeros(part.mesh.count)
-    for limit, intervals, times, values in part.excess_of_motion:
-        most = np.argmax(values, axis=1)[:, None]
-        amounts, at = (np.take_along_axis(x, most, axis=1).ravel() for x in (values, times))
-        passed = [a / _size(part, limit, float(t)) if a > 0 else 0.0 for a, t in zip(amounts, at, strict=True)]
-        shares[intervals] = np.maximum(shares[intervals], passed)
-    return shares
-
-
-def excess_of_motion(part: PhaseSolution) -> Iterator[tuple[Condition, np.ndarray, np.ndarray, np.ndarray]]:
-    """Limits, intervals whose polynomials come near one, times in these, and values there, above zero if passed."""
-    if not part.mesh.count:  # a phase of no duration
-        return
-    limits, excess = part.program.limits_at_points, _excess_of_polynomials(part)
-    sizes = np.array([part.program.condition_sizes[c] for c in limits])
-    near = np.flatnonzero(np.any(~(excess < -NEAR * sizes), axis=(1, 2)))
-    if not near.size:
-        return
-    begin, length = part.mesh_times[near, None], np.diff(part.mesh_times)[near, None]
-    # up to just before the next mesh point, since what jumps there belongs to the interval that ends
-    times = np.minimum(begin + length * np.linspace(0, 1, POINTS), np.nextafter(begin + length, -np.inf))
-    motion = part.trajectory.at(times.ravel())
-    for limit in limits:
-        yield limit, near, *_with_peaks(part, limit, times, motion[limit.expression].reshape(times.shape))
-
-
-def _with_peaks(
-    part: PhaseSolution, limit: Condition, times: np.ndarray, values: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Times and values of a limit (k, POINTS), the largest one of each interval at its peak between the points."""
-    middle = np.clip(np.argmax(values, axis=1), 1, POINTS - 2)
-    rows = np.arange(len(values))
-    before, most, after = (values[rows, middle + shift] for shift in (-1, 0, 1))
-    bend = 2 * most - before - after
-    rows = np.flatnonzero((most >= np.maximum(before, after)) & (bend > 0))
-    if not rows.size:
-        return times, values
-    shift = (after - before)[rows] / (2 * bend[rows])
-    places, steps = middle[rows], times[rows, 1] - times[rows, 0]
-    peaks = times[rows, places] + shift * steps
-    at_peaks = part.trajectory.at(peaks)[limit.expression].ravel()
-    higher = at_peaks > most[rows]
-    times, values = times.copy(), values.copy()
-    times[rows[higher], places[higher]], values[rows[higher], places[higher]] = peaks[higher], at_peaks[higher]
-    return times, values
-
-
-def largest_share(solution: Solution) -> float:
+def largest_share(solution: SolvedMotion) -> float:
     """Return the largest share of its size by which a limit is passed."""
     return max((limit.share for limit in passed_limits(solution, 0.0)), default=0.0)
-
-
-def _excess_of_polynomials(part: PhaseSolution) -> np.ndarray:
-    """Values of the limits by the polynomials of the transcription (N, POINTS, limits), negative if they hold."""
-    program, count = part.program, part.mesh.count
-    limits = program.limits_at_points
-    if not limits:
-        return np.zeros((count, POINTS, 0))
-    k, tau = np.repeat(np.arange(count), POINTS), np.tile(np.linspace(0, 1, POINTS), count)
-    (values,) = part.by_polynomials([stacked(limits)], k, tau)
-    return values.T.reshape(count, POINTS, len(limits))
 
 
 def _places(part: PhaseSolution, limit: Condition, values: np.ndarray) -> set[float]:
@@ -145,8 +78,8 @@ def _places(part: PhaseSolution, limit: Condition, values: np.ndarray) -> set[fl
     return {float(taus[np.argmax(row)]) for row in inside if np.max(row) > most / 2}
 
 
-def _size(part: PhaseSolution, limit: Condition, time: float) -> float:
-    """Size of a limit at a time: the larger of its two sides, or its typical size if one of them is zero by itself."""
+def size_of(part: PhaseSolution, limit: Condition, time: float) -> float:
+    """Return the size of a limit at a time: the larger of its sides, or its typical size if one of them is zero."""
     expression, typical = limit.expression, part.program.condition_sizes[limit]
     if expression.n_dep() != 2 or expression.op() not in (ca.OP_SUB, ca.OP_ADD):
         return typical
@@ -156,7 +89,7 @@ def _size(part: PhaseSolution, limit: Condition, time: float) -> float:
     return float(np.max(np.abs(part.trajectory.at(time)[ca.vertcat(*sides)]))) or typical
 
 
-def warn_of_passed_limits(solution: Solution) -> None:
+def warn_of_passed_limits(solution: SolvedMotion) -> None:
     """Warn of limits that a motion passes between the points at which they are held."""
     for limit in passed_limits(solution):
         warn(

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...model.symbols import Symbol, place_of
-from .collocation_program import CollocationProgram
+from .collocation_program import Bounds, CollocationProgram
 from .phase_program import PhaseProgram
 from .rows import OWN_UNIT
-from .solvers.base import Bounds
 
 
 @dataclass(frozen=True)

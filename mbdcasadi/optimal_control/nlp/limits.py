@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -13,11 +13,9 @@ from ...model.conditions import stacked
 from ...numerics.real import stretches
 from ...results.state import State
 from ..phase import BEYOND_STATES, with_rates
-from .held_limits import POINTS
+from ..solved_motion import SolvedMotion
+from .limit_excess import POINTS
 from .limit_sides import Side, sides_of
-
-if TYPE_CHECKING:
-    from ..solution import Solution
 
 
 @dataclass(frozen=True)
@@ -44,7 +42,7 @@ class ActiveLimit:
         return f"{self.label}: active at {spans}, costate up to {self.costate:.4g}"
 
 
-def label_of(solution: Solution, phase: int, label: str) -> str:
+def label_of(solution: SolvedMotion, phase: int, label: str) -> str:
     """Return the label of a row, with its phase if another one may have the same."""
     everywhere = len(solution.phases) == 1 or phase < 0
     if everywhere or label.startswith(("boundary: ", "initial: ")) or "phase '" in label:
@@ -52,18 +50,18 @@ def label_of(solution: Solution, phase: int, label: str) -> str:
     return f"{label} in phase '{solution.phases[phase].phase.name}'"
 
 
-def _pulls(solution: Solution) -> np.ndarray:
+def _pulls(solution: SolvedMotion) -> np.ndarray:
     """Scaled multipliers of the rows and then of the variables."""
     return np.r_[solution.answer.lam_g, solution.answer.lam_x]
 
 
-def _slacks(solution: Solution) -> Callable[[Side], float]:
+def _slacks(solution: SolvedMotion) -> Callable[[Side], float]:
     """Scaled distances from the bound, by side."""
     values = np.r_[solution.answer.rows, solution.variables / solution.program.scale]
     return lambda side: side.sign * (side.bound - values[side.place])
 
 
-def costates(solution: Solution) -> dict[str, np.ndarray | float]:
+def costates(solution: SolvedMotion) -> dict[str, np.ndarray | float]:
     """Costates by label, see :attr:`Solution.costates`.
 
     Path equalities that prescribe the motion are constraints and have none.
@@ -84,7 +82,7 @@ def costates(solution: Solution) -> dict[str, np.ndarray | float]:
     return result | _of_start(solution)
 
 
-def _of_start(solution: Solution) -> dict[str, float]:
+def _of_start(solution: SolvedMotion) -> dict[str, float]:
     """Costates of initial conditions that decide the whole first state: those of its bounds, led back to them."""
     part = solution.phases[0]
     program, initial = part.program, solution.initial
@@ -107,7 +105,7 @@ def _of_start(solution: Solution) -> dict[str, float]:
     return {f"initial: {c.label}": float(v) for c, v in zip(conditions, pulls[-len(conditions) :], strict=True)}
 
 
-def activity(solution: Solution, slack: float = 0.0, *, inside: bool = False) -> dict[tuple[int, str], np.ndarray]:
+def activity(solution: SolvedMotion, slack: float = 0.0, *, inside: bool = False) -> dict[tuple[int, str], np.ndarray]:
     """Shares of the points of each interval at which a limit is active (N,), by phase and label.
 
     A limit is active if its multiplier outweighs its slack, both scaled, or if the slack is below `slack`. With
@@ -132,8 +130,8 @@ def activity(solution: Solution, slack: float = 0.0, *, inside: bool = False) ->
     return {key: active / np.maximum(seen, 1) for key, (active, seen) in counts.items()}
 
 
-def active_limits(solution: Solution) -> list[ActiveLimit]:
-    """Limits that are active, the costliest first, by phase."""
+def active_limits(solution: SolvedMotion, costates: Mapping[str, np.ndarray | float]) -> list[ActiveLimit]:
+    """Limits that are active, the costliest first, by phase; `costates` as :func:`costates` returns them."""
     pulls, slack_of, limits = _pulls(solution), _slacks(solution), []
     for side in sides_of(solution.program):
         if not side.repeated and not side.equality and side.sign * pulls[side.place] > slack_of(side):
@@ -141,17 +139,17 @@ def active_limits(solution: Solution) -> list[ActiveLimit]:
                 label_of(solution, side.phase, side.label),
                 solution.phases[side.phase].time_at(side.intervals[0], side.tau),
             )
-            limits.append(ActiveLimit(label, ((time, time),), float(solution.costates[label])))
+            limits.append(ActiveLimit(label, ((time, time),), float(costates[label])))
     for (phase, own), shares in activity(solution).items():
         if np.any(shares):
             label = label_of(solution, phase, own)
             times = solution.phases[phase].mesh_times
             spans = tuple((float(times[run.start]), float(times[run.stop])) for run in stretches(shares > 0))
-            limits.append(ActiveLimit(label, spans, float(np.max(solution.costates[label]))))
+            limits.append(ActiveLimit(label, spans, float(np.max(costates[label]))))
     return sorted([*limits, *_global_limits(solution)], key=lambda limit: -limit.costate)
 
 
-def _global_limits(solution: Solution) -> list[ActiveLimit]:
+def _global_limits(solution: SolvedMotion) -> list[ActiveLimit]:
     """Bounds of free parameters, of the duration and of the times of waypoints that are touched."""
     program, limits = solution.program, []
     bounded = [
@@ -173,7 +171,7 @@ def _global_limits(solution: Solution) -> list[ActiveLimit]:
     return limits
 
 
-def limit_excess(solution: Solution) -> dict[str, float]:
+def limit_excess(solution: SolvedMotion) -> dict[str, float]:
     """Amounts by which limits are passed between the points at which they are held, by label."""
     excess: dict[str, float] = {}
     for part in solution.phases:

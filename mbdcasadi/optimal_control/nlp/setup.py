@@ -27,8 +27,6 @@ from ..transcription.constraints import MotionConstraints
 from ..transcription.controls import CONTROLS, input_basis
 from .end_conditions import EndConditions
 from .scaling import scales_of
-from .solvers import SOLVERS
-from .solvers.base import Elsewhere, NLPSolver
 
 
 @dataclass(frozen=True)
@@ -64,13 +62,7 @@ class Settings:
         chosen = {} if options is None else options
         if not isinstance(chosen, dict) or not all(isinstance(name, str) for name in chosen):
             raise ModelError(f"optimize: options takes a dict such as {{'ipopt.max_iter': 500}}, got {options!r}")
-        if solver not in list(SOLVERS):
-            raise ModelError(f"optimize: solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
         return cls(scheme, control, dict(chosen), shown, transcription, solver)
-
-    def make_solver(self, elsewhere: Elsewhere | None = None) -> NLPSolver:
-        """Return the solver of programs, which runs on an executor if one is given."""
-        return SOLVERS[self.solver](self.options, self.progress, elsewhere)
 
 
 def _scheme(transcription: Any, degree: Any) -> Transcription:
@@ -149,7 +141,7 @@ class PhaseSetup:
     ) -> Transcription:
         curved = not self.ends.are_singular()
         eom = reduced_equations(self.phase.equations, curved=curved, angles=settings.angles)
-        path_constraints = self.phase.differentiated_path_constraints(problem.free_parameters)
+        path_constraints = problem.differentiated_path_constraints(self.phase)
         constraints = MotionConstraints(eom, self.numeric.p, self._independent_rows(eom), path_constraints)
         # an input that drives a first-order state could else move it unseen: by a polynomial that is zero at all stages
         drives = bool(eom.u.numel()) and bool(ca.depends_on(eom.z_rate, eom.u))

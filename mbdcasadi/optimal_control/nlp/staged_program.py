@@ -8,8 +8,9 @@ transcription has this structure, and multipliers mean the same as in the progra
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -17,17 +18,27 @@ import numpy as np
 from ...numerics.lazy import cached_property
 from .sparse_program import MappedBlock, SparseProgram
 
-if TYPE_CHECKING:
-    from .collocation_program import CollocationProgram
+#: Phase and interval of the mesh.
+Interval = tuple[int, int]
 
 
 class StagedProgram:
-    """A program whose variables and rows are ordered by stage."""
+    """A program whose variables and rows are ordered by stage.
 
-    def __init__(self, program: CollocationProgram):
-        pieces = program.nlp.pieces
+    `copies` are the intervals that each copy of the pieces sees, `intervals` those of all phases in turn.
+    """
+
+    def __init__(
+        self,
+        program: SparseProgram,
+        copies: Sequence[Sequence[tuple[Interval, ...]]],
+        intervals: Sequence[Interval],
+    ):
+        pieces = program.pieces
         seen = [_seen(piece) for piece in pieces]
-        homes = _homes(program, seen)
+        stage = {interval: k for k, interval in enumerate(intervals)}
+        last_stages = [np.array([max((stage[i] for i in copy), default=-1) for copy in of]) for of in copies]
+        homes = _homes(program, seen, last_stages)
         count = 1 + max(int(home.max()) for home in homes)
         first, last = _spans(program.size, pieces, seen, homes)
         stages = np.arange(count)[:, None]
@@ -47,7 +58,7 @@ class StagedProgram:
             index = self._as_input[piece.index]
             index[rows] = places[home, piece.index[rows]]
             moved.append(replace(piece, index=index))
-        self._nlp = SparseProgram(self.size, moved, program.nlp.parameters)
+        self._nlp = SparseProgram(self.size, moved, program.parameters)
         arrives, variable = np.nonzero(is_state)
         self._gaps = _differences(places[arrives, variable], places[arrives - 1, variable], self.size)
         home = np.concatenate([np.repeat(home, piece.rows.numel()) for home, piece in zip(homes, pieces, strict=True)])
@@ -129,14 +140,10 @@ def _seen(piece: MappedBlock) -> np.ndarray:
     return np.unique(np.array(pattern.get_triplet()[1], int))
 
 
-def _homes(program: CollocationProgram, seen: list[np.ndarray]) -> list[np.ndarray]:
-    """Stage of each copy of the pieces: the last interval that it sees, or that in which its last variable appears."""
-    intervals = [(phase.number, i) for phase in program.phases for i in range(max(phase.count, 1))]
-    stage = {interval: k for k, interval in enumerate(intervals)}
-    homes = [np.array([max((stage[i] for i in copy), default=-1) for copy in b.copies]) for b in program.blocks]
-    pieces = program.nlp.pieces
-    first, _ = _spans(program.size, pieces, seen, homes)
-    for piece, rows, home in zip(pieces, seen, homes, strict=True):
+def _homes(program: SparseProgram, seen: list[np.ndarray], homes: list[np.ndarray]) -> list[np.ndarray]:
+    """Stages of the copies, by piece; those that are -1 are the ones in which the last variable of the copy appears."""
+    first, _ = _spans(program.size, program.pieces, seen, homes)
+    for piece, rows, home in zip(program.pieces, seen, homes, strict=True):
         for k in np.flatnonzero(home < 0):
             home[k] = first[piece.index[rows, k]].max()
     return homes

@@ -45,7 +45,7 @@ def first_state(
         conditions = [c for c in conditions if not contains_any(c.expression, extra)]
     else:
         conditions = with_parameters(conditions, extra, poses.values)
-    prescribed = with_rates(phase.differentiated_path_constraints(problem.free_parameters))
+    prescribed = with_rates(problem.differentiated_path_constraints(phase))
     z = phase.equations.estimate[2]
     state = state_by_linear_conditions(numeric, [*conditions, *prescribed], 0.0, z)
     if state is not None:
@@ -75,7 +75,7 @@ def check_start(problem: OptimalControlProblem, phase: Phase, numeric: NumericEq
                 f"the initial state meets the constraints at one value of the free parameter '{parameter.label}' "
                 "alone; state conditions in its place"
             )
-    for condition in with_rates(phase.differentiated_path_constraints(problem.free_parameters)):
+    for condition in with_rates(problem.differentiated_path_constraints(phase)):
         amount = float(start[condition.expression])
         if abs(amount) > START_TOLERANCE:
             raise ConditionError(f"the initial state does not meet {condition.label}: it is off by {amount:.3g}")

@@ -2,100 +2,49 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 
 @dataclass(frozen=True)
-class Start:
-    """One of several starts.
-
-    Attributes
-    ----------
-    guess : str
-        Origin of the guess.
-    cost : float
-        Minimum that it led to; nan if it did not lead to one.
-    iterations : int
-        Iterations of the solver.
-    status : str
-        Message of the solver.
-    """
-
-    guess: str
-    cost: float
-    iterations: int
-    status: str
-
-
-@dataclass(frozen=True)
-class Pass:
-    """One mesh of a refinement.
-
-    Attributes
-    ----------
-    intervals : int
-        Number of intervals.
-    error : float
-        Largest local error of an interval, as :attr:`Solution.mesh_error`.
-    cost : float
-        Minimum on this mesh.
-    iterations : int
-        Iterations of the solver.
-    seconds : float
-        Time of building and solving, s.
-    """
-
-    intervals: int
-    error: float
-    cost: float
-    iterations: int
-    seconds: float
-
-
-@dataclass(frozen=True)
-class ContinuationStep:
-    """One step of a continuation.
-
-    Attributes
-    ----------
-    values : dict of str to float
-        Parameter, by name, to its value.
-    cost : float
-        Minimum there.
-    iterations : int
-        Iterations of the solver.
-    seconds : float
-        Time of building and solving, s.
-    """
-
-    values: dict[str, float]
-    cost: float
-    iterations: int
-    seconds: float
-
-
-@dataclass(frozen=True)
-class Stage:
-    """One stage of a search that went on after a solve had failed.
+class Attempt:
+    """One solve on the way to a solution: from a start, on a mesh, at parameter values, or with other limits.
 
     Attributes
     ----------
     description : str
-        Limits that were kept, or what was minimised.
+        Origin of the guess, and what was solved if not the problem itself: limits that were kept, what was minimised.
+    cost : float
+        Cost at its end; nan for a start that did not lead to a solution.
     iterations : int
         Iterations of the solver.
     status : str
         Message of the solver.
     seconds : float
         Time of building and solving, s.
+    intervals : int
+        Number of intervals of the mesh.
+    error : float or None
+        On a mesh of a refinement: largest local error of an interval, as :attr:`Solution.mesh_error`.
+    values : dict of str to float
+        In a step of a continuation: parameter, by name, to its value.
     """
 
     description: str
+    cost: float
     iterations: int
     status: str
     seconds: float
+    intervals: int
+    error: float | None = None
+    values: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def guess(self) -> str:
+        """Former name of :attr:`description`."""
+        return self.description
 
 
 @dataclass(frozen=True)
@@ -112,13 +61,13 @@ class SolveStatistics:
         Time of building and solving, and of building alone, s.
     variables, rows : int
         Size of the program.
-    starts : list of Start
+    starts : list of Attempt
         Results of the starts if there were several.
-    passes : list of Pass
+    passes : list of Attempt
         Meshes of the refinement.
-    steps : list of ContinuationStep
+    steps : list of Attempt
         Values of a continuation, including those inserted in between.
-    stages : list of Stage
+    stages : list of Attempt
         Stages of a search with limits that close in, if the solver failed at first, and runs of fatrop that failed.
     solver : {"ipopt", "fatrop"}
         Solver that found the solution.
@@ -130,10 +79,10 @@ class SolveStatistics:
     build_seconds: float
     variables: int
     rows: int
-    starts: list[Start] = field(default_factory=list)
-    passes: list[Pass] = field(default_factory=list)
-    steps: list[ContinuationStep] = field(default_factory=list)
-    stages: list[Stage] = field(default_factory=list)
+    starts: list[Attempt] = field(default_factory=list)
+    passes: list[Attempt] = field(default_factory=list)
+    steps: list[Attempt] = field(default_factory=list)
+    stages: list[Attempt] = field(default_factory=list)
     solver: str = "ipopt"
 
     def after(self, first: SolveStatistics) -> SolveStatistics:
@@ -141,9 +90,20 @@ class SolveStatistics:
         return replace(
             self,
             iterations=first.iterations + self.iterations,
-            starts=first.starts,
             seconds=first.seconds + self.seconds,
             build_seconds=first.build_seconds + self.build_seconds,
+            starts=first.starts,
+            stages=[*first.stages, *self.stages],
+        )
+
+    def at_end_of(self, attempts: Sequence[Attempt], first: SolveStatistics) -> SolveStatistics:
+        """Return the statistics of a search that began with the `first` solve: `attempts` are all that it took."""
+        return replace(
+            self,
+            iterations=sum(attempt.iterations for attempt in attempts),
+            seconds=sum(attempt.seconds for attempt in attempts),
+            starts=first.starts,
+            stages=[*first.stages, *attempts],
         )
 
 

@@ -8,15 +8,12 @@ an interval with a kink, whose neighbours it leads astray, agrees with one of th
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ...numerics.real import stretches
 from ..nlp.scaling import SMALLEST_SHARE
-
-if TYPE_CHECKING:
-    from ..phase_solution import PhaseSolution
+from ..phase_solution import PhaseSolution
+from .measure import Measure
 
 #: Points of an interval at which the product of the distances is looked at, both ends included.
 POINTS = 41
@@ -36,7 +33,7 @@ def input_errors(part: PhaseSolution, *, worse: bool = False) -> np.ndarray:
     neighbours, if the inputs are no constants.
     """
     basis, count = part.program.scheme.inputs, part.mesh.count
-    courses = part.polynomials.inputs if count else {}  # an instant has none
+    courses = part.polynomials.inputs
     lengths = np.diff(part.mesh_times)
     if basis.name != "polynomial" or not courses:
         return np.zeros((count, len(courses)))
@@ -64,24 +61,44 @@ def input_errors(part: PhaseSolution, *, worse: bool = False) -> np.ndarray:
     return errors_at / sizes * (CONTINUOUS if basis.joined else 1.0)
 
 
-def input_order(part: PhaseSolution) -> int:
-    """Return the power of the length of an interval with which the errors of its inputs go: its own values."""
-    return max(len(part.program.scheme.inputs.inner) + part.program.scheme.inputs.joined, 1)
-
-
-def unresolved_inputs(part: PhaseSolution, tolerance: float) -> np.ndarray:
-    """Return the errors of the inputs by interval (N,), zero if they meet a tolerance.
+class UnresolvedInputs(Measure):
+    """Errors of the inputs, zero if they meet the tolerance.
 
     Those that are above it on a stretch so short that it may enclose a switch, see :mod:`switches`, meet it too.
     """
-    unresolved, lengths = np.zeros(part.mesh.count), np.diff(part.mesh_times)
-    shortest = np.sqrt(tolerance)
-    for worse, share in ((False, shortest), (True, max(shortest, KINK_SHARE))):
-        errors = np.max(input_errors(part, worse=worse), axis=1, initial=0.0)
-        for run in stretches(errors > tolerance):
-            if np.sum(lengths[run]) > part.duration * share:
-                unresolved[run] = np.maximum(unresolved[run], errors[run])
-    return unresolved
+
+    def of(self, part: PhaseSolution) -> np.ndarray:
+        """Largest error of an input in each interval of a phase (N,)."""
+        unresolved, lengths = np.zeros(part.mesh.count), np.diff(part.mesh_times)
+        shortest = np.sqrt(self.tolerance)
+        for worse, share in ((False, shortest), (True, max(shortest, KINK_SHARE))):
+            errors = np.max(input_errors(part, worse=worse), axis=1, initial=0.0)
+            for run in stretches(errors > self.tolerance):
+                if np.sum(lengths[run]) > part.duration * share:
+                    unresolved[run] = np.maximum(unresolved[run], errors[run])
+        return unresolved
+
+    def order(self, part: PhaseSolution) -> int:
+        """Number of values of an input that belong to an interval."""
+        return max(len(part.program.scheme.inputs.inner) + part.program.scheme.inputs.joined, 1)
+
+    def sentences(self) -> list[str]:
+        """The largest error, with its time."""
+        if not self.largest:
+            return []
+        part, k = self.worst
+        time = part.mesh_times[k]
+        return [f"the inputs, which are off by about {self.largest:.2g} of their sizes at t = {time:.6g} s"]
+
+    @property
+    def spread(self) -> float:
+        """Largest error of a stretch times its length."""
+        areas = (
+            float(np.max(errors[run]) * np.sum(np.diff(part.mesh_times)[run]))
+            for part, errors in zip(self.solution.phases, self.errors, strict=True)
+            for run in stretches(errors > 0)
+        )
+        return max(areas, default=0.0)
 
 
 def _product(points: np.ndarray, taus: np.ndarray) -> np.ndarray:

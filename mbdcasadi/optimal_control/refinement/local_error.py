@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-from functools import partial
-from typing import TYPE_CHECKING
-
-import casadi as ca
 import numpy as np
 
-from ...equations.numeric import NumericEquations
-from ...equations.recovery import Recovery
 from ...errors import warn
 from ...numerics.collocation import gauss
-from ...numerics.console import call
+from ..phase_solution import PhaseSolution
+from ..solved_motion import SolvedMotion
+from .measure import Measure
 from .singularity import close_to_singular
-
-if TYPE_CHECKING:
-    from ..phase_solution import PhaseSolution
-    from ..solution import Solution
 
 #: Local error of an interval, in rad or sizes of the mechanism, velocities times the duration, from which the mesh
 #: counts as coarse. At 0.02 the swing-up of a cart-pole ends 0.1 off when its force is replayed, at 0.001 0.007 off.
@@ -27,15 +19,84 @@ COARSE_ERROR = 0.01
 COARSE_STATE_ERROR = 0.05
 #: Error inside the intervals below which the mesh counts as fine without an integration.
 FINE_ERROR = COARSE_ERROR / 3
-#: Tolerance of the integration against which an interval is measured.
-INTEGRATION_TOLERANCE = 1e-11
 
 
-def warn_of_coarse_mesh(solution: Solution) -> None:
+class LocalErrors(Measure):
+    """Largest differences at the ends of the intervals: q (m, rad), v by the duration, states by their ranges."""
+
+    def of(self, part: PhaseSolution) -> np.ndarray:
+        """Errors of the intervals of a phase (N,)."""
+        return part.scaled_errors
+
+    def order(self, part: PhaseSolution) -> int:
+        """One more than that of the scheme."""
+        return part.program.scheme.order + 1
+
+    def sentences(self) -> list[str]:
+        """The largest of all."""
+        return [f"the local error is still {self.largest:.2g}"] if not self.largest <= self.tolerance else []
+
+
+class Coarseness(Measure):
+    """Errors by which a mesh is no approximation of the motion, see :func:`coarseness`."""
+
+    #: foreseen to be well below
+    margin = 4.0
+
+    def __init__(self, solution: SolvedMotion):
+        super().__init__(solution, COARSE_ERROR)
+
+    def of(self, part: PhaseSolution) -> np.ndarray:
+        """Errors of the intervals of a phase (N,)."""
+        return coarseness(part)
+
+    def order(self, part: PhaseSolution) -> int:
+        """That of the scheme, one less than of a smooth error, which the steps of projection are not."""
+        return part.program.scheme.order
+
+    def sentences(self) -> list[str]:
+        """The coarsest interval of each phase, and a remedy."""
+        pairs = zip(self.solution.phases, self.errors, strict=True)
+        return [coarse_mesh(part, errors) for part, errors in pairs if np.max(errors, initial=0.0) > COARSE_ERROR]
+
+
+class StateCoarseness(Coarseness):
+    """Errors of first-order states by which a mesh is no approximation of these.
+
+    An even share of the sum that is allowed counts as much as :data:`COARSE_ERROR`; zero if no sum is above it.
+    """
+
+    def of(self, part: PhaseSolution) -> np.ndarray:
+        """Errors of the intervals of a phase (N,)."""
+        if not part.phase.mechanism.states:
+            return np.zeros(part.mesh.count)
+        try:
+            errors = part.state_errors
+        except RuntimeError:  # the integrator did not get to the end of an interval
+            return np.full(part.mesh.count, np.inf)
+        coarse = errors[:, ~(np.sum(errors, axis=0) <= COARSE_STATE_ERROR)]
+        share = np.max(coarse, axis=1, initial=0.0) * part.mesh.count / COARSE_STATE_ERROR
+        return COARSE_ERROR * share
+
+    def sentences(self) -> list[str]:
+        """States whose errors, added up as those of a meter do, count beside their ranges, and a remedy."""
+        pairs = zip(self.solution.phases, self.errors, strict=True)
+        return [
+            f"the mesh of {part.mesh.count} intervals is too coarse for the state '{state.label}': the intervals, "
+            f"integrated again, end off by {error:.2g} of its range in all; take more intervals=, or tolerance= for a "
+            "mesh that is refined"
+            for part, errors in pairs
+            if np.any(errors) and np.all(np.isfinite(errors))
+            for state, error in zip(part.phase.mechanism.states, np.sum(part.state_errors, axis=0), strict=True)
+            if error > COARSE_STATE_ERROR
+        ]
+
+
+def warn_of_coarse_mesh(solution: SolvedMotion) -> None:
     """Warn if an interval, integrated again from its own mesh point, ends far from the next one."""
-    for part in solution.phases:
-        if part.mesh.count:
-            _warn_of_coarse_phase(part)
+    for measure in (StateCoarseness(solution), Coarseness(solution)):
+        for sentence in measure.sentences():
+            warn(sentence)
 
 
 def coarseness(part: PhaseSolution) -> np.ndarray:
@@ -43,8 +104,6 @@ def coarseness(part: PhaseSolution) -> np.ndarray:
 
     Zero if they are certainly small, infinite if an interval cannot be integrated again.
     """
-    if not part.mesh.count:  # a phase of no duration
-        return np.zeros(0)
     sizes = np.r_[part.program.scales.q, part.program.scales.q / part.duration]
     steps = projection_steps(part) / sizes
     fine = max(np.max(inner_errors(part) / sizes), np.max(steps)) <= FINE_ERROR  # nan is not
@@ -55,30 +114,6 @@ def coarseness(part: PhaseSolution) -> np.ndarray:
     except RuntimeError:  # the integrator did not get to the end of an interval
         return np.full(part.mesh.count, np.inf)
     return errors
-
-
-def state_coarseness(part: PhaseSolution) -> np.ndarray:
-    """Errors of the intervals in first-order states, relative to :data:`COARSE_ERROR` as those of :func:`coarseness`.
-
-    An even share of the sum that is allowed counts as much as that error; zero if no sum is above it.
-    """
-    if not part.mesh.count or not part.phase.mechanism.states:
-        return np.zeros(part.mesh.count)
-    try:
-        errors = state_errors(part)
-    except RuntimeError:  # the integrator did not get to the end of an interval
-        return np.full(part.mesh.count, np.inf)
-    coarse = errors[:, ~(np.sum(errors, axis=0) <= COARSE_STATE_ERROR)]
-    share = np.max(coarse, axis=1, initial=0.0) * part.mesh.count / COARSE_STATE_ERROR
-    return COARSE_ERROR * share
-
-
-def _warn_of_coarse_phase(part: PhaseSolution) -> None:
-    errors = coarseness(part)
-    if part.phase.mechanism.states and np.all(np.isfinite(errors)):
-        _warn_of_states(part)
-    if np.max(errors) > COARSE_ERROR:
-        warn(coarse_mesh(part, errors))
 
 
 def coarse_mesh(part: PhaseSolution, errors: np.ndarray) -> str:
@@ -93,23 +128,6 @@ def coarse_mesh(part: PhaseSolution, errors: np.ndarray) -> str:
         f"in radians or sizes of the mechanism, velocities times the duration{more}); take more intervals=, or "
         f"tolerance= for a mesh that is refined{close_to_singular(part, worst)}"
     )
-
-
-def _warn_of_states(part: PhaseSolution) -> None:
-    """Warn if the errors of a first-order state, added up as those of a meter do, count beside its range."""
-    sums = np.sum(state_errors(part), axis=0)
-    for state, error in zip(part.phase.mechanism.states, sums, strict=True):
-        if error > COARSE_STATE_ERROR:
-            warn(
-                f"the mesh of {part.mesh.count} intervals is too coarse for the state '{state.label}': the "
-                f"intervals, integrated again, end off by {error:.2g} of its range in all; take more intervals=, or "
-                "tolerance= for a mesh that is refined"
-            )
-
-
-def state_errors(part: PhaseSolution) -> np.ndarray:
-    """Differences of the first-order states at the ends of the intervals, as shares of their ranges (N, k)."""
-    return part.end_errors[:, 2 * part.phase.equations.q.numel() :] / part.state_ranges
 
 
 def projection_steps(part: PhaseSolution) -> np.ndarray:
@@ -139,70 +157,3 @@ def inner_errors(part: PhaseSolution) -> np.ndarray:
     h = np.diff(part.mesh_times)[:, None]
     errors = [np.max(np.abs(np.einsum("js,ijn->isn", w, differences)), axis=1) for w in (twice, once)]
     return np.hstack([h**2 * errors[0], h * errors[1]])
-
-
-def end_errors(part: PhaseSolution) -> np.ndarray:
-    """Differences of q, v and z at the ends of all intervals, by integration and as the mesh has them (N, 2 n + k)."""
-    numeric, count = part.numeric, part.mesh.count
-    eom = numeric.eom
-    n = eom.q.numel()
-    pieces = [piece.coefficients for piece in part.polynomials.inputs.values()]
-    coefficients = np.stack(pieces, axis=2) if pieces else np.zeros((count, 1, 0))  # (N, d, n_u)
-    degree, inputs = coefficients.shape[1:]
-    parameters = np.vstack(
-        [
-            part.mesh_times[:-1],
-            np.diff(part.mesh_times),
-            np.tile(numeric.p[:, None], (1, count)),
-            coefficients.transpose(2, 1, 0).reshape(degree * inputs, count),
-        ]
-    )
-    starts = part.mesh_states[:-1, : 2 * n + eom.z.numel()]
-    redundant = part.redundant
-    key = ("interval", degree, redundant, numeric.light_key)
-    integrator = eom.mechanism.cache.get_or_create(key, lambda: _integrator(numeric, degree, redundant=redundant))
-    reached = call(partial(integrator.map(count), x0=starts.T, p=parameters))["xf"].full().T
-    recovery = Recovery(numeric, redundant=redundant)
-    times = part.mesh_times[1:]
-    q = recovery.positions(times, reached[:, :n])
-    v = recovery.velocities(times, q, reached[:, n : 2 * n])
-    return np.abs(np.hstack([q, v, reached[:, 2 * n :]]) - part.mesh_states[1:])
-
-
-def _integrator(numeric: NumericEquations, degree: int, *, redundant: bool) -> ca.Function:
-    """``(x0, (start, length, p, coefficients of the inputs)) -> xf`` over one interval."""
-    eom = numeric.eom
-    tau, start, length = ca.SX.sym("s"), ca.SX.sym("t0"), ca.SX.sym("h")
-    c = ca.SX.sym("c", degree * eom.u.numel())
-    since = length * tau
-    u = ca.vertcat(
-        ca.SX(0, 1),
-        *[sum((c[k * degree + j] * since**j for j in range(degree)), ca.SX(0)) for k in range(eom.u.numel())],
-    )
-    t = start + since
-    a, lam = numeric.forward_dynamics(redundant=redundant)(t, eom.q, eom.v, eom.z, u, eom.p)
-    rate = ca.Function("rate", [*eom.symbols], [eom.z_rate])(t, eom.q, eom.v, a, eom.z, lam, u, eom.p)
-    system = {
-        "t": tau,
-        "x": ca.vertcat(eom.q, eom.v, eom.z),
-        "p": ca.vertcat(start, length, eom.p, c),
-        "ode": length * ca.vertcat(eom.v, a, rate),
-    }
-    options = {"reltol": INTEGRATION_TOLERANCE, "abstol": INTEGRATION_TOLERANCE, "max_num_steps": 100_000}
-    return ca.integrator("interval", "erk", system, 0.0, 1.0, options)
-
-
-def local_errors(part: PhaseSolution) -> np.ndarray:
-    """Largest difference in displacements (m) and angles (rad) by interval (N, 2)."""
-    errors = part.end_errors[:, : part.phase.equations.q.numel()]
-    angles = part.program.scales.angles
-    return np.column_stack([np.max(errors[:, ~angles], axis=1), np.max(errors[:, angles], axis=1)])
-
-
-def scaled_errors(part: PhaseSolution) -> np.ndarray:
-    """Largest difference by interval: coordinates, velocities times the duration, states by their ranges (N,)."""
-    if not part.mesh.count:
-        return np.zeros(0)
-    n = part.phase.equations.q.numel()
-    errors = np.max(part.end_errors[:, : 2 * n] * np.repeat([1.0, part.duration], n), axis=1)
-    return np.maximum(errors, np.max(state_errors(part), axis=1)) if part.phase.mechanism.states else errors

@@ -140,3 +140,8 @@ class Mesh:
         """Return the mesh with further mesh points that move; start, waypoints and end do not."""
         fixed = {0, *self.waypoints.tolist(), self.count}
         return replace(self, moving=tuple(sorted({*self.moving, *points} - fixed)))
+
+
+def interval_count(meshes: Iterable[Mesh]) -> int:
+    """Return the number of intervals of meshes of several phases."""
+    return sum(mesh.count for mesh in meshes)

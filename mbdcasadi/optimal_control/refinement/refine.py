@@ -2,41 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...errors import warn
 from ...numerics.console import interruptible
-from ...numerics.real import stretches
 from ..checks.failure import OptimizationError
-from ..guess.guess import Guess
-from ..nlp.held_limits import passed_limits, shares_by_interval
 from ..nlp.problem_solver import ProblemSolver
-from ..nlp.statistics import Pass
+from ..nlp.statistics import Attempt
 from ..solution import Solution
-from .input_error import input_order, unresolved_inputs
-from .local_error import COARSE_ERROR, coarseness, scaled_errors, state_coarseness
-from .mesh import Mesh
-from .singularity import close_to_singular
-from .switches import unresolved_switches
+from .input_error import UnresolvedInputs
+from .limit_error import PassedLimits
+from .local_error import LocalErrors
+from .measure import Measure, pieces_of, split
+from .mesh import Mesh, interval_count
+from .switches import UnresolvedSwitches
 
-if TYPE_CHECKING:
-    from ..phase_solution import PhaseSolution
-
-#: Largest number of passes, of pieces into which an interval is split, and of intervals of a mesh.
-PASSES, PIECES, INTERVALS = 12, 6, 2000
+#: What is measured on a solution with small local errors.
+MEASURES: tuple[type[Measure], ...] = (UnresolvedSwitches, PassedLimits, UnresolvedInputs)
+#: Largest number of passes, and of intervals of a mesh.
+PASSES, INTERVALS = 12, 2000
 #: Passes in which mesh points around switches move; after these their intervals are split.
 MOVES = 3
-#: Largest number of passes for a mesh that is too coarse, if no tolerance is asked for, and of intervals of a mesh that
-#: is halved for it.
-COARSE_PASSES, HALVED_INTERVALS = 4, 200
-#: Local error, in rad or sizes of the mechanism, velocities times the duration, from which a solution is no motion, and
-#: largest number of meshes, each twice as fine, on which it is then solved again from its guess.
-LOST_ERROR, FRESH_PASSES = 3.0, 2
 #: Tolerance of the solver, by which it relaxes limits and may miss the least cost, both scaled.
 SOLVER_TOLERANCE = 1e-8
 #: Share of the tolerance below which the error of two merged intervals must be foreseen.
@@ -71,12 +60,14 @@ class _Refinement:
 
     def __init__(self, solver: ProblemSolver, solution: Solution, tolerance: float):
         self.solver, self.solution, self.tolerance = solver, solution, tolerance
-        self.passes: list[Pass] = []
+        self.passes: list[Attempt] = []
+        #: largest local error of each of them
+        self.history: list[float] = []
         self.merging, self.moves = True, MOVES
         #: True if the last pass had more mesh points for switches, or more that move
         self.resolves = False
-        #: largest errors of the inputs times their stretches, before the last pass that split intervals for these
-        self.unresolved = np.inf
+        #: largest errors times their stretches, before the last pass that split intervals for these
+        self.spread = np.inf
         #: the last solution with small local errors, and what it does not meet
         self.reached: tuple[Solution, str] | None = None
         solver.limit_tolerance = tolerance
@@ -92,8 +83,8 @@ class _Refinement:
             if meshes is None:
                 reason = "the errors do not fall any further"
                 break
-            if _count(meshes) > INTERVALS:
-                reason = f"the next mesh would have {_count(meshes)} intervals"
+            if interval_count(meshes) > INTERVALS:
+                reason = f"the next mesh would have {interval_count(meshes)} intervals"
                 break
             if not self._solve(meshes):
                 reason = "the solver fails on the next mesh"
@@ -102,74 +93,53 @@ class _Refinement:
 
     def _measure(self) -> None:
         """Errors of the intervals of the last solution, and its entry in the table of passes."""
-        solution, s = self.solution, self.solution.statistics
-        self.errors = _errors(solution)
-        self.error = float(np.max(np.concatenate(self.errors)))
-        self.passes.append(Pass(_count(solution.meshes), self.error, solution.cost, s.iterations, s.seconds))
-        solution.statistics = replace(s, passes=list(self.passes))
+        solution = self.solution
+        self.local = _local_errors(solution, self.tolerance)
+        self.error = self.local.largest
+        self.history.append(self.error)
+        self.passes.append(solution.as_attempt("refinement", error=self.error))
+        solution.statistics = replace(solution.statistics, passes=list(self.passes))
 
     def _missed(self) -> str:
         """Demands that a solution with small local errors does not meet, in words; nothing if it meets all."""
-        solution, tolerance = self.solution, self.tolerance
-        self.switches = unresolved_switches(solution, tolerance)
-        self.shares = [shares_by_interval(part) for part in solution.phases]
-        missed = [f"the limits that change at t = {switch.time:.6g} s" for of in self.switches for switch in of][:1]
-        if self.resolves and self._is_settled():
-            missed = []  # what was done about them did not change the cost
-        passed = passed_limits(solution, self.solver.limit_tolerance)[:1]
-        missed += [f"the limit {x.label}, which is passed by {x.amount:.3g} at t = {x.time:.6g} s" for x in passed]
-        self.input_errors = [unresolved_inputs(part, tolerance) for part in solution.phases]
-        worst = max(zip(solution.phases, self.input_errors, strict=True), key=lambda of: np.max(of[1], initial=0.0))
-        if np.any(worst[1]):
-            k = int(np.argmax(worst[1]))
-            missed.append(
-                f"the inputs, which are off by about {worst[1][k]:.2g} of their sizes at t = "
-                f"{worst[0].mesh_times[k]:.6g} s"
-            )
-        self.reached = solution, " and ".join(missed)
+        self.measures = [measure(self.solution, self.tolerance) for measure in MEASURES]
+        # what mesh points that move did not resolve counts no more once the cost does not change
+        done = self.resolves and self._is_settled()
+        missed = [m.sentences()[:1] for m in self.measures if not (done and any(m.moving))]
+        self.reached = self.solution, " and ".join(text for one in missed for text in one)
         return self.reached[1]
 
     def _meshes(self) -> list[Mesh] | None:
         """Meshes of the next pass; None if there is none that is better."""
-        meshes, order = self.solution.meshes, self.solution.phases[0].program.scheme.order
-        if self.error > self.tolerance:
-            before = [p.error for p in self.passes[:-1]][-2:]
-            if len(before) == 2 and self.error > max(before) / 2 and not self.merging:
-                return None
-            self.merging = self.merging and self.error <= min(before, default=np.inf) / 2
-            adapt = partial(adapted, tolerance=self.tolerance, order=order, merging=self.merging)
-            return [adapt(mesh, errors) for mesh, errors in zip(meshes, self.errors, strict=True)]
-        if self.moves and any(self.switches):
-            pairs = zip(meshes, self.switches, strict=True)
-            moving = [mesh.with_moving(k for switch in own for k in switch.points) for mesh, own in pairs]
-            grows = any(new.moving != mesh.moving for new, mesh in zip(moving, meshes, strict=True))
-            if grows or not self._is_settled():
-                self.moves -= 1
-                return moving
-        return self._split() if self._inputs_improve() else None
+        return self._adapted() if self.error > self.tolerance else self._moved() or self._split()
 
-    def _split(self) -> list[Mesh]:
-        """Meshes with intervals split at switches, and where limits are passed or inputs are off."""
-        split, order = [], self.solution.phases[0].program.scheme.order
-        for part, own, shares, errors in zip(
-            self.solution.phases, self.switches, self.shares, self.input_errors, strict=True
-        ):
-            pieces = np.maximum(
-                _pieces(shares, self.solver.limit_tolerance, order), _pieces(errors, self.tolerance, input_order(part))
-            )
-            pieces[[k for switch in own for k in switch.intervals]] = PIECES
-            split.append(part.mesh.refined(pieces, np.zeros(part.mesh.count, bool)))
-        return split
+    def _adapted(self) -> list[Mesh] | None:
+        """Meshes with intervals split and merged by their local errors; None if these do not fall any further."""
+        before = self.history[:-1][-2:]
+        if len(before) == 2 and self.error > max(before) / 2 and not self.merging:
+            return None
+        self.merging = self.merging and self.error <= min(before, default=np.inf) / 2
+        order = self.solution.phases[0].program.scheme.order
+        adapt = partial(adapted, tolerance=self.tolerance, order=order, merging=self.merging)
+        return [adapt(mesh, errors) for mesh, errors in zip(self.solution.meshes, self.local.errors, strict=True)]
 
-    def _inputs_improve(self) -> bool:
-        """Return True if errors of inputs, if there are any, fell since the last pass for them, or spread less far."""
-        areas = [
-            float(np.max(errors[run]) * np.sum(np.diff(part.mesh_times)[run]))
-            for part, errors in zip(self.solution.phases, self.input_errors, strict=True)
-            for run in stretches(errors > 0)
-        ]
-        before, self.unresolved = self.unresolved, max(areas, default=np.inf)
-        return not areas or self.unresolved <= 0.8 * before
+    def _moved(self) -> list[Mesh] | None:
+        """Meshes with points that move; None if none do, or moving these does not change the cost any more."""
+        moving = [set().union(*of) for of in zip(*[measure.moving for measure in self.measures], strict=True)]
+        if not self.moves or not any(moving):
+            return None
+        meshes = self.solution.meshes
+        moved = [mesh.with_moving(points) for mesh, points in zip(meshes, moving, strict=True)]
+        if self._is_settled() and all(new.moving == mesh.moving for new, mesh in zip(moved, meshes, strict=True)):
+            return None
+        self.moves -= 1
+        return moved
+
+    def _split(self) -> list[Mesh] | None:
+        """Meshes with intervals split as the measures need it; None if that did not help in the last pass."""
+        before, spread = self.spread, max(measure.spread for measure in self.measures)
+        self.spread = spread or np.inf
+        return None if spread > 0.8 * before else [split(part, self.measures) for part in self.solution.phases]
 
     def _is_settled(self) -> bool:
         """Return True if the cost did not change in the last pass, beyond the tolerance and that of the solver."""
@@ -213,111 +183,19 @@ class _Refinement:
             solution.statistics = replace(solution.statistics, passes=list(self.passes))
             warn(f"the local errors meet the tolerance {self.tolerance:g}, but not {missed}: {reason}")
             return solution
+        (missed,) = self.local.sentences()
         raise OptimizationError(
-            f"the mesh was refined to {_count(self.solution.meshes)} intervals and the local error is still "
-            f"{self.error:.2g}, above the tolerance {self.tolerance:g}: {reason}; the last solution is in .partial",
+            f"the mesh was refined to {interval_count(self.solution.meshes)} intervals and {missed}, above the "
+            f"tolerance {self.tolerance:g}: {reason}; the last solution is in .partial",
             partial=self.solution,
         )
 
 
-def refine_or_repeat(solver: ProblemSolver, solution: Solution, guess: Guess) -> tuple[Solution, bool]:
-    """Refine a coarse mesh, or solve again from the guess on a finer one if the solution is no motion at all.
-
-    A solution that owes its cost to the errors of a coarse mesh is a poor guess for a finer one.
-
-    Returns
-    -------
-    Solution, bool
-        The last solution, and whether its mesh is fine enough.
-    """
-    for _ in range(FRESH_PASSES):
-        if not is_lost(solution):
-            break
-        finer = solver.solve_further(solution, [mesh.split(2) for mesh in solution.meshes], guess)
-        if finer is None:
-            break
-        solution = finer
-    return refine_if_coarse(solver, solution)
-
-
-def is_lost(solution: Solution) -> bool:
-    """Return True if the mesh is so coarse that a solution is no motion at all."""
-    return max(float(np.max(coarseness(part), initial=0.0)) for part in solution.phases) > LOST_ERROR
-
-
-def refine_if_coarse(solver: ProblemSolver, solution: Solution) -> tuple[Solution, bool]:
-    """Solve again with intervals split that are too coarse for the motion, or in which it passes a limit.
-
-    A few times at most. If the largest error does not fall, since a fast motion moved on to the next coarse interval,
-    all intervals are halved; unless free parameters lead to a singular pose there, which no mesh resolves.
-
-    Returns
-    -------
-    Solution, bool
-        The last solution, and whether its mesh is fine enough.
-    """
-    error, stalled = _largest_coarseness(solution), False
-    for _ in range(COARSE_PASSES):
-        if stalled and _tends_to_lock(solution):
-            break
-        if stalled and _count(solution.meshes) <= HALVED_INTERVALS:
-            meshes = [mesh.split(2) for mesh in solution.meshes]
-        else:
-            meshes = [_split_where_coarse(solution, part) for part in solution.phases]
-        if _count(meshes) == _count(solution.meshes):
-            break
-        finer = solver.solve_further(solution, meshes)
-        if finer is None:
-            break
-        solution, before, error = finer, error, _largest_coarseness(finer)
-        stalled = not error < max(COARSE_ERROR, before / 2)  # infinite if an interval cannot be integrated
-    return solution, error <= COARSE_ERROR
-
-
-def _tends_to_lock(solution: Solution) -> bool:
-    """True if dimensions are free and the linkage is close to a singular pose where the mesh is coarsest."""
-    parts = [part for part in solution.phases if part.mesh.count] if solution.problem.free_parameters else []
-    return any(close_to_singular(part, int(np.argmax(coarseness(part)))) for part in parts)
-
-
-def _split_where_coarse(solution: Solution, part: PhaseSolution) -> Mesh:
-    """Mesh of a phase with intervals split that are too coarse, or in which a limit is passed."""
-    if not part.mesh.count:
-        return part.mesh
-    # foreseen to be well below, and one power less than the order: the steps of projection are no smooth error
-    errors = np.maximum(coarseness(part), state_coarseness(part))
-    pieces = np.ceil((4 * errors / COARSE_ERROR) ** (1 / part.program.scheme.order))
-    pieces[errors <= COARSE_ERROR] = 1
-    passed = [limit.time for limit in passed_limits(solution) if limit.phase == part.program.number]
-    places = np.clip(np.searchsorted(part.mesh_times, passed) - 1, 0, part.mesh.count - 1)
-    pieces[places] = np.maximum(pieces[places], 2)
-    pieces = np.clip(np.nan_to_num(pieces, nan=PIECES), 1, PIECES).astype(int)
-    return part.mesh.refined(pieces, np.zeros(part.mesh.count, bool))
-
-
-def _largest_coarseness(solution: Solution) -> float:
-    """Largest error of an interval of all phases, in rad or sizes of the mechanism, velocities times the duration."""
-    errors = [np.r_[coarseness(part), state_coarseness(part)] for part in solution.phases]
-    return float(np.max(np.concatenate(errors), initial=0.0))
-
-
-def _pieces(errors: np.ndarray, tolerance: float, order: int) -> np.ndarray:
-    """Number of pieces into which intervals are split whose errors go with a power of their lengths (N,)."""
-    pieces = np.clip(np.ceil((2 * errors / tolerance) ** (1 / order)), 1, PIECES).astype(int)
-    pieces[errors <= tolerance] = 1
-    return pieces
-
-
-def _count(meshes: Sequence[Mesh]) -> int:
-    """Number of intervals of all phases."""
-    return sum(mesh.count for mesh in meshes)
-
-
-def _errors(solution: Solution) -> list[np.ndarray]:
-    """Local errors of the intervals by phase; Ctrl-C in compiled code comes as what it is."""
+def _local_errors(solution: Solution, tolerance: float) -> LocalErrors:
+    """Local errors of the intervals; Ctrl-C in compiled code comes as what it is."""
     with interruptible() as interruption:
         try:
-            return [scaled_errors(phase) for phase in solution.phases]
+            return LocalErrors(solution, tolerance)
         except RuntimeError:
             if not interruption.requested:
                 raise
@@ -340,7 +218,7 @@ def adapted(mesh: Mesh, errors: np.ndarray, tolerance: float, order: int, *, mer
     merging : bool
         True if intervals may be merged: not after a pass that did not bring the error down.
     """
-    pieces = _pieces(errors, tolerance, order + 1)
+    pieces = pieces_of(errors, tolerance, order + 1)
     merge = np.zeros(errors.size, bool)
     k = 0
     while merging and k + 1 < errors.size:

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..checks.branch import branch_jump, refuse_branch_jump
 from ..checks.failure import OptimizationError
-from ..nlp.statistics import Stage
-from .local_error import coarse_mesh, coarseness, projection_steps
-from .refine import refine_if_coarse
-
-if TYPE_CHECKING:
-    from ..guess.guess import Guess
-    from ..nlp.problem_solver import ProblemSolver
-    from ..phase_solution import PhaseSolution
-    from ..solution import Solution
+from ..guess.guess import Guess
+from ..nlp.problem_solver import ProblemSolver
+from ..nlp.statistics import Attempt
+from ..phase_solution import PhaseSolution
+from ..solution import Solution
+from .coarse_mesh import refine_if_coarse
+from .local_error import Coarseness, coarse_mesh, projection_steps
 
 #: Step by which the end of an interval is moved onto the constraints, in rad or sizes of the mechanism, from which a
 #: solution is no motion, whatever mesh was asked for.
@@ -38,38 +35,37 @@ def as_motion(solver: ProblemSolver, solution: Solution, guesses: Iterable[Calla
     interval ends far off the constraints or the motion; then the mesh is refined. An :class:`OptimizationError` is
     raised if all solutions jump, or the mesh stays that coarse.
     """
-    jump, s = branch_jump(solution), solution.statistics
-    if jump is None and _largest_projection(solution) <= LARGEST_PROJECTION and not _is_far_off(solution):
+    jump = branch_jump(solution)
+    if (
+        jump is None
+        and _largest_projection(solution) <= LARGEST_PROJECTION
+        and _FarOff(solution).largest <= LARGEST_ERROR
+    ):
         return solution
     what = "mesh too coarse for the motion" if jump is None else f"jump to another branch at t = {jump.begin:.6g} s"
-    stages = [*s.stages, Stage(what, s.iterations, s.status, s.seconds)]
+    attempts = [solution.as_attempt(what)]
     # on a finer mesh a jump seldom leads to a motion, and at great cost
-    motion = _from_guesses(solver, solution, guesses, stages) if jump is not None else None
+    motion = _from_guesses(solver, solution, guesses, attempts) if jump is not None else None
     if motion is None:
-        motion = _refined(solver, solution, stages)
+        motion = _refined(solver, solution, attempts)
         refuse_branch_jump(motion)
         _refuse_far_off(motion)
-    motion.statistics = replace(
-        motion.statistics,
-        iterations=s.iterations + sum(stage.iterations for stage in stages[len(s.stages) + 1 :]),
-        seconds=s.seconds + sum(stage.seconds for stage in stages[len(s.stages) + 1 :]),
-        starts=s.starts,
-        stages=stages,
-    )
+    motion.statistics = motion.statistics.at_end_of(attempts, solution.statistics)
     return motion
 
 
-def _refined(solver: ProblemSolver, solution: Solution, stages: list[Stage]) -> Solution:
+def _refined(solver: ProblemSolver, solution: Solution, attempts: list[Attempt]) -> Solution:
     """The solution on a mesh that is refined where it is coarse; the same one if that does not succeed."""
     before, refined = solution.statistics, refine_if_coarse(solver, solution)[0]
     if refined is not solution:
-        r = refined.statistics
-        stages.append(Stage("refined mesh", r.iterations - before.iterations, r.status, r.seconds - before.seconds))
+        record = refined.as_attempt("refined mesh")
+        further = record.iterations - before.iterations, record.seconds - before.seconds
+        attempts.append(replace(record, iterations=further[0], seconds=further[1]))
     return refined
 
 
 def _from_guesses(
-    solver: ProblemSolver, solution: Solution, guesses: Iterable[Callable[[], Guess]], stages: list[Stage]
+    solver: ProblemSolver, solution: Solution, guesses: Iterable[Callable[[], Guess]], attempts: list[Attempt]
 ) -> Solution | None:
     """The first solution without jumps from other guesses on a finer mesh; None if there is none."""
     meshes = [mesh.split(PIECES) for mesh in solution.meshes]
@@ -81,8 +77,7 @@ def _from_guesses(
             candidate = refine_if_coarse(solver, solver.solve(meshes, guess, limit=ITERATIONS))[0]
         except OptimizationError as error:
             candidate, failed = error.partial, True
-        s = candidate.statistics
-        stages.append(Stage(f"finer mesh, {guess.description}", s.iterations, s.status, s.seconds))
+        attempts.append(candidate.as_attempt(f"finer mesh, {guess.description}"))
         if not failed and branch_jump(candidate) is None:
             return candidate
     return None
@@ -90,35 +85,31 @@ def _from_guesses(
 
 def _largest_projection(solution: Solution) -> float:
     """Largest step onto the constraints in positions, in rad or sizes of the mechanism."""
-    largest = 0.0
-    for part in solution.phases:
-        if part.mesh.count:
-            sizes = part.program.scales.q
-            largest = max(largest, float(np.max(projection_steps(part)[:, : sizes.size] / sizes, initial=0.0)))
-    return largest
+    steps = [
+        np.max(projection_steps(part)[:, : part.program.scales.q.size] / part.program.scales.q, initial=0.0)
+        for part in solution.phases
+        if part.mesh.count
+    ]
+    return float(max(steps))
+
+
+class _FarOff(Coarseness):
+    """Errors by which intervals of closed loops end far from the next ones, perhaps on another branch."""
+
+    def of(self, part: PhaseSolution) -> np.ndarray:
+        """Errors of the intervals of a phase (N,)."""
+        errors = super().of(part) if part.phase.equations.has_loops else np.zeros(part.mesh.count)
+        # an interval that cannot be integrated again, because it is stiff, may be right
+        return np.where(np.isfinite(errors), errors, 0.0)
 
 
 def _is_far_off(solution: Solution) -> bool:
-    """True if an interval of a closed loop, integrated again, ends far from the next one, perhaps on another branch."""
-    return any(_far_off(coarseness(part)) for part in _closed_loops(solution))
-
-
-def _far_off(errors: np.ndarray) -> bool:
-    """True if an error is large, and known: what cannot be integrated again, as what is stiff, may be right."""
-    return bool(np.max(errors[np.isfinite(errors)], initial=0.0) > LARGEST_ERROR)
-
-
-def _closed_loops(solution: Solution) -> list[PhaseSolution]:
-    return [part for part in solution.phases if part.phase.equations.has_loops]
+    return _FarOff(solution).largest > LARGEST_ERROR
 
 
 def _refuse_far_off(solution: Solution) -> None:
-    for part in _closed_loops(solution):
-        errors = coarseness(part)
-        if _far_off(errors):
-            errors = np.where(np.isfinite(errors), errors, 0.0)
-            raise OptimizationError(
-                f"the solution is no motion: {coarse_mesh(part, errors)}",
-                partial=solution,
-                time=float(part.mesh_times[int(np.argmax(errors))]),
-            )
+    if _is_far_off(solution):
+        measure = _FarOff(solution)
+        part, k = measure.worst
+        text = coarse_mesh(part, measure.errors[part.program.number])
+        raise OptimizationError(f"the solution is no motion: {text}", partial=solution, time=float(part.mesh_times[k]))

@@ -6,12 +6,10 @@ Lengths that are free may tend to a linkage with a change point, whose links tur
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from ..phase_solution import PhaseSolution
+from ..phase_solution import PhaseSolution
 
 #: Share of the usual distance from singular poses below which a pose is close to one.
 CLOSE = 0.4

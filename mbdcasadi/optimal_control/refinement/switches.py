@@ -10,16 +10,15 @@ astray. Intervals in which the inputs are off are split instead, see :mod:`input
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ..nlp.limits import activity
 from ..phase import BEYOND_STATES
-
-if TYPE_CHECKING:
-    from ..phase_solution import PhaseSolution
-    from ..solution import Solution
+from ..phase_solution import PhaseSolution
+from ..solved_motion import SolvedMotion
+from .measure import Measure
 
 #: Scaled slack below which a limit counts as active, whatever its multiplier: on long arcs both may be small.
 SLACK = 3e-4
@@ -35,26 +34,45 @@ class Switch(NamedTuple):
     time: float
 
 
-def unresolved_switches(solution: Solution, tolerance: float) -> list[list[Switch]]:
-    """Return the switches that the mesh does not resolve, by phase.
+class UnresolvedSwitches(Measure):
+    """Switches that the mesh does not resolve: points beside them move, and at last their intervals are split.
 
     The cost is wrong by about the square of the length of an interval in which an input jumps, as a share of the
     duration: above the tolerance it is not resolved. Inputs that are constant on intervals, those of a digital
     controller, jump when it lets them.
     """
-    if solution.settings.control == "constant":
-        return [[] for _ in solution.phases]
-    shares = activity(solution, SLACK, inside=True)
-    unresolved = []
-    for number, part in enumerate(solution.phases):
-        limits = part.program.limits_at_points if part.mesh.count else []
+
+    def __init__(self, solution: SolvedMotion, tolerance: float):
+        constant = solution.settings.control == "constant"
+        self._shares = {} if constant else activity(solution, SLACK, inside=True)
+        self.switches: list[list[Switch]] = [[] for _ in solution.phases]
+        super().__init__(solution, tolerance)
+
+    def of(self, part: PhaseSolution) -> np.ndarray:
+        """Infinite in intervals of a switch, zero in others (N,)."""
+        number, lengths, errors = part.program.number, np.diff(part.mesh_times), np.zeros(part.mesh.count)
+        limits = part.program.limits_at_points
         positions = {limit.label for limit in limits if not limit.depends_on("velocity", "state", *BEYOND_STATES)}
-        own = [x for (phase, label), x in shares.items() if phase == number and label not in positions]
-        switches = _switches(part, np.array(own).reshape(len(own), part.mesh.count)) if part.mesh.count else []
-        longest = part.duration * np.sqrt(tolerance)
-        lengths = np.diff(part.mesh_times)
-        unresolved.append([switch for switch in switches if np.sum(lengths[list(switch.intervals)]) > longest])
-    return unresolved
+        shares = [x for (phase, label), x in self._shares.items() if phase == number and label not in positions]
+        longest = part.duration * np.sqrt(self.tolerance)
+        for switch in _switches(part, np.array(shares).reshape(len(shares), part.mesh.count)):
+            if np.sum(lengths[list(switch.intervals)]) > longest:
+                self.switches[number].append(switch)
+                errors[list(switch.intervals)] = np.inf
+        return errors
+
+    def order(self, part: PhaseSolution) -> int:
+        """One: the time of a switch."""
+        return 1
+
+    def sentences(self) -> list[str]:
+        """Times at which limits change."""
+        return [f"the limits that change at t = {switch.time:.6g} s" for of in self.switches for switch in of]
+
+    @property
+    def moving(self) -> list[set[int]]:
+        """Mesh points that enclose the switches, by phase."""
+        return [{k for switch in of for k in switch.points} for of in self.switches]
 
 
 def _switches(part: PhaseSolution, shares: np.ndarray) -> list[Switch]:

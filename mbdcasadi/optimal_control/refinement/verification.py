@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -18,11 +17,8 @@ from ...results.state import EventOccurrence, State
 from ...results.trajectory import Trajectory
 from ...simulation.simulate import simulate
 from ..nlp.change import Change
-from .local_error import local_errors
-
-if TYPE_CHECKING:
-    from ..phase_solution import PhaseSolution
-    from ..solution import Solution
+from ..phase_solution import PhaseSolution
+from ..solved_motion import SolvedMotion
 
 #: Share of the duration of a phase by which the simulation goes on behind its planned end to find what closes.
 BEYOND = 0.05
@@ -73,10 +69,10 @@ class Verification:
         )
 
 
-class _Replay:
-    """The simulation of a solution, phase by phase."""
+class Replay:
+    """Simulation of a solution from its first state, phase by phase, compared with it at the mesh points."""
 
-    def __init__(self, solution: Solution, reltol: float, abstol: float):
+    def __init__(self, solution: SolvedMotion, reltol: float, abstol: float):
         self.solution, self._reltol, self._abstol = solution, reltol, abstol
         self.parts: list[Trajectory] = []
         self.events: list[EventOccurrence] = []
@@ -101,7 +97,7 @@ class _Replay:
             float(np.max(self.deviations[-1][-1])),
             max(float(np.max(d)) for d in self.deviations),
             motion.drift.position,
-            np.vstack([local_errors(part) for part in parts if part.mesh.count]),
+            np.vstack([_defects(part) for part in parts if part.mesh.count]),
             np.array(self.times),
             self.time_error,
             self.impulse_error,
@@ -213,6 +209,8 @@ def _moved(polynomial: PiecewisePolynomial, late: float, beyond: float) -> Piece
     return PiecewisePolynomial(np.r_[breaks[:-1], beyond], polynomial.coefficients)
 
 
-def verification(solution: Solution, reltol: float, abstol: float) -> Verification:
-    """Simulate from the first state of a solution and compare at the mesh points."""
-    return _Replay(solution, reltol, abstol).run()
+def _defects(part: PhaseSolution) -> np.ndarray:
+    """Largest difference in displacements (m) and angles (rad) by interval (N, 2)."""
+    errors = part.end_errors[:, : part.phase.equations.q.numel()]
+    angles = part.program.scales.angles
+    return np.column_stack([np.max(errors[:, ~angles], axis=1), np.max(errors[:, angles], axis=1)])

@@ -137,6 +137,11 @@ class Transcription(ABC):
         return self.constraints.rows
 
     @property
+    def redundant(self) -> bool:
+        """True if rows of ``eom`` are implied by others: multipliers are not unique."""
+        return len(self.rows) < self.eom.lam.numel()
+
+    @property
     def point_variables(self) -> dict[str, int]:
         """Unknowns of a mesh point: number of rows by name."""
         eom = self.eom

@@ -18,7 +18,7 @@ class MotionConstraints:
 
     `rows` are the independent ones of the joints, of those that the equations have; `path_constraints` are path
     conditions that prescribe the motion, in parameters of the mechanism, see
-    :meth:`Phase.differentiated_path_constraints`. The parameters p give the sizes of the rows.
+    :meth:`ProblemStatement.differentiated_path_constraints`. The parameters p give the sizes of the rows.
     """
 
     def __init__(

@@ -129,9 +129,7 @@ class Polynomials:
         lengths = np.diff(self.times)[:, None] ** np.arange(basis.taus.size)
         return {u: PiecewisePolynomial(self.times, by_power[:, :, k] / lengths) for k, u in enumerate(symbols)}
 
-    def trajectory(
-        self, phase: Phase, extra: dict[Parameter, float], statistics: Statistics, *, redundant: bool
-    ) -> OptimalMotion:
+    def trajectory(self, phase: Phase, extra: dict[Parameter, float], statistics: Statistics) -> OptimalMotion:
         """The motion at mesh points and stages, on the constraints to rounding."""
         stages, count = self.scheme.stages, len(self.intervals)
         taus = np.r_[0.0, stages[(stages > 0) & (stages < 1)]]
@@ -140,7 +138,7 @@ class Polynomials:
         t = t.ravel()
         t[:: taus.size] = self.times
         q[-1], v[-1], z[-1] = (values[-1] for values in self.at_mesh_points)
-        refine = Recovery(self.numeric, redundant=redundant).refine()
+        refine = Recovery(self.numeric, redundant=self.scheme.redundant).refine()
         q, v, a, lam, u = refine(t, q, v, z, u)
         arrays = (q, v, a, z, lam, u)
         return OptimalMotion(phase, self, extra, t, arrays, self.numeric.p, statistics=statistics, refine=refine)

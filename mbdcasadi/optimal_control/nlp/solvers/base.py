@@ -10,7 +10,7 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -20,34 +20,17 @@ from ....numerics.console import Interruption, interruptible, quiet
 from ....numerics.packed import Packed
 from ....numerics.progress import progress_bar
 from ....numerics.symbolic import LOCK, numeric_work
+from ...guess.guess import Guess, Iterate
+from ...refinement.mesh import Mesh
+from ..collocation_program import Bounds, CollocationProgram
+from ..elastic_program import ElasticProgram
 from ..rows import violations
 from ..statistics import SolveStatistics
-
-if TYPE_CHECKING:
-    from ...guess.guess import Guess, Iterate
-    from ...refinement.mesh import Mesh
-    from ..collocation_program import CollocationProgram
-    from ..elastic_program import ElasticProgram
 
 Made = TypeVar("Made")
 
 #: Options of CasADi for solvers whose failures are reported by their status.
 QUIET: dict[str, Any] = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False}
-
-
-@dataclass(frozen=True)
-class Bounds:
-    """Bounds of the variables and of the rows of a program, scaled."""
-
-    lower: np.ndarray
-    upper: np.ndarray
-    rows_lower: np.ndarray
-    rows_upper: np.ndarray
-
-    @property
-    def of_rows_and_variables(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds, each of the rows and then of the variables."""
-        return np.r_[self.rows_lower, self.lower], np.r_[self.rows_upper, self.upper]
 
 
 @dataclass(frozen=True)

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 
 from ....errors import ModelError
-from ..statistics import Stage
-from .base import QUIET, Beginning, Bounds, Elsewhere, NLPSolver, Result, SolverWatch
+from ...guess.guess import Iterate
+from ...refinement.mesh import interval_count
+from ..collocation_program import Bounds, CollocationProgram
+from ..elastic_program import ElasticProgram
+from ..statistics import Attempt
+from .base import QUIET, Beginning, Elsewhere, NLPSolver, Result, SolverWatch
 from .ipopt import Ipopt
-
-if TYPE_CHECKING:
-    from ...guess.guess import Iterate
-    from ..collocation_program import CollocationProgram
-    from ..elastic_program import ElasticProgram
 
 #: Options of fatrop that were measured best on these programs.
 DEFAULTS: dict[str, Any] = {
@@ -63,9 +62,9 @@ class Fatrop(NLPSolver):
         if result.succeeded or result.interrupted:
             return result
         ipopt = self._ipopt.run(begin, bounds, warmth, iterate, limit)
-        s = result.statistics
-        stages = [Stage(self.name, s.iterations, s.status, s.seconds), *ipopt.statistics.stages]
-        return replace(ipopt, statistics=replace(ipopt.statistics, stages=stages))
+        s, cost = result.statistics, float(result.answer["f"][0]) * begin.program.cost_scale
+        failed = Attempt(self.name, cost, s.iterations, s.status, s.seconds, interval_count(begin.meshes))
+        return replace(ipopt, statistics=replace(ipopt.statistics, stages=[failed, *ipopt.statistics.stages]))
 
     def least_violation(self, begin: Beginning, elastic: ElasticProgram, limit: int) -> tuple[Result, dict[str, float]]:
         """Minimise the violations of a program by IPOPT: it has no stages."""

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ....numerics.console import quiet
+from ..collocation_program import CollocationProgram
+from ..elastic_program import ElasticProgram
 from .base import QUIET, Beginning, NLPSolver, Result, SolverWatch
-
-if TYPE_CHECKING:
-    from ..collocation_program import CollocationProgram
-    from ..elastic_program import ElasticProgram
 
 #: Residual of the conditions of an optimum, scaled, at which IPOPT ends.
 TOLERANCE = 1e-8

@@ -1,0 +1,99 @@
+"""Meshes of which no tolerance is asked: refined if they are too coarse for the motion that was found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..guess.guess import Guess
+from ..nlp.held_limits import passed_limits
+from ..nlp.problem_solver import ProblemSolver
+from ..solution import Solution
+from .local_error import COARSE_ERROR, Coarseness, StateCoarseness
+from .measure import split
+from .mesh import Mesh, interval_count
+from .singularity import close_to_singular
+
+#: What is measured on such a mesh.
+COARSE_MEASURES: tuple[type[Coarseness], ...] = (Coarseness, StateCoarseness)
+#: Largest number of passes, and of intervals of a mesh that is halved.
+COARSE_PASSES, HALVED_INTERVALS = 4, 200
+#: Local error, in rad or sizes of the mechanism, velocities times the duration, from which a solution is no motion, and
+#: largest number of meshes, each twice as fine, on which it is then solved again from its guess.
+LOST_ERROR, FRESH_PASSES = 3.0, 2
+
+
+def refine_or_repeat(solver: ProblemSolver, solution: Solution, guess: Guess) -> tuple[Solution, bool]:
+    """Refine a coarse mesh, or solve again from the guess on a finer one if the solution is no motion at all.
+
+    A solution that owes its cost to the errors of a coarse mesh is a poor guess for a finer one.
+
+    Returns
+    -------
+    Solution, bool
+        The last solution, and whether its mesh is fine enough.
+    """
+    for _ in range(FRESH_PASSES):
+        if not is_lost(solution):
+            break
+        finer = solver.solve_further(solution, [mesh.split(2) for mesh in solution.meshes], guess)
+        if finer is None:
+            break
+        solution = finer
+    return refine_if_coarse(solver, solution)
+
+
+def is_lost(solution: Solution) -> bool:
+    """Return True if the mesh is so coarse that a solution is no motion at all."""
+    return Coarseness(solution).largest > LOST_ERROR
+
+
+def refine_if_coarse(solver: ProblemSolver, solution: Solution) -> tuple[Solution, bool]:
+    """Solve again with intervals split that are too coarse for the motion, or in which it passes a limit.
+
+    A few times at most. If the largest error does not fall, since a fast motion moved on to the next coarse interval,
+    all intervals are halved; unless free parameters lead to a singular pose there, which no mesh resolves.
+
+    Returns
+    -------
+    Solution, bool
+        The last solution, and whether its mesh is fine enough.
+    """
+    measures, stalled = [measure(solution) for measure in COARSE_MEASURES], False
+    error = max(measure.largest for measure in measures)
+    for _ in range(COARSE_PASSES):
+        if stalled and _tends_to_lock(measures[0]):
+            break
+        if stalled and interval_count(solution.meshes) <= HALVED_INTERVALS:
+            meshes = [mesh.split(2) for mesh in solution.meshes]
+        else:
+            meshes = _split_where_coarse(solution, measures)
+        if interval_count(meshes) == interval_count(solution.meshes):
+            break
+        finer = solver.solve_further(solution, meshes)
+        if finer is None:
+            break
+        solution, measures, before = finer, [measure(finer) for measure in COARSE_MEASURES], error
+        error = max(measure.largest for measure in measures)
+        stalled = not error < max(COARSE_ERROR, before / 2)  # infinite if an interval cannot be integrated
+    return solution, error <= COARSE_ERROR
+
+
+def _tends_to_lock(measure: Coarseness) -> bool:
+    """True if dimensions are free and the linkage is close to a singular pose where the mesh is coarsest."""
+    parts = (
+        zip(measure.solution.phases, measure.errors, strict=True) if measure.solution.problem.free_parameters else ()
+    )
+    return any(errors.size and close_to_singular(part, int(np.argmax(errors))) for part, errors in parts)
+
+
+def _split_where_coarse(solution: Solution, measures: Sequence[Coarseness]) -> list[Mesh]:
+    """Meshes with intervals split that are too coarse, and with those halved in which a limit is passed."""
+    meshes, passed = [], passed_limits(solution)
+    for number, part in enumerate(solution.phases):
+        times = [limit.time for limit in passed if limit.phase == number]
+        least = np.ones(part.mesh.count, int)
+        least[np.clip(np.searchsorted(part.mesh_times, times) - 1, 0, part.mesh.count - 1)] = 2
+        meshes.append(split(part, measures, least))
+    return meshes

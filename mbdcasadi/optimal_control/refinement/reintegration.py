@@ -1,0 +1,66 @@
+"""Intervals of a motion, each integrated again from its own mesh point."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import casadi as ca
+import numpy as np
+
+from ...equations.numeric import NumericEquations
+from ...equations.recovery import Recovery
+from ...numerics.console import call
+from ..transcription.motion import Polynomials
+
+#: Tolerance of the integration against which an interval is measured.
+INTEGRATION_TOLERANCE = 1e-11
+
+
+def end_errors(motion: Polynomials) -> np.ndarray:
+    """Return differences of q, v and z at the ends of all intervals, by integration and by the mesh (N, 2 n + k)."""
+    numeric, count, redundant = motion.numeric, len(motion.intervals), motion.scheme.redundant
+    eom = numeric.eom
+    n = eom.q.numel()
+    pieces = [piece.coefficients for piece in motion.inputs.values()]
+    coefficients = np.stack(pieces, axis=2) if pieces else np.zeros((count, 1, 0))  # (N, d, n_u)
+    degree, inputs = coefficients.shape[1:]
+    parameters = np.vstack(
+        [
+            motion.times[:-1],
+            np.diff(motion.times),
+            np.tile(numeric.p[:, None], (1, count)),
+            coefficients.transpose(2, 1, 0).reshape(degree * inputs, count),
+        ]
+    )
+    states = np.hstack(motion.at_mesh_points)
+    key = ("interval", degree, redundant, numeric.light_key)
+    integrator = eom.mechanism.cache.get_or_create(key, lambda: _integrator(numeric, degree, redundant=redundant))
+    reached = call(partial(integrator.map(count), x0=states[:-1].T, p=parameters))["xf"].full().T
+    recovery = Recovery(numeric, redundant=redundant)
+    times = motion.times[1:]
+    q = recovery.positions(times, reached[:, :n])
+    v = recovery.velocities(times, q, reached[:, n : 2 * n])
+    return np.abs(np.hstack([q, v, reached[:, 2 * n :]]) - states[1:])
+
+
+def _integrator(numeric: NumericEquations, degree: int, *, redundant: bool) -> ca.Function:
+    """``(x0, (start, length, p, coefficients of the inputs)) -> xf`` over one interval."""
+    eom = numeric.eom
+    tau, start, length = ca.SX.sym("s"), ca.SX.sym("t0"), ca.SX.sym("h")
+    c = ca.SX.sym("c", degree * eom.u.numel())
+    since = length * tau
+    u = ca.vertcat(
+        ca.SX(0, 1),
+        *[sum((c[k * degree + j] * since**j for j in range(degree)), ca.SX(0)) for k in range(eom.u.numel())],
+    )
+    t = start + since
+    a, lam = numeric.forward_dynamics(redundant=redundant)(t, eom.q, eom.v, eom.z, u, eom.p)
+    rate = ca.Function("rate", [*eom.symbols], [eom.z_rate])(t, eom.q, eom.v, a, eom.z, lam, u, eom.p)
+    system = {
+        "t": tau,
+        "x": ca.vertcat(eom.q, eom.v, eom.z),
+        "p": ca.vertcat(start, length, eom.p, c),
+        "ode": length * ca.vertcat(eom.v, a, rate),
+    }
+    options = {"reltol": INTEGRATION_TOLERANCE, "abstol": INTEGRATION_TOLERANCE, "max_num_steps": 100_000}
+    return ca.integrator("interval", "erk", system, 0.0, 1.0, options)

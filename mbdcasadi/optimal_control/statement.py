@@ -1,0 +1,61 @@
+"""What a problem of optimal control states: phases, relations between their ends, a cost, and what is free."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+
+from ..model.conditions import Condition
+from ..model.immutable import Immutable
+from ..model.symbols import Parameter, role_of, symbols_of
+from ..results.state import State
+from .nlp.compiled import CompiledProblem
+from .phase import Phase, contains_any, prescribes_motion
+from .placeholders import Placeholder
+
+
+class ProblemStatement(Immutable):
+    """Phases, relations between their ends, cost and free parameters of a problem, with programs made for it.
+
+    Base class of :class:`OptimalControlProblem`, which reads and checks its arguments. Guesses and checks see no more.
+    """
+
+    phases: tuple[Phase, ...]
+    terminal_cost: ca.SX
+    boundary: tuple[Condition, ...]
+    free_parameters: tuple[Parameter, ...]
+    compiled: CompiledProblem
+
+    @property
+    def has_free_times(self) -> bool:
+        """True if the duration of a phase or the time of a waypoint is free."""
+        return any(phase.has_free_times for phase in self.phases)
+
+    def has_input_rates(self, initial: State | Sequence[Condition]) -> bool:
+        """Return True if a rate of an input occurs in the problem, or in conditions at its start."""
+        start = [] if isinstance(initial, State) else initial
+        conditions = [*start, *self.boundary, *(c for phase in self.phases for c in phase.conditions)]
+        costs = [self.terminal_cost, *(phase.running_cost for phase in self.phases)]
+        costs += [w.cost for phase in self.phases for w in phase.waypoints]
+        symbols = [s for e in (*costs, *(c.expression for c in conditions)) for s in symbols_of(e)]
+        return any(role is not None and role.kind == "input rate" for role in map(role_of, symbols))
+
+    def extra_parameters(self, phase: Phase) -> tuple[Parameter, ...]:
+        """Return the free parameters that the mechanism of a phase does not have."""
+        known = phase.mechanism.parameters
+        return tuple(p for p in self.free_parameters if not any(p is other for other in known))
+
+    def differentiated_path_constraints(self, phase: Phase) -> list[Condition]:
+        """Return path conditions that prescribe the motion; those with free parameters hold at the stages alone."""
+        free = self.free_parameters
+        return [c for c in phase.path if prescribes_motion(c) and not contains_any(c.expression, free)]
+
+    def phases_of(self, placeholder: Placeholder) -> tuple[Phase, ...]:
+        """Return the phase that a placeholder means; for an integral over the motion, those that have its symbols."""
+        if placeholder.phase is not None:
+            return (placeholder.phase,)
+        if placeholder.kind != "integral":
+            return (self.phases[0 if placeholder.kind == "at_start" else -1],)
+        known = [phase for phase in self.phases if not phase.is_instant and phase.has(placeholder.expression)]
+        return tuple(known) or self.phases[-1:]

@@ -1,0 +1,52 @@
+"""Records of how a solution was found: attempts are kept and added up over the solves that follow each other."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from motions import guided_block
+
+import mbdcasadi as mbd
+from mbdcasadi.optimal_control.nlp.statistics import Attempt, SolveStatistics
+
+
+def attempt(description: str, iterations: int) -> Attempt:
+    return Attempt(description, 1.0, iterations, "Solve_Succeeded", 0.5, 10)
+
+
+def statistics(iterations: int, *stages: Attempt) -> SolveStatistics:
+    return SolveStatistics(iterations, "Solve_Succeeded", 0.5, 0.25, 7, 5, stages=list(stages))
+
+
+def test_a_solve_that_goes_on_keeps_the_stages_before():
+    first, second = statistics(3, attempt("no limits", 3)), statistics(4, attempt("fatrop", 2))
+    both = second.after(first)
+    assert (both.iterations, both.seconds, both.build_seconds) == (7, 1.0, 0.5)
+    assert [stage.description for stage in both.stages] == ["no limits", "fatrop"]
+
+
+def test_a_search_is_the_sum_of_its_attempts():
+    """The stages before it are listed, and were counted in its first solve."""
+    first = statistics(3, attempt("no limits", 1))
+    attempts = [attempt("jump", 3), attempt("finer mesh", 5)]
+    whole = statistics(5).at_end_of(attempts, first)
+    assert (whole.iterations, whole.seconds) == (8, 1.0)
+    assert whole.stages == [*first.stages, *attempts]
+
+
+def test_starts_of_earlier_files_are_read(tmp_path):
+    """They were named by their guess, and had neither time nor mesh."""
+    u = mbd.Input("u")
+    block, mechanism = guided_block(1.0, u)
+    ends = dict(initial=[block.x == 0, block.vx == 0], final=[block.x == 1, block.vx == 0])
+    problem = mbd.OptimalControlProblem(mechanism, duration=1.0, running_cost=u**2, **ends)
+    mbd.optimize(problem, intervals=4).save(tmp_path / "new.npz")
+    with np.load(tmp_path / "new.npz") as content:
+        entries = dict(content)
+    old = json.loads(str(entries["statistics"]))
+    old["starts"] = [{"guess": "kinematic", "cost": 12.0, "iterations": 3, "status": "Solve_Succeeded"}]
+    np.savez(tmp_path / "old.npz", **(entries | {"statistics": json.dumps(old)}))
+    (start,) = mbd.read_solution(tmp_path / "old.npz", problem).statistics.starts
+    assert (start.description, start.guess, start.cost) == ("kinematic", "kinematic", pytest.approx(12.0))
