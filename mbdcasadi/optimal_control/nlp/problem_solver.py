@@ -22,6 +22,7 @@ from ...numerics.lazy import cached_property
 from ...numerics.least_squares import largest
 from ...results.state import State
 from ..checks.consistency import check_end
+from ..checks.expressions import kinks_in_costs
 from ..checks.failure import OptimizationError, explain_failure
 from ..guess.free_poses import FreePoses, PosedPlace, free_poses, places_of
 from ..guess.guess import Guess
@@ -46,6 +47,8 @@ from .statistics import Answer
 BRANCH_TOLERANCE = 1e-3
 #: Distance of the first key pose from the start, as a share of the coordinates, from which it is another one.
 START_MOVED = 1e-9
+#: Largest number of iterations if a cost has a kink: at one that matters the solver does not converge.
+KINKED_ITERATIONS = 200
 #: Largest scaled violation of a guess with which a solver is started as warm.
 WARM_VIOLATION = 1e-2
 
@@ -221,6 +224,7 @@ class ProblemSolver:
         """
         if guess.iterate is not None:
             self.held = tuple(sorted({*self.held, *guess.iterate.program.held}))
+        limit = KINKED_ITERATIONS if limit is None and self._has_kinks else limit
         solution = self._solve(meshes, guess, warm=warm, limit=limit)
         passed = largest_share(solution)
         for _ in range(ROUNDS):
@@ -235,6 +239,11 @@ class ProblemSolver:
                 break
             solution, passed = held, share
         return solution
+
+    @cached_property
+    def _has_kinks(self) -> bool:
+        """True if a cost has a kink."""
+        return bool(kinks_in_costs(self.problem))
 
     def solve_further(self, solution: Solution, meshes: Sequence[Mesh], guess: Guess | None = None) -> Solution | None:
         """Solve on other meshes, as a new stage, from a guess or from the solution itself; None if that fails."""
@@ -285,11 +294,14 @@ class ProblemSolver:
         return solution, sides.excess(begin.bounds, x, solution.answer.rows), result.succeeded
 
     def least_violation(
-        self, meshes: Sequence[Mesh], guess: Guess, limit: int
+        self, meshes: Sequence[Mesh], guess: Guess, limit: int, nearness: float
     ) -> tuple[Solution, dict[str, float], bool]:
-        """Look for the motion near a guess that violates limits and conditions least; as :meth:`solve_loosened`."""
+        """Look for the motion that violates limits and conditions least; as :meth:`solve_loosened`.
+
+        The square of the distance from the guess, by which one of many such motions is left, has a weight `nearness`.
+        """
         begin = self._beginning(meshes, guess)
-        elastic = ElasticProgram(begin.program, begin.bounds)
+        elastic = ElasticProgram(begin.program, begin.bounds, nearness)
         result, slacks = self._nlp_solver.least_violation(begin, elastic, limit)
         return self._kept(begin, result), slacks, result.succeeded
 
