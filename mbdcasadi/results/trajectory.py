@@ -46,6 +46,8 @@ class Statistics:
         Wall-clock time of the run, s.
     restarts : int
         Number of starts of the integrator.
+    steps : int
+        Number of its steps; 0 of a method without steps.
     notes : list of str
         Remarks for the user.
     """
@@ -54,6 +56,7 @@ class Statistics:
     formulation: str = ""
     seconds: float = 0.0
     restarts: int = 0
+    steps: int = 0
     notes: list[str] = field(default_factory=list)
 
 

@@ -193,6 +193,7 @@ class PhasedRun:
             ", ".join(dict.fromkeys(s.formulation for s in parts if s.formulation)),
             sum(s.seconds for s in parts),
             sum(run.starts for run in self.runs),
+            sum(run.steps for run in self.runs),
             list(dict.fromkeys(note for s in parts for note in s.notes)) + list(dict.fromkeys(self._notes)),
         )
         return PhasedTrajectory(self._parts, self.whole, self._values, events=self._occurrences, statistics=statistics)

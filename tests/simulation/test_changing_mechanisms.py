@@ -132,6 +132,7 @@ def test_bodies_leave():
     assert np.all(motion[hand.reaction_on(ball).force][flying] == 0)
     assert np.all(np.isfinite(motion.energy.total))
     assert motion.statistics.restarts > 0 and motion.statistics.method
+    assert motion.statistics.steps == sum(part.statistics.steps for part in motion.phases) > 10
 
 
 @pytest.mark.slow

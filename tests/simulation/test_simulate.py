@@ -99,6 +99,17 @@ def test_converges_with_the_tolerance():
     assert errors[2] < 1e-6 and errors[3] < 1e-8
 
 
+@pytest.mark.parametrize(("method", "order"), [("idas", 5), ("rosenbrock", 5), ("dop853", 8)])
+def test_steps_are_counted(method, order):
+    """A method of order k takes steps whose number grows with the power 1/k of the tolerance, in the long run."""
+    p = pendulum()
+    steps = [
+        mbd.simulate(p.mechanism, [0, 20], reltol=tol, abstol=tol, method=method).statistics.steps
+        for tol in (1e-6, 1e-9)
+    ]
+    assert 0.5 < order * np.log10(steps[1] / steps[0]) / 3 < 1.5
+
+
 def test_repeats_itself():
     """The same call gives the same numbers."""
     f = four_bar(0.5, forces=[mbd.Gravity()])

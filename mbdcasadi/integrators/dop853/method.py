@@ -42,6 +42,8 @@ class DOP853(NativeMethod):
     References
     ----------
     Hairer, Nørsett and Wanner, *Solving Ordinary Differential Equations I*, 2nd ed., Springer 1993, section II.5.
+    Gustafsson, "Control-theoretic techniques for stepsize selection in implicit Runge-Kutta methods", ACM Trans. Math.
+    Softw. 20 (1994) 496.
 
     Examples
     --------

@@ -216,6 +216,19 @@ static int record_step(run_t* run, stretch_t* task, double t, double h, double e
   return 1;
 }
 
+/* Factor from a step to the next one, by its error and by how that of the last step has changed (Gustafsson). */
+static double growth(stretch_t* task, double h, double error) {
+  double factor = MOST;
+  if (error > 0.0) factor = fmin(factor, STEP_SAFETY * pow(error, -1.0 / 8.0));
+  if (error > 0.0 && task->last_step > 0.0) {
+    const double change = pow(task->last_error, 1.0 / 8.0) * pow(error, -2.0 / 8.0);
+    factor = fmin(factor, fmax(LEAST, STEP_SAFETY * h / task->last_step * change));
+  }
+  task->last_step = h;
+  task->last_error = fmax(error, LEAST_ERROR);
+  return factor;
+}
+
 /* Integrate over a stretch, or up to where something must be decided. */
 int mbd_advance(run_t* run, stretch_t* task) {
   const system_t* s = run->system;
@@ -276,7 +289,7 @@ int mbd_advance(run_t* run, stretch_t* task) {
         continue;
       }
       repeated = 1;
-      h *= isfinite(error) && error >= 1.0 ? fmax(LEAST, SAFETY * pow(error, -1.0 / 8.0)) : LEAST;
+      h *= isfinite(error) && error >= 1.0 ? fmax(LEAST, STEP_SAFETY * pow(error, -1.0 / 8.0)) : LEAST;
       arrival = t + h;
       if (!(h > least_step(t))) {
         /* what was reached so far counts; who called sees that it goes no further */
@@ -285,13 +298,13 @@ int mbd_advance(run_t* run, stretch_t* task) {
       }
     }
     ++task->steps;
-    const double factor = error > 0.0 ? fmin(MOST, SAFETY * pow(error, -1.0 / 8.0)) : MOST;
+    const double factor = growth(task, h, error);
     step = h * (repeated ? fmin(factor, 1.0) : factor);
     if (clipped) step = fmax(step, tried);
     task->eigenvalue = fmax(eigenvalue(run), FADING * task->eigenvalue);
     if (task->eigenvalue > 0.0) step = fmin(step, STABLE / task->eigenvalue);
     if (at.left > 0.0) step = at.left;
-    else if (run->across) { run->passed = t; step = 0.0; }
+    else if (run->across) { run->passed = t; step = task->last_step = 0.0; }
     run->across = at.left > 0.0;
     if (task->stiff_after) {
       if (h * task->eigenvalue > STABILITY) {

@@ -23,7 +23,6 @@ from ..native.stretch import (
     MOST,
     MOST_SAMPLES,
     PROJECTIONS,
-    SAFETY,
     SAMPLES,
     ExplicitSystem,
     Progress,
@@ -39,6 +38,7 @@ from .constants import (
     DRIFT,
     FADING,
     FORGOTTEN,
+    LEAST_ERROR,
     NEAR_STEPS,
     NEARLY,
     SAME_SIDE,
@@ -46,6 +46,7 @@ from .constants import (
     SLIGHT,
     STABILITY,
     STABLE,
+    STEP_SAFETY,
 )
 from .recording import Recording
 from .step_functions import BufferedFunction, StepFunctions, Steps, interpolated
@@ -408,14 +409,14 @@ class _StretchRun:
                 continue
             repeated = True
             too_large = math.isfinite(error) and error >= 1.0
-            h *= max(LEAST, SAFETY * error ** (-1.0 / EXPONENT)) if too_large else LEAST
+            h *= max(LEAST, STEP_SAFETY * error ** (-1.0 / EXPONENT)) if too_large else LEAST
             arrival = t + h
             if not h > 10.0 * abs(math.nextafter(t, math.inf) - t):
                 failed = Status.APART if error < 1.0 else Status.TOO_SMALL
                 self.status = failed if math.isfinite(error) else Status.NOT_FINITE
                 return None
         self.steps += 1
-        factor = min(MOST, SAFETY * error ** (-1.0 / EXPONENT)) if error > 0.0 else MOST
+        factor = self._growth(h, error)
         following = h * (min(factor, 1.0) if repeated else factor)
         following = max(following, step) if clipped else following
         self.progress.eigenvalue = known = max(float(self._f.eigenvalue[0]), FADING * self.progress.eigenvalue)
@@ -423,9 +424,20 @@ class _StretchRun:
         if at.left > 0.0:
             following = at.left
         elif self._across:  # beyond the switch the motion is another one
-            self._passed, following = t, 0.0
+            self._passed, self.progress.last_step, following = t, 0.0, 0.0
         self._across = at.left > 0.0
         return h, arrival, following
+
+    def _growth(self, h: float, error: float) -> float:
+        """Factor from a step to the next one, by its error and the change of that since the last one (Gustafsson)."""
+        last, factor = self.progress, MOST
+        if error > 0.0:
+            factor = min(factor, STEP_SAFETY * error ** (-1.0 / EXPONENT))
+        if error > 0.0 and last.last_step > 0.0:
+            change = last.last_error ** (1.0 / EXPONENT) * error ** (-2.0 / EXPONENT)
+            factor = min(factor, max(LEAST, STEP_SAFETY * h / last.last_step * change))
+        last.last_step, last.last_error = h, max(error, LEAST_ERROR)
+        return factor
 
     def _look_back(self, t: float, h: float, arrival: float) -> None:
         """Stiffness, events and singular poses of a step, and the outputs inside it."""

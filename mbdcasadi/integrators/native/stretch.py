@@ -160,6 +160,8 @@ class Progress:
     ----------
     step : float
         Size of the next step, s; 0 if it is not known.
+    last_step, last_error : float
+        Size of the last step, s, and its error, in tolerances; 0 if there is none from which the next one follows.
     across : bool
         True if that is a tiny one that goes across a zero of what switches.
     passed : float
@@ -173,6 +175,8 @@ class Progress:
     """
 
     step: float = 0.0
+    last_step: float = 0.0
+    last_error: float = 0.0
     across: bool = False
     passed: float = -np.inf
     eigenvalue: float = 0.0
