@@ -46,8 +46,9 @@ DETOURS, DETOUR_ITERATIONS = 6, 200
 #: ones lead on safely, the last one leaves the least violation as it is.
 NEARNESS = (1e-4, 1e-6, 1e-8)
 #: Starts from which the same least violation must be found, up to a share of it, and none below, for a problem to seem
-#: infeasible: several minima show that there may be further ones. And starts with detours among those that are tried.
-STARTS, SAME_VIOLATION, DETOURED_STARTS = 3, 0.01, 3
+#: infeasible; one more if others end in larger ones, since several minima show that there may be further ones. And
+#: starts with detours among those that are tried.
+STARTS, SAME_VIOLATION, DETOURED_STARTS = 2, 0.01, 3
 
 
 def may_go_on(error: OptimizationError, options: dict) -> bool:
@@ -201,7 +202,7 @@ class LimitSearch:
         least = min(conflicting, key=lambda found: found[0], default=None)
         if arguable and least is not None:
             agreeing = sum(total <= (1 + SAME_VIOLATION) * least[0] for total, *_ in conflicting)
-            if agreeing >= STARTS:
+            if agreeing >= STARTS + (agreeing < len(conflicting)):
                 raise infeasible(failure, *least[1:], agreeing, FEASIBLE) from None
         return None
 
