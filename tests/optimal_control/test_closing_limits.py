@@ -200,3 +200,40 @@ def test_the_least_violation_is_that_of_the_force(control):
         mbd.optimize(problem, intervals=8, control=control)
     labels = {violation.label for violation in caught.value.conflict}
     assert labels and labels <= {"u <= 3", "u >= -3", "final: block.x == 1", "final: block.vx == 0"}
+
+
+def test_the_least_violation_does_not_depend_on_its_start(monkeypatch):
+    """7.6 N move 2 kg by 0.95 m in 1 s where 8 N move them by 1 m: from all five starts the end is missed by 0.05 m."""
+    original, totals = ProblemSolver.least_violation, []
+
+    def recorded(self, meshes, guess, limit, nearness):
+        result = original(self, meshes, guess, limit, nearness)
+        totals.append((nearness, sum(result[1].values())))
+        return result
+
+    monkeypatch.setattr(ProblemSolver, "least_violation", recorded)
+    monkeypatch.setattr(closing_limits, "DETOURS", 0)
+    problem, _u, _block = rest_to_rest(1.0, 1.0, lower=-3.8, upper=3.8)
+    with pytest.raises(mbd.OptimizationError, match="seems infeasible: .* from 5 starts") as caught:
+        mbd.optimize(problem, intervals=40)
+    (violation,) = caught.value.conflict
+    assert violation.label == "final: block.x == 1" and violation.violation == pytest.approx(0.05, rel=1e-3)
+    last = [total for nearness, total in totals if nearness == closing_limits.NEARNESS[-1]]
+    assert len(last) == 5 and max(last) <= min(last) * (1 + 1e-3)
+
+
+def test_several_least_violations_are_no_evidence(monkeypatch):
+    """Starts that end in different least violations show that there are several, and perhaps one of zero."""
+    original, factor = ProblemSolver.least_violation, iter(np.repeat([1.0, 1.2, 1.4, 1.6, 1.8], 3))
+
+    def scattered(self, *arguments):
+        solution, slacks, succeeded = original(self, *arguments)
+        by = float(next(factor))
+        return solution, {label: by * slack for label, slack in slacks.items()}, succeeded
+
+    monkeypatch.setattr(ProblemSolver, "least_violation", scattered)
+    monkeypatch.setattr(closing_limits, "DETOURS", 0)
+    problem, *_ = rest_to_rest(1.0, 1.0, lower=-3.8, upper=3.8)
+    with pytest.raises(mbd.OptimizationError, match="may still have one") as caught:
+        mbd.optimize(problem, intervals=10)
+    assert "infeasible" not in str(caught.value) and not caught.value.conflict

@@ -138,6 +138,27 @@ def test_a_kink_in_the_cost_ends_the_search_at_once():
     assert "tried:" not in str(error) and "infeasible" not in str(error)
 
 
+@pytest.mark.parametrize("place", ["terminal_cost", "running_cost"])
+def test_a_cost_without_a_lower_bound(place):
+    """As far as a free body can be pushed, or as fast: named after few iterations, as long as nothing limits it."""
+    problem, u, block = rest_to_rest()
+    free = problem.replace(final=(), running_cost=0).replace(**{place: -block.x})
+    error = failed(free, intervals=10)
+    assert "no lower bound" in str(error) and "infeasible" not in str(error) and "tried:" not in str(error)
+    assert error.partial.statistics.iterations < 100 and error.partial.cost < -1e4
+    limited = mbd.optimize(free.replace(path=[mbd.bounded(-2, u, 2)]), intervals=10)
+    assert limited.cost == pytest.approx({"terminal_cost": -1, "running_cost": -1 / 3}[place], rel=1e-6)
+
+
+def test_a_kink_is_reported_after_few_iterations():
+    """Before the solver runs out of the thousand that it has otherwise; a kink that is never met does no harm."""
+    problem, u, block = rest_to_rest()
+    error = failed(problem.replace(running_cost=mbd.fabs(u)), intervals=6)
+    assert "has a kink where fabs(u) bends" in str(error) and error.partial.statistics.iterations <= 200
+    harmless = mbd.optimize(problem.replace(running_cost=u**2 + mbd.fabs(block.x + 5)), intervals=6)
+    assert harmless.cost == pytest.approx(17.5 - 1 / 2880, rel=1e-8)  # the magnitude is x + 5
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("function", [mbd.fabs, lambda x: mbd.fmax(x, 0)])
 def test_a_cost_with_a_kink(function):

@@ -84,6 +84,8 @@ static int take_step(instance* s, double wanted, double limit) {
   task->samples = task->keep_samples = N_GAPS > 0;
   task->capacity = ROWS_OUT;
   task->step = s->block[STEP];
+  task->last_step = s->block[LAST_STEP];
+  task->last_error = s->block[LAST_ERROR];
   task->across = s->block[IS_ACROSS] != 0.0;
   task->passed = s->block[PASSED];
   task->eigenvalue = s->block[EIGENVALUE];
@@ -92,6 +94,8 @@ static int take_step(instance* s, double wanted, double limit) {
   const int status = mbd_advance(s->run, task);
   if (!task->steps || !task->recorded) return status == DONE ? TOO_SMALL : status;
   s->block[STEP] = task->step;
+  s->block[LAST_STEP] = task->last_step;
+  s->block[LAST_ERROR] = task->last_error;
   s->block[IS_ACROSS] = (double)task->across;
   s->block[PASSED] = task->passed;
   s->block[EIGENVALUE] = task->eigenvalue;

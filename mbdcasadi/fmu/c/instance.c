@@ -20,6 +20,7 @@ enum {
   IS_AHEAD,      /* the integrator is ahead of the communication point, between these times: */
   AHEAD_BEGIN, AHEAD_END,
   STEP,          /* size of the next step of the integrator */
+  LAST_STEP, LAST_ERROR, /* of its last step, or 0 */
   IS_ACROSS,     /* that is a tiny one across a zero of what switches */
   PASSED,        /* time at which such a zero was passed last */
   EIGENVALUE,    /* size of the largest one of late */
@@ -76,7 +77,7 @@ static void changed(instance* s) { s->has_outputs = s->has_derivatives = 0; }
 
 static void turned(instance* s) {
   changed(s);
-  s->block[IS_AHEAD] = s->block[IS_ACROSS] = 0.0;
+  s->block[IS_AHEAD] = s->block[IS_ACROSS] = s->block[LAST_STEP] = 0.0;
   s->block[PASSED] = -INFINITY;
 }
 

@@ -266,7 +266,10 @@ int mbd_advance(run_t* run, stretch_t* task) {
   while (task->reached < task->count) {
     while (stop < task->count - 1 && (stop < task->reached || !task->stops[stop])) ++stop;
     const double end = task->times[stop];
-    if (step <= 0.0) step = first_step(run, task, t, fmin(end - t, task->max_step), 8.0);
+    if (step <= 0.0) {
+      step = first_step(run, task, t, fmin(end - t, task->max_step), 8.0);
+      task->last_step = 0.0;
+    }
     step = fmin(step, task->max_step);
     const double tried = step;
     int clipped = 0, repeated = 0;
@@ -304,7 +307,7 @@ int mbd_advance(run_t* run, stretch_t* task) {
     task->eigenvalue = fmax(eigenvalue(run), FADING * task->eigenvalue);
     if (task->eigenvalue > 0.0) step = fmin(step, STABLE / task->eigenvalue);
     if (at.left > 0.0) step = at.left;
-    else if (run->across) { run->passed = t; step = task->last_step = 0.0; }
+    else if (run->across) { run->passed = t; step = 0.0; }
     run->across = at.left > 0.0;
     if (task->stiff_after) {
       if (h * task->eigenvalue > STABILITY) {

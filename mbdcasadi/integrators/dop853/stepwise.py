@@ -346,7 +346,7 @@ class _StretchRun:
                 stop += 1
             end = times[stop]
             if step <= 0.0:
-                step = self._first_step(t, f.y, f.k0, min(end - t, s.max_step))
+                step, progress.last_step = self._first_step(t, f.y, f.k0, min(end - t, s.max_step)), 0.0
             taken = self._step(t, end, min(step, s.max_step))
             if taken is None:
                 break
@@ -424,7 +424,7 @@ class _StretchRun:
         if at.left > 0.0:
             following = at.left
         elif self._across:  # beyond the switch the motion is another one
-            self._passed, self.progress.last_step, following = t, 0.0, 0.0
+            self._passed, following = t, 0.0
         self._across = at.left > 0.0
         return h, arrival, following
 

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from ...equations.switching.continuity import Surroundings, continuous_switches
-from ...equations.switching.switches import Switch, hold
+from ...equations.switching.switches import JUMPING, Switch, hold
 from ...numerics.graph import operations
 from ...printing import to_text
 from ..phase import Phase
@@ -29,6 +29,8 @@ def kinks_in(expression: ca.SX) -> list[str]:
     The square of a positive part is smooth, and is not named.
     """
     whole = ca.vertcat(expression, *[p.expression for p in placeholders_in(expression)])
+    if not any(operations(whole, (*_BENDING, *JUMPING))):
+        return []
     symbols = ca.vertcat(ca.SX(0, 1), *ca.symvar(whole))
     nodes = list(operations(whole, (*_BENDING, ca.OP_ATAN2)))
     angles = [node.element_hash() for op, node in nodes if op == ca.OP_ATAN2]  # they jump at ±π alone

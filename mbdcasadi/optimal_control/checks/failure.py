@@ -12,6 +12,7 @@ from ...errors import MechanismError
 from ..nlp.limit_sides import LimitSides, Side
 from ..nlp.limits import label_of
 from ..nlp.rows import violations
+from ..nlp.solvers.base import UNBOUNDED_COST
 from ..solution import Solution
 from .expressions import kinks_in_costs, kinks_in_path, not_finite
 
@@ -108,6 +109,13 @@ class OptimizationError(MechanismError):
 def explain_failure(solution: Solution, status: str) -> OptimizationError:
     """Return the error for a solve that did not succeed, from its last iterate and the message of the solver."""
     violations = violations_of(solution)
+    if is_unbounded(solution):
+        return OptimizationError(
+            f"the cost seems to have no lower bound: it is {solution.cost:.3g} at the last iterate, after "
+            f"{solution.statistics.iterations} iterations, and falls on; limit the inputs, or add a cost of what grows",
+            largest_violations=violations,
+            partial=solution,
+        )
     message = _MESSAGES.get(status, f"the solver stopped: {status}")
     if status == "Solved_To_Acceptable_Level" or not violations:
         worst = "; all demands are met at the last iterate" if not violations else ""
@@ -124,7 +132,7 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
         worst += f" ({kinks})"
     elif not violations and status == "Maximum_Iterations_Exceeded":
         worst += " (inputs that chatter unseen may be the cause)"
-    if violations and status in ("Maximum_Iterations_Exceeded", "Search_Direction_Becomes_Too_Small"):
+    if violations and not kinks and status in ("Maximum_Iterations_Exceeded", "Search_Direction_Becomes_Too_Small"):
         worst += " (the problem may be infeasible)"
     return OptimizationError(
         f"{message}{worst}; after {solution.statistics.iterations} iterations, the last iterate is in .partial",
@@ -132,6 +140,11 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
         partial=solution,
         time=wrong[1] if wrong else violations[0].time if violations else None,
     )
+
+
+def is_unbounded(solution: Solution) -> bool:
+    """Return True if the cost of a last iterate that is no solution is so low that it seems to have no lower bound."""
+    return solution.cost < UNBOUNDED_COST * solution.program.cost_scale
 
 
 def infeasible(

@@ -3,8 +3,9 @@
 A solver that stops at an infeasible point has found that no motion near that point meets all demands, and nothing
 else. So the problem is solved without its limits, and from that solution with limits that close in step by step. If
 these cannot be closed, detours are tried (a weak motor swings a pendulum up in several swings), and at last the sum
-of all violations is minimised from several starts. Only if that ends above zero does the problem seem infeasible. If
-the problem is not solved without its limits either, the violations come first, and detours at last.
+of all violations is minimised from several starts. Only if that ends above zero, and at the same least violation
+from several of them, does the problem seem infeasible. If the problem is not solved without its limits either, the
+violations come first, and detours at last.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from dataclasses import replace
 
 from ...numerics.homotopy import Step, follow
 from ..checks.expressions import kinks_in_costs, kinks_in_path
-from ..checks.failure import OptimizationError, infeasible, not_found
+from ..checks.failure import OptimizationError, infeasible, is_unbounded, not_found
 from ..nlp.problem_solver import ProblemSolver
 from ..nlp.statistics import Attempt
 from ..refinement.coarse_mesh import FRESH_PASSES, is_lost
@@ -41,19 +42,25 @@ CLOSING_POWER = 3
 FEASIBLE = 1e-6
 #: Detours that are tried, and iterations of each.
 DETOURS, DETOUR_ITERATIONS = 6, 200
-#: Starts from which a violation must stay above zero, and none reach it, for a problem to seem infeasible; and starts
-#: with detours among those that are tried.
-STARTS, DETOURED_STARTS = 2, 3
+#: Weights of the distance from the guess in a least violation, and from each motion found in the next one: the first
+#: ones lead on safely, the last one leaves the least violation as it is.
+NEARNESS = (1e-4, 1e-6, 1e-8)
+#: Starts from which the same least violation must be found, up to a share of it, and none below, for a problem to seem
+#: infeasible; one more if others end in larger ones, since several minima show that there may be further ones. And
+#: starts with detours among those that are tried.
+STARTS, SAME_VIOLATION, DETOURED_STARTS = 2, 0.01, 3
 
 
 def may_go_on(error: OptimizationError, options: dict) -> bool:
     """Return True if a failure leaves open whether the problem has a solution, and the user did not ask to stop.
 
-    With a kink in the cost a solver with derivatives would fail again from any guess.
+    With a kink in the cost, or a cost without a lower bound, a solver with derivatives would fail again from any guess.
     """
     status = error.partial.statistics.status
     limited = status == "Maximum_Iterations_Exceeded" and "ipopt.max_iter" in options
-    return status in RESUMABLE and not limited and not kinks_in_costs(error.partial.problem)
+    if status not in RESUMABLE or limited or is_unbounded(error.partial):
+        return False
+    return not kinks_in_costs(error.partial.problem)
 
 
 class LimitSearch:
@@ -170,14 +177,14 @@ class LimitSearch:
         Raises
         ------
         OptimizationError
-            If the least violation is not zero, unless the solve that failed had met all demands at its end.
+            If the least violation is not zero and the same from several starts, unless the solve that failed had met
+            all demands at its end.
         """
-        conflicting: list[tuple[Solution, dict[str, float]]] = []
+        conflicting: list[tuple[float, Solution, dict[str, float]]] = []
         arguable = bool(failure.largest_violations) and not kinks_in_path(self._solver.problem)
         for start in (lambda: nearest, lambda: self._second, *[self._detour] * DETOURED_STARTS):
-            solution, slacks, succeeded = self._solver.least_violation(self._meshes, start(), VIOLATION_ITERATIONS)
+            solution, slacks, succeeded = self._least_violation(start())
             total = sum(slacks.values())
-            self._note(solution, f"least violation, {total:.2g} in all")
             if total <= FEASIBLE:
                 arguable = False
                 feasible = _without_multipliers(solution.as_guess(self._solver.problem))
@@ -185,11 +192,25 @@ class LimitSearch:
                 if solved is not None:
                     return solved.point
             elif succeeded:
-                conflicting.append((solution, slacks))
-        if arguable and len(conflicting) >= STARTS:
-            least = min(conflicting, key=lambda pair: sum(pair[1].values()))
-            raise infeasible(failure, *least, len(conflicting), FEASIBLE) from None
+                conflicting.append((total, solution, slacks))
+        least = min(conflicting, key=lambda found: found[0], default=None)
+        if arguable and least is not None:
+            agreeing = sum(total <= (1 + SAME_VIOLATION) * least[0] for total, *_ in conflicting)
+            if agreeing >= STARTS + (agreeing < len(conflicting)):
+                raise infeasible(failure, *least[1:], agreeing, FEASIBLE) from None
         return None
+
+    def _least_violation(self, near: Guess) -> tuple[Solution, dict[str, float], bool]:
+        """Least violation from a guess, less and less near to it; as :meth:`ProblemSolver.least_violation`."""
+        for weight in NEARNESS:
+            result = self._solver.least_violation(self._meshes, near, VIOLATION_ITERATIONS, weight)
+            solution, slacks, succeeded = result
+            total = sum(slacks.values())
+            if not succeeded or total <= FEASIBLE:
+                break
+            near = _without_multipliers(solution.as_guess(self._solver.problem))
+        self._note(solution, f"least violation, {total:.2g} in all")
+        return result
 
 
 def _without_multipliers(guess: Guess) -> Guess:

@@ -11,19 +11,17 @@ from .collocation_program import Bounds, CollocationProgram
 from .limit_sides import LimitSides
 from .sparse_program import derivatives_for_ipopt
 
-#: Weight of the distance from the guess, which leaves one of many motions without violation.
-NEARNESS = 1e-4
-
 
 class ElasticProgram:
     """A program in which one slack for each limit and each condition adds to what its rows allow.
 
-    The sum of the slacks is least; equations of motion, constraints and continuity hold. A sum that ends above zero is
-    a least violation near its start, since the program is not convex.
+    The sum of the slacks is least, but for half the square of the distance from the guess, with a weight `nearness`;
+    equations of motion, constraints and continuity hold. A sum that ends above zero is a least violation near its
+    start, since the program is not convex.
     """
 
-    def __init__(self, program: CollocationProgram, bounds: Bounds):
-        self.program, self._bounds = program, bounds
+    def __init__(self, program: CollocationProgram, bounds: Bounds, nearness: float):
+        self.program, self._bounds, self._nearness = program, bounds, nearness
         sides = LimitSides(program, conditions=True)
         self.labels = list(sides.sides)
         n, m, count = program.size, sides.row_count, len(self.labels)
@@ -56,12 +54,12 @@ class ElasticProgram:
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.rows)
         derivatives = nlp.derivatives
         rows, jacobian = derivatives["jac_g"](x, data)
-        cost = ca.sum1(slacks) + 0.5 * NEARNESS * ca.dot(x - near, x - near)
-        gradient = ca.vertcat(NEARNESS * (x - near), ca.MX.ones(self._count))
+        cost = ca.sum1(slacks) + 0.5 * self._nearness * ca.dot(x - near, x - near)
+        gradient = ca.vertcat(self._nearness * (x - near), ca.MX.ones(self._count))
         rows = ca.vertcat(rows, x[yielding]) - ca.mtimes(self._slacks, slacks)
         picked = ca.DM.eye(n)[yielding, :]
         slopes = ca.horzcat(ca.vertcat(jacobian, picked), -self._slacks)
-        hessian = derivatives["hess_lag"](x, data, 0.0, lam_g[: self._m]) + lam_f * NEARNESS * ca.DM.eye(n)
+        hessian = derivatives["hess_lag"](x, data, 0.0, lam_g[: self._m]) + lam_f * self._nearness * ca.DM.eye(n)
         hessian = ca.diagcat(hessian, ca.MX(self._count, self._count))
         functions = derivatives_for_ipopt((y, p, lam_f, lam_g), (cost, gradient), (rows, slopes), hessian)
         return ca.nlpsol("violation", "ipopt", {"x": y, "p": p, "f": cost, "g": rows}, functions | options)

@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from ...numerics.lazy import cached_property
 from ...results.state import State
+from ..checks.expressions import kinks_in_costs
 from ..checks.failure import OptimizationError, explain_failure
 from ..guess.guess import Guess
 from ..problem import OptimalControlProblem
@@ -30,6 +32,8 @@ from .statistics import Answer
 
 #: Miss of an implied condition from which a solution is refused, as a share of the window that is left to it.
 BRANCH_TOLERANCE = 1e-3
+#: Largest number of iterations if a cost has a kink: at one that matters the solver does not converge.
+KINKED_ITERATIONS = 200
 #: Largest scaled violation of a guess with which a solver is started as warm.
 WARM_VIOLATION = 1e-2
 
@@ -72,6 +76,7 @@ class ProblemSolver(ProblemSetup):
         """
         if guess.iterate is not None:
             self.held = tuple(sorted({*self.held, *guess.iterate.program.held}))
+        limit = KINKED_ITERATIONS if limit is None and self._has_kinks else limit
         solution = self._solve(meshes, guess, warm=warm, limit=limit)
         passed = largest_share(solution)
         for _ in range(ROUNDS):
@@ -86,6 +91,11 @@ class ProblemSolver(ProblemSetup):
                 break
             solution, passed = held, share
         return solution
+
+    @cached_property
+    def _has_kinks(self) -> bool:
+        """True if a cost has a kink."""
+        return bool(kinks_in_costs(self.problem))
 
     def solve_further(self, solution: Solution, meshes: Sequence[Mesh], guess: Guess | None = None) -> Solution | None:
         """Solve on other meshes, as a new stage, from a guess or from the solution itself; None if that fails."""
@@ -136,11 +146,14 @@ class ProblemSolver(ProblemSetup):
         return solution, sides.excess(begin.bounds, x, solution.answer.rows), result.succeeded
 
     def least_violation(
-        self, meshes: Sequence[Mesh], guess: Guess, limit: int
+        self, meshes: Sequence[Mesh], guess: Guess, limit: int, nearness: float
     ) -> tuple[Solution, dict[str, float], bool]:
-        """Look for the motion near a guess that violates limits and conditions least; as :meth:`solve_loosened`."""
+        """Look for the motion that violates limits and conditions least; as :meth:`solve_loosened`.
+
+        The square of the distance from the guess, by which one of many such motions is left, has a weight `nearness`.
+        """
         begin = self._beginning(meshes, guess)
-        elastic = ElasticProgram(begin.program, begin.bounds)
+        elastic = ElasticProgram(begin.program, begin.bounds, nearness)
         result, slacks = self._nlp_solver.least_violation(begin, elastic, limit)
         return self._kept(begin, result), slacks, result.succeeded
 

@@ -29,6 +29,8 @@ from ..statistics import SolveStatistics
 
 Made = TypeVar("Made")
 
+#: Scaled cost below which a cost has no lower bound, as it seems, and iterates that must be there one after another.
+UNBOUNDED_COST, UNBOUNDED_ITERATES = -1e6, 20
 #: Options of CasADi for solvers whose failures are reported by their status.
 QUIET: dict[str, Any] = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False}
 
@@ -91,7 +93,7 @@ class Elsewhere:
 
 
 class SolverWatch:
-    """Progress of one solve at a time, and the wish of the user to stop it.
+    """Progress of one solve at a time, and reasons to stop it: the wish of the user, or a cost that falls on and on.
 
     `lower` are the lower bounds of the rows, `cost_scale` is the size by which the cost was divided.
     """
@@ -99,12 +101,13 @@ class SolverWatch:
     def __init__(self, lower: np.ndarray, cost_scale: float):
         self._lower, self._cost_scale = lower, cost_scale
         self._bar: Any = None
+        self._unbounded = 0
         self.interruption: Interruption | None = None
 
     @contextmanager
     def watching(self, interruption: Interruption, show: bool) -> Iterator[None]:
         """Watch one solve; a bar writes to the standard error of now, which the solve redirects."""
-        self.interruption = interruption
+        self.interruption, self._unbounded = interruption, 0
         form = "{desc}: {n} iterations{postfix}"
         with progress_bar(None, "optimize", " iterations", show=show, bar_format=form, file=sys.stderr) as bar:
             self._bar = bar if show else None
@@ -122,6 +125,11 @@ class SolverWatch:
     def is_stopped(self) -> bool:
         """True after Ctrl-C."""
         return self.interruption is not None and self.interruption.requested
+
+    def is_unbounded(self, cost: ca.DM) -> bool:
+        """Return True if the scaled cost of the next iterate, and those of the last ones, show no lower bound."""
+        self._unbounded = self._unbounded + 1 if float(cost) < UNBOUNDED_COST else 0
+        return self._unbounded >= UNBOUNDED_ITERATES
 
     def show(self, cost: ca.DM, rows: ca.DM) -> None:
         """Show scaled cost and rows of the next iterate."""

@@ -104,8 +104,8 @@ class Ipopt(NLPSolver):
 class SolverCallback(SolverWatch, ca.Callback):
     """Function that IPOPT calls after every iteration, with so many variables, rows and data.
 
-    It shows iteration, cost and violation if asked to, and stops the solver after Ctrl-C, so that the last iterate is
-    not lost.
+    It shows iteration, cost and violation if asked to, and stops the solver after Ctrl-C or if the cost falls without
+    bound, so that the last iterate is not lost.
     """
 
     def __init__(self, size: int, lower: np.ndarray, cost_scale: float, data_size: int):
@@ -136,4 +136,4 @@ class SolverCallback(SolverWatch, ca.Callback):
         """Show the iterate; 1 asks the solver to stop."""
         if self.is_shown:
             self.show(arg[1], arg[2])
-        return [int(self.is_stopped)]
+        return [int(self.is_stopped or self.is_unbounded(arg[1]))]
