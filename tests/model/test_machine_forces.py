@@ -493,3 +493,20 @@ def test_the_jump_at_the_touch_is_part_of_the_force():
     assert state[stop.force] == pytest.approx(100.0, rel=1e-4)
     (smoothing,) = stop.smoothings
     assert abs(state[smoothing.expression]) < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("make", "element"),
+    [
+        (
+            lambda w: mbd.TSDA("s", mbd.ground.at(0, 1), w.at(0, 0), law=lambda x, v: 1 if x > 0 else 0),
+            "spring 's': law",
+        ),
+        (lambda w: mbd.RSDA("s", mbd.ground.at(0, 1), w.at(0, 0), law=lambda x, v: max(x, 0)), "spring 's': law"),
+        (lambda w: mbd.EndStop("e", w.x, lambda d, v: 5 * min(d, 0.1)), "stop 'e': law"),
+        (lambda w: mbd.CamOutline(lambda alpha: 0.1 if alpha < 1 else 0.2), "CamOutline: radius"),
+    ],
+)
+def test_laws_that_branch_in_python_are_refused(make, element):
+    with pytest.raises(mbd.ModelError, match=rf"{element} compares expressions by if.*use mbd\.if_else"):
+        make(mbd.Body("w", mass=1, inertia=1))

@@ -11,7 +11,7 @@ import casadi as ca
 from ...errors import ModelError
 from ..expressions import fabs, fmax, fmin, if_else, positive_power
 from ..immutable import Immutable
-from ..quantities import HasQuantities, quantity
+from ..quantities import HasQuantities, quantity, value_of
 from ..symbols import number
 
 #: ``χ v`` as a function of the restitution.
@@ -160,7 +160,7 @@ def pushing_force(law: Callable[[Any, Any], Any], gap: ca.SX, rate: ca.SX, what:
     closed = gap < 0
     # the law gets a harmless penetration if the gap is open, so that its derivatives stay finite
     depth, speed = if_else(closed, -gap, 0), if_else(closed, -rate, 0)
-    return if_else(closed, ca.SX(quantity(law(depth, speed), what, "law")), 0)
+    return if_else(closed, ca.SX(value_of(law, what, "law", depth, speed)), 0)
 
 
 def continuous_force(law: Callable[[Any, Any], Any], gap: ca.SX, force: ca.SX, what: str) -> ca.SX:

@@ -14,7 +14,7 @@ from ..element import Element
 from ..expressions import norm
 from ..geometry.splines import spline, spline_integral
 from ..immutable import Immutable
-from ..quantities import function_of, quantity
+from ..quantities import function_of, quantity, value_of
 from ..rates import time_derivative
 from .laws import stored_energy
 
@@ -55,7 +55,7 @@ class _SpringDamper(Element):
     @cached_property
     def _effort(self) -> ca.SX:
         if self.law is not None:
-            force = quantity(self.law(self._coordinate, self.rate), self.description, "law")
+            force = value_of(self.law, self.description, "law", self._coordinate, self.rate)
             return ca.SX(force) + self.actuator
         return self.stiffness * (self._coordinate - self.free) + self.damping * self.rate + self.actuator
 

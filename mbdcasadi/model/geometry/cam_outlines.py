@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ...errors import ExpressionError, ModelError
-from ..quantities import function_of, quantity, yes_or_no
+from ..quantities import function_of, quantity, value_of, yes_or_no
 from ..symbols import describe, number, varying_in
 from .curves import SAMPLES, Curve, checked_points, chord_lengths, crossing, values_over
 from .motion_programs import MotionProgram
@@ -294,7 +294,7 @@ def lift_law(program: Any) -> Callable[[ca.SX], ca.SX]:
 def every_turn(law: Callable[[ca.SX], Any], name: str) -> Callable[[ca.SX], ca.SX]:
     """Return a function of an angle from 0 to 2π, repeated every turn; unchanged if it is periodic itself."""
     symbol = ca.SX.sym("angle")
-    value = ca.SX(quantity(function_of(law, "CamOutline", name, "the angle")(symbol), "CamOutline", name))
+    value = ca.SX(value_of(function_of(law, "CamOutline", name, "the angle"), "CamOutline", name, symbol))
     if varying := varying_in(value, besides=symbol):
         raise ExpressionError(f"CamOutline: {name} may contain parameters only, not {describe(varying[0])}")
     places = np.linspace(0, TURN, 37)
