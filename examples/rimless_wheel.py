@@ -67,8 +67,10 @@ for (speed, run), colour in zip(runs.items(), ("#2a6f97", "#5b6770", "#c1553b"),
     after = [event.after[wheel.omega] for event in run.events]
     below.plot([event.t for event in run.events], after, "o", color=colour, markersize=3)
 below.set_xlabel("t, s")
-below.set_ylabel("turning, rad/s (dots: after an impact)")
-below.legend(frameon=False, fontsize="small")
+below.plot([], [], "o", color="grey", markersize=3, label="after an impact")
+below.set_ylabel("rate of turning, rad/s")
+below.set_yticks([-2, -1.5, -1, -0.5])
+below.legend(frameon=False, fontsize="small", ncols=2)
 below.spines[["top", "right"]].set_visible(False)
 figure.savefig(OUTPUT / "rimless_wheel.png", dpi=120)
 mbd.animate(runs[1.8], OUTPUT / "rimless_wheel.html", plots={"omega, rad/s": wheel.omega})

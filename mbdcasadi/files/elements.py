@@ -23,7 +23,7 @@ from ..model.joints.base import Joint
 from ..model.joints.coordinates import AbsoluteAngle, AbsoluteX, AbsoluteY, RelativeAngle, RelativeX, RelativeY
 from ..model.joints.gears import RackAndPinion
 from ..model.joints.lower_pairs import Distance, PointOnLine, Revolute, Translational
-from ..model.quantities import function_of, vector2
+from ..model.quantities import called, function_of, vector2
 from ..model.symbols import StateVariable, t
 from .fields import Fields
 
@@ -175,7 +175,8 @@ def _point_force_of_file(part: Part) -> list[Element]:
         )
     label = f'{fields.description}: forces["{code}"]'
     function = function_of(part.file_forces[code], fields.description, f'forces["{code}"]', "t", "q", "v")
-    return [Force(part.name, part.marker(1), vector2(function(t, body.q, body.v), label, "its value"), _frame(fields))]
+    force = vector2(called(function, label, "its value", t, body.q, body.v), label, "its value")
+    return [Force(part.name, part.marker(1), force, _frame(fields))]
 
 
 def matlab_name(fields: Fields) -> str:

@@ -145,10 +145,10 @@ def function_of(value: Any, what: str, name: str, *arguments: str) -> Callable[.
     return value
 
 
-def value_of(function: Callable[..., Any], what: str, name: str, *arguments: Any) -> Any:
-    """Return the quantity that a user's function gives for expressions; branches of Python on them are refused."""
+def called(function: Callable[..., Any], what: str, name: str, *arguments: Any) -> Any:
+    """Return what a user's function gives for expressions; branches of Python on them are refused."""
     try:
-        value = function(*arguments)
+        return function(*arguments)
     except RuntimeError as error:
         if "truth value" not in str(error):
             raise
@@ -156,7 +156,11 @@ def value_of(function: Callable[..., Any], what: str, name: str, *arguments: Any
             f"{what}: {name} compares expressions by if, and, or, max or min of Python, which need numbers; "
             "use mbd.if_else, mbd.fmax or mbd.fmin"
         ) from None
-    return quantity(value, what, name)
+
+
+def value_of(function: Callable[..., Any], what: str, name: str, *arguments: Any) -> Any:
+    """Return the quantity that a user's function gives for expressions; see :func:`called`."""
+    return quantity(called(function, what, name, *arguments), what, name)
 
 
 def vector2(value: Any, what: str, name: str) -> ca.SX:

@@ -505,6 +505,15 @@ def test_the_jump_at_the_touch_is_part_of_the_force():
         (lambda w: mbd.RSDA("s", mbd.ground.at(0, 1), w.at(0, 0), law=lambda x, v: max(x, 0)), "spring 's': law"),
         (lambda w: mbd.EndStop("e", w.x, lambda d, v: 5 * min(d, 0.1)), "stop 'e': law"),
         (lambda w: mbd.CamOutline(lambda alpha: 0.1 if alpha < 1 else 0.2), "CamOutline: radius"),
+        (lambda w: mbd.Curve(lambda s: (s, max(s, 0)), -1, 1), "Curve: point"),
+        (
+            lambda w: mbd.FieldForce(
+                "f",
+                mbd.Body.from_shape("bar", mbd.Rectangle(1, 0.1), mass=1),
+                lambda point: (0, -9.81 if point.y > 0 else 0),
+            ),
+            "force 'f': field",
+        ),
     ],
 )
 def test_laws_that_branch_in_python_are_refused(make, element):

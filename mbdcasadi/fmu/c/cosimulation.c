@@ -85,7 +85,7 @@ static int take_step(instance* s, double wanted, double limit) {
   task->capacity = ROWS_OUT;
   task->step = s->block[STEP];
   task->last_step = s->block[LAST_STEP];
-  task->last_error = s->block[LAST_ERROR];
+  task->last_gain = s->block[LAST_GAIN];
   task->across = s->block[IS_ACROSS] != 0.0;
   task->passed = s->block[PASSED];
   task->eigenvalue = s->block[EIGENVALUE];
@@ -95,7 +95,7 @@ static int take_step(instance* s, double wanted, double limit) {
   if (!task->steps || !task->recorded) return status == DONE ? TOO_SMALL : status;
   s->block[STEP] = task->step;
   s->block[LAST_STEP] = task->last_step;
-  s->block[LAST_ERROR] = task->last_error;
+  s->block[LAST_GAIN] = task->last_gain;
   s->block[IS_ACROSS] = (double)task->across;
   s->block[PASSED] = task->passed;
   s->block[EIGENVALUE] = task->eigenvalue;

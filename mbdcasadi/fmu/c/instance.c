@@ -20,7 +20,7 @@ enum {
   IS_AHEAD,      /* the integrator is ahead of the communication point, between these times: */
   AHEAD_BEGIN, AHEAD_END,
   STEP,          /* size of the next step of the integrator */
-  LAST_STEP, LAST_ERROR, /* of its last step, or 0 */
+  LAST_STEP, LAST_GAIN, /* of its last step, or 0 */
   IS_ACROSS,     /* that is a tiny one across a zero of what switches */
   PASSED,        /* time at which such a zero was passed last */
   EIGENVALUE,    /* size of the largest one of late */

@@ -12,6 +12,7 @@ enum { MOST_ORDER = 5, ITERATIONS = 4, LASTING = 20 };  /* the last: steps for w
 /* Rows of run->k behind the differences. */
 enum { RATE = MOST_ORDER + 3, INTEGRAND, NEXT_INTEGRAND, CHANGE, CORRECTION, PREDICTED, HISTORY };
 
+#define SAFETY 0.9         /* share of the estimated size that a step has */
 #define WORTHWHILE 1.2     /* growth of the step for which the matrix is factorised again */
 #define CONVERGED 0.03     /* correction, in tolerances, that ends the iterations */
 

@@ -40,10 +40,10 @@ def coefficients() -> Any:
 
 @cache
 def coefficients_in_c() -> str:
-    """Nodes and linear combinations as C functions."""
+    """Exponent, nodes and linear combinations as C functions."""
     c = coefficients()
     nodes = ", ".join(repr(float(x)) for x in c.C)
-    parts = [f"static const double NODES[] = {{{nodes}}};\n"]
+    parts = [f"#define EXPONENT {float(EXPONENT)}\nstatic const double NODES[] = {{{nodes}}};\n"]
     for stage in (*range(1, STAGES), *range(STAGES + 1, len(c.C))):
         parts.append(_combination(str(stage), c.A[stage], "y[i] + h * ({})", "double h, const double* y, "))
     parts.append(_combination("step", c.B, "y[i] + h * ({})", "double h, const double* y, "))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-#: Share of the estimated size that a step has, and error below which it says nothing about the next step (measured
-#: over five models: with the prediction from the last two steps 15 % of them are repeated, of 31 %).
-STEP_SAFETY, LEAST_ERROR = 0.85, 1e-2
+#: Share of the estimated size that a step has, and the most by which a step lets the next one grow in the prediction
+#: from both (measured on five models, at equal error: 6 % fewer evaluations than by the last step alone with 0.9).
+SAFETY, MOST_GAIN = 0.85, 1.8
 #: Correction by the projection, in tolerances, from which a step is repeated.
 DRIFT = 10.0
 #: Correction, relative to 1 + |x|, that counts for none: rounding divided by a singular value.

@@ -216,16 +216,14 @@ static int record_step(run_t* run, stretch_t* task, double t, double h, double e
   return 1;
 }
 
-/* Factor from a step to the next one, by its error and by how that of the last step has changed (Gustafsson). */
+/* Factor from a step to the next one, by its error and by the change of that since the last one (Gustafsson). */
 static double growth(stretch_t* task, double h, double error) {
-  double factor = MOST;
-  if (error > 0.0) factor = fmin(factor, STEP_SAFETY * pow(error, -1.0 / 8.0));
-  if (error > 0.0 && task->last_step > 0.0) {
-    const double change = pow(task->last_error, 1.0 / 8.0) * pow(error, -2.0 / 8.0);
-    factor = fmin(factor, fmax(LEAST, STEP_SAFETY * h / task->last_step * change));
-  }
+  const double gain = error > 0.0 ? pow(error, -1.0 / EXPONENT) : INFINITY;
+  double factor = fmin(MOST, SAFETY * gain);
+  if (task->last_step > 0.0)
+    factor = fmin(factor, fmax(LEAST, SAFETY * gain * gain / task->last_gain * h / task->last_step));
   task->last_step = h;
-  task->last_error = fmax(error, LEAST_ERROR);
+  task->last_gain = fmin(gain, MOST_GAIN);
   return factor;
 }
 
@@ -267,7 +265,7 @@ int mbd_advance(run_t* run, stretch_t* task) {
     while (stop < task->count - 1 && (stop < task->reached || !task->stops[stop])) ++stop;
     const double end = task->times[stop];
     if (step <= 0.0) {
-      step = first_step(run, task, t, fmin(end - t, task->max_step), 8.0);
+      step = first_step(run, task, t, fmin(end - t, task->max_step), EXPONENT);
       task->last_step = 0.0;
     }
     step = fmin(step, task->max_step);
@@ -292,7 +290,7 @@ int mbd_advance(run_t* run, stretch_t* task) {
         continue;
       }
       repeated = 1;
-      h *= isfinite(error) && error >= 1.0 ? fmax(LEAST, STEP_SAFETY * pow(error, -1.0 / 8.0)) : LEAST;
+      h *= isfinite(error) && error >= 1.0 ? fmax(LEAST, SAFETY * pow(error, -1.0 / EXPONENT)) : LEAST;
       arrival = t + h;
       if (!(h > least_step(t))) {
         /* what was reached so far counts; who called sees that it goes no further */

@@ -38,15 +38,15 @@ from .constants import (
     DRIFT,
     FADING,
     FORGOTTEN,
-    LEAST_ERROR,
+    MOST_GAIN,
     NEAR_STEPS,
     NEARLY,
+    SAFETY,
     SAME_SIDE,
     SEARCHES,
     SLIGHT,
     STABILITY,
     STABLE,
-    STEP_SAFETY,
 )
 from .recording import Recording
 from .step_functions import BufferedFunction, StepFunctions, Steps, interpolated
@@ -409,7 +409,7 @@ class _StretchRun:
                 continue
             repeated = True
             too_large = math.isfinite(error) and error >= 1.0
-            h *= max(LEAST, STEP_SAFETY * error ** (-1.0 / EXPONENT)) if too_large else LEAST
+            h *= max(LEAST, SAFETY * error ** (-1.0 / EXPONENT)) if too_large else LEAST
             arrival = t + h
             if not h > 10.0 * abs(math.nextafter(t, math.inf) - t):
                 failed = Status.APART if error < 1.0 else Status.TOO_SMALL
@@ -430,13 +430,11 @@ class _StretchRun:
 
     def _growth(self, h: float, error: float) -> float:
         """Factor from a step to the next one, by its error and the change of that since the last one (Gustafsson)."""
-        last, factor = self.progress, MOST
-        if error > 0.0:
-            factor = min(factor, STEP_SAFETY * error ** (-1.0 / EXPONENT))
-        if error > 0.0 and last.last_step > 0.0:
-            change = last.last_error ** (1.0 / EXPONENT) * error ** (-2.0 / EXPONENT)
-            factor = min(factor, max(LEAST, STEP_SAFETY * h / last.last_step * change))
-        last.last_step, last.last_error = h, max(error, LEAST_ERROR)
+        progress, gain = self.progress, error ** (-1.0 / EXPONENT) if error > 0.0 else math.inf
+        factor = min(MOST, SAFETY * gain)
+        if progress.last_step > 0.0:
+            factor = min(factor, max(LEAST, SAFETY * gain * gain / progress.last_gain * h / progress.last_step))
+        progress.last_step, progress.last_gain = h, min(gain, MOST_GAIN)
         return factor
 
     def _look_back(self, t: float, h: float, arrival: float) -> None:

@@ -64,7 +64,7 @@ typedef struct {
   integer capacity;
   /* given and returned */
   double step;                 /* size of the next step, or 0 */
-  double last_step, last_error; /* of the last step, or 0 */
+  double last_step, last_gain; /* of the last step, or 0 */
   integer across;              /* whether it is a tiny one that goes across a zero of what switches */
   double passed;               /* when one was passed last, or minus infinity */
   double eigenvalue;           /* size of the largest one of late, or 0 */

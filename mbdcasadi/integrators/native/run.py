@@ -26,7 +26,7 @@ EXTRA_ROWS = 2048
 #: Bytes that one call may return beyond the outputs.
 EXTRA_BYTES = 4_000_000
 #: Constants that the engines take from ``stretch``.
-CONSTANTS = ("SAFETY", "LEAST", "MOST", "MOST_SAMPLES", "PROJECTIONS", "LOOSE")
+CONSTANTS = ("LEAST", "MOST", "MOST_SAMPLES", "PROJECTIONS", "LOOSE")
 #: Numbers of a system and settings of a stretch, under the names of the engine.
 SIZES = ("coordinates", "states", "multipliers", "inputs", "integrals", "switches")
 SETTINGS = (

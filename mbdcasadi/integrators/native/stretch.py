@@ -19,8 +19,8 @@ ACCURACY = 1e-14
 LOOSE = 1e-9
 #: Iterations of the projection, at most.
 PROJECTIONS = 10
-#: Factors of the step size: of the estimate, smallest and largest.
-SAFETY, LEAST, MOST = 0.9, 0.2, 10.0
+#: Smallest and largest factor from one step size to the next.
+LEAST, MOST = 0.2, 10.0
 #: Samples inside one step at most.
 MOST_SAMPLES = 1000
 
@@ -160,8 +160,9 @@ class Progress:
     ----------
     step : float
         Size of the next step, s; 0 if it is not known.
-    last_step, last_error : float
-        Size of the last step, s, and its error, in tolerances; 0 if there is none from which the next one follows.
+    last_step, last_gain : float
+        Size of the last step, s, and the factor by which its error let the next one grow; 0 if there is none from which
+        the next one follows.
     across : bool
         True if that is a tiny one that goes across a zero of what switches.
     passed : float
@@ -176,7 +177,7 @@ class Progress:
 
     step: float = 0.0
     last_step: float = 0.0
-    last_error: float = 0.0
+    last_gain: float = 0.0
     across: bool = False
     passed: float = -np.inf
     eigenvalue: float = 0.0

@@ -12,7 +12,7 @@ from ...errors import ModelError
 from ..bodies import Body, Marker, as_body
 from ..element import Element, cross
 from ..geometry.quadrature import quadrature
-from ..quantities import function_of, known_value, vector2, whole
+from ..quantities import called, function_of, known_value, vector2, whole
 
 
 class Gravity(Element):
@@ -120,9 +120,8 @@ class FieldForce(Element):
         pairs = []
         for place, share in zip(local + self.body.shape_frame, shares, strict=True):
             point = Marker(self.body, ca.SX(ca.DM(place)), ca.SX(0))
-            pairs.append(
-                (point.position, float(share) * self.body.mass * vector2(field(point), self.description, "field"))
-            )
+            per_mass = vector2(called(field, self.description, "field", point), self.description, "field")
+            pairs.append((point.position, float(share) * self.body.mass * per_mass))
         self.virtual_work = tuple(pairs)
         self.__dict__["bodies"] = (self.body,)
         self.force = sum((force for _, force in pairs), ca.SX(2, 1))

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import ExpressionError, ModelError
 from ..immutable import HoldsSymbols, Immutable
-from ..quantities import column, function_of, yes_or_no
+from ..quantities import called, column, function_of, yes_or_no
 from ..symbols import describe, number, symbols_of, values_of, varying_in
 from .splines import closed_spline, spline
 
@@ -51,7 +51,8 @@ class Curve(Immutable, HoldsSymbols):
     def __init__(self, point: Callable[[ca.SX], Any], lower: float, upper: float, closed: bool = False):
         what = self._called
         symbol = ca.SX.sym("alpha")
-        coordinates = column(function_of(point, what, "point", "the parameter")(symbol), f"{what}: point")
+        function = function_of(point, what, "point", "the parameter")
+        coordinates = column(called(function, what, "point", symbol), f"{what}: point")
         if coordinates.numel() != 2:
             raise ModelError(f"{what}: point must return two coordinates, got {coordinates.numel()}")
         self._define(symbol, coordinates, ca.jacobian(coordinates, symbol), lower, upper, closed)

@@ -218,7 +218,7 @@ class Viscous(FrictionLaw):
 
 
 class LuGre(FrictionLaw):
-    """``F = -N (σ0 z + σ1 ż)``, ``ż = v - σ0 |v| z / g(v)``, ``g = μ + (μ_s - μ) exp(-(v/v_s)²)``.
+    """``F = -N (σ0 z + σ1(v) ż)``, ``ż = v - σ0 |v| z / g(v)``, ``g = μ + (μ_s - μ) exp(-(v/v_s)²)``.
 
     The deflection z of the bristles is a first-order state for each place at which the law acts.
     At rest F balances any push up to μ_s N, without creep.
