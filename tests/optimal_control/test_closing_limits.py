@@ -202,6 +202,7 @@ def test_the_least_violation_is_that_of_the_force(control):
     assert labels and labels <= {"u <= 3", "u >= -3", "final: block.x == 1", "final: block.vx == 0"}
 
 
+@pytest.mark.slow
 def test_the_least_violation_does_not_depend_on_its_start(monkeypatch):
     """7.6 N move 2 kg by 0.95 m in 1 s where 8 N move them by 1 m: from all five starts the end is missed by 0.05 m."""
     original, totals = ProblemSolver.least_violation, []
@@ -222,6 +223,7 @@ def test_the_least_violation_does_not_depend_on_its_start(monkeypatch):
     assert len(last) == 5 and max(last) <= min(last) * (1 + 1e-3)
 
 
+@pytest.mark.slow
 def test_several_least_violations_are_no_evidence(monkeypatch):
     """Starts that end in different least violations show that there are several, and perhaps one of zero."""
     original, factor = ProblemSolver.least_violation, iter(np.repeat([1.0, 1.2, 1.4, 1.6, 1.8], 3))

@@ -138,6 +138,7 @@ def test_a_kink_in_the_cost_ends_the_search_at_once():
     assert "tried:" not in str(error) and "infeasible" not in str(error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", ["terminal_cost", "running_cost"])
 def test_a_cost_without_a_lower_bound(place):
     """As far as a free body can be pushed, or as fast: named after few iterations, as long as nothing limits it."""
@@ -150,6 +151,7 @@ def test_a_cost_without_a_lower_bound(place):
     assert limited.cost == pytest.approx({"terminal_cost": -1, "running_cost": -1 / 3}[place], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_kink_is_reported_after_few_iterations():
     """Before the solver runs out of the thousand that it has otherwise; a kink that is never met does no harm."""
     problem, u, block = rest_to_rest()
