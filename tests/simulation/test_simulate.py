@@ -709,6 +709,19 @@ def test_short_events_are_not_missed():
     np.testing.assert_allclose([e.t for e in motion.events], [5 / G - 0.0015, 5 / G + 0.0015], atol=1e-6)
 
 
+@pytest.mark.parametrize("method", ["idas", "rosenbrock", "dop853"])
+@pytest.mark.parametrize("beyond", [1e-4, 1e-6])
+def test_an_angle_that_hardly_passes_a_threshold(method, beyond):
+    """At every return of a swing from rest; the angle is beyond for 2 √(2 beyond/|angular acceleration|), here 1 ms."""
+    p, start = pendulum(), -np.pi / 2 + 0.5
+    period = 4 * np.sqrt(2 / (3 * G)) * ellipk(np.sin(0.25) ** 2)
+    early = np.sqrt(2 * beyond / (1.5 * G * np.sin(0.5)))
+    top = mbd.Event("top", p.rod.phi - start + beyond, direction=1)
+    motion = mbd.simulate(p.mechanism, np.linspace(0, 10, 6), initial=[p.rod.phi == start], events=[top], method=method)
+    times = period * np.arange(1, int(10 / period) + 1) - early
+    np.testing.assert_allclose([event.t for event in motion.events], times, atol=0.1 * early)
+
+
 @pytest.mark.parametrize("method", ["erk", "rosenbrock"])
 def test_events_with_other_methods(method):
     """Located by the integrator that runs."""

@@ -16,7 +16,7 @@ from ...model.events import Event
 from ...model.rates import time_derivative
 from ...numerics.evaluation import Evaluator
 from ...numerics.least_squares import largest
-from ...numerics.roots import bracketed_root, nears_zero
+from ...numerics.roots import bracketed_root, narrowed_extrema, nears_zero
 from ...numerics.tolerances import AT_REST, ZERO_VALUE
 from ...results.state import State
 from ..outputs import Outputs
@@ -372,9 +372,16 @@ class EventWatch:
         self, outputs: Outputs, index: int, ends: np.ndarray, values: np.ndarray, states_at: StatesAt
     ) -> list[float]:
         """Times inside an interval at which an event takes place whose expression returns to its side by the end."""
+
+        def values_at(times: np.ndarray) -> np.ndarray:
+            own: np.ndarray = self.values(outputs, times, states_at(times), np.full(times.size, ends[0]))[:, index]
+            return own
+
         times = np.linspace(ends[0], ends[1], CLOSER_POINTS + 2)
-        inner = self.values(outputs, times[1:-1], states_at(times[1:-1]), np.full(CLOSER_POINTS, ends[0]))[:, index]
-        course = np.r_[values[0], inner, values[1]]
+        course = np.r_[values[0], values_at(times[1:-1]), values[1]]
+        peak = _peak_near_zero(times, course, values_at)
+        if peak is not None:
+            times, course = (np.insert(old, peak[0], new) for old, new in ((times, peak[1]), (course, peak[2])))
         crossings = []
         for k in range(course.size - 1):
             if _crossed(self.events[index], course[k], course[k + 1]):
@@ -411,6 +418,23 @@ class EventWatch:
                     f"event '{self.events[index].name}': its expression is not a number at t = {time:.6g} s (a root of "
                     "a negative number, or a division by zero); there it cannot take place"
                 )
+
+
+def _peak_near_zero(
+    times: np.ndarray, course: np.ndarray, values_at: Callable[[np.ndarray], np.ndarray]
+) -> tuple[int, float, float] | None:
+    """Place among samples of one sign, time and value of an extremum that may be beyond zero; None if there is none."""
+    k = int(np.argmin(np.abs(course[1:-1]))) + 1
+    sign = np.sign(course[k])
+    if np.any(np.sign(course) != sign) or sign == 0:
+        return None
+    (h0, h1), (rise, fall) = np.diff(times[k - 1 : k + 2]), np.diff(course[k - 1 : k + 2])
+    bend = (fall / h1 - rise / h0) / (h0 + h1)
+    if not (nears_zero(course[k - 1], course[k], h0, bend) or nears_zero(course[k], course[k + 1], h1, bend)):
+        return None
+    bracket = times[k - 1 : k], times[k + 1 : k + 2]
+    (time,) = narrowed_extrema(lambda points: values_at(points.ravel())[None, :], *bracket, np.array([-sign]))
+    return k + int(time > times[k]), float(time), float(values_at(np.array([time]))[0])
 
 
 def _crossed(event: Event, before: float, after: float) -> bool:
