@@ -47,6 +47,32 @@ def test_bounces_of_a_ball(method):
     assert motion[body.y].min() > -1e-9
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["idas", "erk", "rosenbrock", "dop853", "bdf"])
+def test_bounces_against_the_air(method):
+    """With drag ``c v|v|`` the times of the bounces are known too; errors of the restarts do not add up."""
+    body, mechanism = ball()
+    drag = 0.45
+    end = np.sqrt(0.6 * G / drag)  # speed at which the ball would fall in the end
+    air = mbd.Force("air", body.at(0, 0), vector=(0, -drag * body.vy * mbd.fabs(body.vy)))
+    height, hit, wanted = 1.0, 0.0, []
+    for _ in range(20):
+        hit += end / G * np.arccosh(np.exp(G * height / end**2))
+        wanted.append(hit)
+        speed = 0.8 * end * np.sqrt(1 - np.exp(-2 * G * height / end**2))
+        hit += end / G * np.arctan(speed / end)
+        height = end**2 / (2 * G) * np.log(1 + speed**2 / end**2)
+    motion = mbd.simulate(
+        mechanism.replace(forces=[*mechanism.forces, air]),
+        [0, wanted[-1] + 1e-4],
+        events=[bounce(body)],
+        method=method,
+        reltol=1e-10,
+        abstol=1e-10,
+    )
+    np.testing.assert_allclose([event.t for event in motion.events], wanted, atol=1e-8)
+
+
 def test_between_outputs_the_jump_stays():
     """Interpolation uses the states on both sides of a bounce, also from a file."""
     body, mechanism = ball()
