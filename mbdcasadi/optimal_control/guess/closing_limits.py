@@ -10,7 +10,7 @@ violations come first, and detours at last.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 from ...numerics.homotopy import Step, follow
@@ -180,29 +180,36 @@ class LimitSearch:
             If the least violation is not zero and the same from several starts, unless the solve that failed had met
             all demands at its end.
         """
-        conflicting: list[tuple[float, Solution, dict[str, float]]] = []
-        arguable = bool(failure.largest_violations) and not kinks_in_path(self._solver.problem)
-        for start in (lambda: nearest, lambda: self._second, *[self._detour] * DETOURED_STARTS):
-            solution, slacks, succeeded = self._least_violation(start())
-            total = sum(slacks.values())
-            if total <= FEASIBLE:
-                arguable = False
-                feasible = _without_multipliers(solution.as_guess(self._solver.problem))
-                solved = self._solved(feasible, "all limits, from a motion that meets them")
-                if solved is not None:
-                    return solved.point
-            elif succeeded:
-                conflicting.append((total, solution, slacks))
-        least = min(conflicting, key=lambda found: found[0], default=None)
-        if arguable and least is not None:
-            agreeing = sum(total <= (1 + SAME_VIOLATION) * least[0] for total, *_ in conflicting)
-            if agreeing >= STARTS + (agreeing < len(conflicting)):
-                raise infeasible(failure, *least[1:], agreeing, FEASIBLE) from None
+        problem, arguable = self._solver.problem, bool(failure.largest_violations)
+        arguable = arguable and not kinks_in_path(problem)
+        starts = (lambda: nearest, lambda: self._second, *[self._detour] * DETOURED_STARTS)
+        guesses: Iterable[Guess] = (start() for start in starts)
+        # near to all starts first, which often ends at a motion that meets all; the rest is for what is in conflict
+        for weights in (NEARNESS[:1], NEARNESS[1:]):
+            conflicting: list[tuple[float, Solution, dict[str, float]]] = []
+            for guess in guesses:
+                solution, slacks, succeeded = self._least_violation(guess, weights)
+                total = sum(slacks.values())
+                if total <= FEASIBLE:
+                    arguable = False
+                    feasible = _without_multipliers(solution.as_guess(problem))
+                    solved = self._solved(feasible, "all limits, from a motion that meets them")
+                    if solved is not None:
+                        return solved.point
+                elif succeeded:
+                    conflicting.append((total, solution, slacks))
+            if not arguable or len(conflicting) < STARTS:
+                return None
+            guesses = [_without_multipliers(solution.as_guess(problem)) for _, solution, _ in conflicting]
+        least = min(conflicting, key=lambda found: found[0])
+        agreeing = sum(total <= (1 + SAME_VIOLATION) * least[0] for total, *_ in conflicting)
+        if agreeing >= STARTS + (agreeing < len(conflicting)):
+            raise infeasible(failure, *least[1:], agreeing, FEASIBLE) from None
         return None
 
-    def _least_violation(self, near: Guess) -> tuple[Solution, dict[str, float], bool]:
+    def _least_violation(self, near: Guess, weights: Sequence[float]) -> tuple[Solution, dict[str, float], bool]:
         """Least violation from a guess, less and less near to it; as :meth:`ProblemSolver.least_violation`."""
-        for weight in NEARNESS:
+        for weight in weights:
             result = self._solver.least_violation(self._meshes, near, VIOLATION_ITERATIONS, weight)
             solution, slacks, succeeded = result
             total = sum(slacks.values())
