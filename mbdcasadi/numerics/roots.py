@@ -192,3 +192,12 @@ def nears_zero(before: np.ndarray, after: np.ndarray, length: np.ndarray | float
         change = np.abs(after - before) + np.abs(bend) * length**2
         near: np.ndarray = (place > 0.0) & (place < length) & (extreme * np.sign(before) < TOUCHES * change)
     return near
+
+
+def may_touch(t0: float, f0: np.ndarray, t1: float, f1: np.ndarray, t2: float, f2: np.ndarray) -> np.ndarray:
+    """Return True for functions (k,) if a parabola through three values of one sign comes near to zero between them."""
+    h0, h1 = t1 - t0, t2 - t1
+    with np.errstate(invalid="ignore", divide="ignore"):
+        same = (f0 != 0.0) & (np.sign(f0) == np.sign(f1)) & (np.sign(f1) == np.sign(f2))
+        bend = ((f2 - f1) / h1 - (f1 - f0) / h0) / (h1 + h0)
+    return same & (nears_zero(f0, f1, h0, bend) | nears_zero(f1, f2, h1, bend))

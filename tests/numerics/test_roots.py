@@ -6,6 +6,7 @@ import pytest
 from mbdcasadi.numerics.roots import (
     bracketed_root,
     bracketed_roots,
+    may_touch,
     narrowed_extrema,
     narrowed_roots,
     nears_zero,
@@ -75,3 +76,12 @@ def test_of_several_roots_the_first_that_samples_show():
 def test_no_brackets_have_no_roots():
     none = np.zeros(0)
     assert narrowed_roots(np.cos, none, none, none).size == narrowed_extrema(np.cos, none, none, none).size == 0
+
+
+@pytest.mark.parametrize(("low", "wanted"), [(0.5, False), (0.01, True), (-0.01, True)])
+def test_parabolas_that_may_touch_zero(low, wanted):
+    """``(x - 0.4)² + low`` through 0, 1 and 2: near to zero or beyond it between samples of one sign."""
+    values = [np.array([(x - 0.4) ** 2 + low]) for x in (0.0, 1.0, 2.0)]
+    assert may_touch(0.0, values[0], 1.0, values[1], 2.0, values[2]) == [wanted]
+    assert may_touch(0.0, -values[0], 1.0, -values[1], 2.0, -values[2]) == [wanted]
+    assert not may_touch(0.0, -values[0], 1.0, values[1], 2.0, values[2])[0]

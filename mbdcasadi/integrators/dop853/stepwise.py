@@ -15,7 +15,7 @@ import numpy as np
 
 from ...model.cache import Cache
 from ...numerics.c_code import simplified
-from ...numerics.roots import nears_zero
+from ...numerics.roots import may_touch
 from ..native.stretch import (
     ACCURACY,
     LEAST,
@@ -299,7 +299,7 @@ class _StretchRun:
         candidate = crossed & ((watched.direction == 0) | ((watched.direction > 0) == (self._sign < 0.0)))
         if len(self._seen) > 1:
             (t0, f0), (t1, f1) = self._seen
-            candidate |= _may_touch(t0, f0 - s.offset, t1, f1 - s.offset, t, moved)
+            candidate |= may_touch(t0, f0 - s.offset, t1, f1 - s.offset, t, moved)
         candidate &= known
         self._sign = np.where(known & (now != 0), now, self._sign)
         self._seen = [*self._seen[-1:], (t, values)]
@@ -495,12 +495,3 @@ def _clipped(t: float, end: float, step: float) -> tuple[float, float, bool]:
     if t + 2.0 * step > end:
         return (end - t) / 2.0, t + (end - t) / 2.0, True
     return step, t + step, False
-
-
-def _may_touch(t0: float, f0: np.ndarray, t1: float, f1: np.ndarray, t2: float, f2: np.ndarray) -> np.ndarray:
-    """True, by event, if a parabola through three values of one sign comes near to zero between them."""
-    h0, h1 = t1 - t0, t2 - t1
-    with np.errstate(invalid="ignore", divide="ignore"):
-        same = (f0 != 0.0) & (np.sign(f0) == np.sign(f1)) & (np.sign(f1) == np.sign(f2))
-        bend = ((f2 - f1) / h1 - (f1 - f0) / h0) / (h1 + h0)
-    return same & (nears_zero(f0, f1, h0, bend) | nears_zero(f1, f2, h1, bend))

@@ -16,7 +16,7 @@ from ...model.events import Event
 from ...model.rates import time_derivative
 from ...numerics.evaluation import Evaluator
 from ...numerics.least_squares import largest
-from ...numerics.roots import bracketed_root, narrowed_extrema, nears_zero
+from ...numerics.roots import bracketed_root, may_touch, narrowed_extrema, nears_zero
 from ...numerics.tolerances import AT_REST, ZERO_VALUE
 from ...results.state import State
 from ..outputs import Outputs
@@ -428,9 +428,7 @@ def _peak_near_zero(
     sign = np.sign(course[k])
     if np.any(np.sign(course) != sign) or sign == 0:
         return None
-    (h0, h1), (rise, fall) = np.diff(times[k - 1 : k + 2]), np.diff(course[k - 1 : k + 2])
-    bend = (fall / h1 - rise / h0) / (h0 + h1)
-    if not (nears_zero(course[k - 1], course[k], h0, bend) or nears_zero(course[k], course[k + 1], h1, bend)):
+    if not may_touch(times[k - 1], course[k - 1], times[k], course[k], times[k + 1], course[k + 1]):
         return None
     bracket = times[k - 1 : k], times[k + 1 : k + 2]
     (time,) = narrowed_extrema(lambda points: values_at(points.ravel())[None, :], *bracket, np.array([-sign]))
