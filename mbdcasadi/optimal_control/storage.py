@@ -95,9 +95,7 @@ def _restored(problem: OptimalControlProblem, content: Archive) -> tuple[Any, ..
     theirs, count = content.names("row labels"), len(labels)
     if program.size != content["x"].size or labels != theirs:
         other = next((f"'{a}' where the problem has '{b}'" for a, b in zip(theirs, labels, strict=False) if a != b), "")
-        raise FileError(
-            f"{content.path}: the solution belongs to another problem: {other or 'its size is another one'}"
-        )
+        raise _another(content, other or "its size is another one")
     _check_values(problem, program, program.data(parameters, meshes, times), times, content)
     statistics = content.json("statistics")
     for name in ("starts", "passes", "steps", "stages"):

@@ -103,13 +103,9 @@ class _FarOff(Coarseness):
         return np.where(np.isfinite(errors), errors, 0.0)
 
 
-def _is_far_off(solution: Solution) -> bool:
-    return _FarOff(solution).largest > LARGEST_ERROR
-
-
 def _refuse_far_off(solution: Solution) -> None:
-    if _is_far_off(solution):
-        measure = _FarOff(solution)
+    measure = _FarOff(solution)
+    if measure.largest > LARGEST_ERROR:
         part, k = measure.worst
         text = coarse_mesh(part, measure.errors[part.program.number])
         raise OptimizationError(f"the solution is no motion: {text}", partial=solution, time=float(part.mesh_times[k]))
