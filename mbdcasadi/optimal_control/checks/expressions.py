@@ -57,15 +57,17 @@ def _named(sharp: list[Switch], bends: list[ca.SX], symbols: ca.SX) -> list[str]
 
 
 def kinks_in_costs(problem: OptimalControlProblem) -> str:
-    """Return in words the kinks in the costs of a problem; empty if there are none."""
+    """Return in words the kinks in the costs of a problem, found once for it; empty if there are none."""
     costs = [("running_cost", phase.running_cost) for phase in problem.phases]
     costs += [("the cost of a waypoint", w.cost) for phase in problem.phases for w in phase.waypoints]
-    return _kinks([*costs, ("terminal_cost", problem.terminal_cost)])
+    costs.append(("terminal_cost", problem.terminal_cost))
+    return problem.compiled.kinks.get_or_create("costs", lambda: _kinks(costs))
 
 
 def kinks_in_path(problem: OptimalControlProblem) -> str:
-    """Return in words the kinks in the path conditions of a problem; empty if there are none."""
-    return _kinks([(f"path: {c.label}", c.expression) for phase in problem.phases for c in phase.path])
+    """Return in words the kinks in the path conditions of a problem, found once for it; empty if there are none."""
+    conditions = [(f"path: {c.label}", c.expression) for phase in problem.phases for c in phase.path]
+    return problem.compiled.kinks.get_or_create("path", lambda: _kinks(conditions))
 
 
 def _kinks(expressions: Iterable[tuple[str, ca.SX]]) -> str:

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from ...numerics.lazy import cached_property
 from ...results.state import State
 from ..checks.expressions import kinks_in_costs
 from ..checks.failure import OptimizationError, explain_failure
@@ -76,7 +75,7 @@ class ProblemSolver(ProblemSetup):
         """
         if guess.iterate is not None:
             self.held = tuple(sorted({*self.held, *guess.iterate.program.held}))
-        limit = KINKED_ITERATIONS if limit is None and self._has_kinks else limit
+        limit = KINKED_ITERATIONS if limit is None and kinks_in_costs(self.problem) else limit
         solution = self._solve(meshes, guess, warm=warm, limit=limit)
         passed = largest_share(solution)
         for _ in range(ROUNDS):
@@ -91,11 +90,6 @@ class ProblemSolver(ProblemSetup):
                 break
             solution, passed = held, share
         return solution
-
-    @cached_property
-    def _has_kinks(self) -> bool:
-        """True if a cost has a kink."""
-        return bool(kinks_in_costs(self.problem))
 
     def solve_further(self, solution: Solution, meshes: Sequence[Mesh], guess: Guess | None = None) -> Solution | None:
         """Solve on other meshes, as a new stage, from a guess or from the solution itself; None if that fails."""
@@ -150,7 +144,7 @@ class ProblemSolver(ProblemSetup):
     ) -> tuple[Solution, dict[str, float], bool]:
         """Look for the motion that violates limits and conditions least; as :meth:`solve_loosened`.
 
-        The square of the distance from the guess, by which one of many such motions is left, has a weight `nearness`.
+        The squared distance from the guess, which singles out one of many such motions, has the weight `nearness`.
         """
         begin = self._beginning(meshes, guess)
         elastic = ElasticProgram(begin.program, begin.bounds, nearness)
