@@ -76,6 +76,11 @@ class Model:
         Angular velocity at the start of some bodies, rad/s; the rest follows from the joints.
     goal : float
         Position error at which methods are compared, m.
+    exact : callable, optional
+        ``times -> (n_t, 2 n)`` centres of mass (m) of a motion that is known, or follows from one differential
+        equation; without it the reference is computed.
+    folds : bool
+        True if it passes poses in which it could fold.
     """
 
     name: str
@@ -88,6 +93,8 @@ class Model:
     gravity: float = GRAVITY
     speeds: dict[int, float] = field(default_factory=dict)
     goal: float = 1e-6
+    exact: Callable[[np.ndarray], np.ndarray] | None = None
+    folds: bool = False
 
     @property
     def times(self) -> np.ndarray:
@@ -263,7 +270,8 @@ def andrews_squeezer(duration: float = 0.03) -> Model:
 def four_bars(loops: int, duration: float = 10.0) -> Model:
     """Windows in a row: upright bars of 1 m and 1 kg on the ground, joined at their tops by equal ones.
 
-    In the pose in which all bars lie on a line the mechanism could fold. The first bar begins at 1 rad/s.
+    In the pose in which all bars lie on a line the mechanism could fold. The first bar begins at 1 rad/s. All
+    upright bars turn alike and all others move in circles, so that one equation gives the motion.
 
     References
     ----------
@@ -277,7 +285,35 @@ def four_bars(loops: int, duration: float = 10.0) -> Model:
         place = len(bodies)
         bodies.append(_bar(f"top {k}", 1.0, np.array([float(k), 1.0]), np.array([k + 1.0, 1.0])))
         pins += [Pin(f"left {k}", k, (0.5, 0), place, (-0.5, 0)), Pin(f"right {k}", k + 1, (0.5, 0), place, (0.5, 0))]
-    return Model(f"{loops} four-bars", tuple(bodies), tuple(pins), duration, speeds={0: -1.0}, outputs=100)
+
+    def exact(times: np.ndarray) -> np.ndarray:
+        from scipy.integrate import solve_ivp  # first runs must not wait for it
+
+        uprights, places = np.arange(loops + 1.0), np.arange(loops) + 0.5
+        inertia, moment = (loops + 1) / 3 + loops, ((loops + 1) / 2 + loops) * GRAVITY
+        angle = solve_ivp(
+            lambda _t, y: [y[1], moment / inertia * np.sin(y[0])],
+            (times[0], times[-1]),
+            [0.0, -1.0],
+            method="DOP853",
+            t_eval=times,
+            rtol=3e-14,
+            atol=1e-15,
+        ).y[0][:, None]
+        x = np.hstack([uprights - np.sin(angle) / 2, places - np.sin(angle)])
+        y = np.hstack([np.tile(np.cos(angle) / 2, loops + 1), np.tile(np.cos(angle), loops)])
+        return np.stack([x, y], axis=2).reshape(times.size, -1)
+
+    return Model(
+        f"{loops} four-bars",
+        tuple(bodies),
+        tuple(pins),
+        duration,
+        speeds={0: -1.0},
+        outputs=100,
+        exact=exact,
+        folds=True,
+    )
 
 
 #: Every model by its name on the command line.

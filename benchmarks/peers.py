@@ -161,12 +161,15 @@ class Problem:
 
     @cached_property
     def reference(self) -> np.ndarray:
-        """Positions (n_t, 2 n_bodies) by DOP853 at a tight tolerance."""
-        return self._reference(REFERENCE_TOLERANCE)
+        """Positions (n_t, 2 n_bodies), exact ones if the model has them, else by DOP853 at a tight tolerance."""
+        exact = self.model.exact
+        return self._reference(REFERENCE_TOLERANCE) if exact is None else exact(self.model.times)
 
     @cached_property
     def reference_error(self) -> float:
-        """Estimate of the error of the reference: its change at ten times the tolerance, m."""
+        """Estimate of the error of the reference: its change at ten times the tolerance, m; 0 of an exact one."""
+        if self.model.exact is not None:
+            return 0.0
         return float(np.max(np.abs(self._reference(10 * REFERENCE_TOLERANCE) - self.reference)))
 
     def _reference(self, tolerance: float) -> np.ndarray:
@@ -271,7 +274,10 @@ class MbdMethod(Method):
 
 # --- SciPy ---------------------------------------------------------------------------------------
 class ScipyMethod(Method):
-    """``scipy.integrate.solve_ivp`` on the compiled forward dynamics; no projection onto the constraints."""
+    """``scipy.integrate.solve_ivp`` on the compiled forward dynamics; no projection onto the constraints.
+
+    In poses in which a mechanism could fold these have no solution, and its steps become tiny.
+    """
 
     def __init__(self, method: str, settings: Sequence[float] = (), largest: int = 10**9):
         self.name = f"SciPy {method}"
@@ -280,7 +286,7 @@ class ScipyMethod(Method):
         self._largest = largest
 
     def suits(self, problem: Problem) -> bool:
-        return problem.start.size <= self._largest
+        return problem.start.size <= self._largest and not problem.model.folds
 
     def solve(self, problem: Problem, tolerance: float) -> tuple[np.ndarray, float, float]:
         """States by row, seconds of integration, seconds of set-up."""
@@ -362,7 +368,7 @@ class SundaeMethod(Method):
         self._largest = largest
 
     def suits(self, problem: Problem) -> bool:
-        return problem.start.size <= self._largest
+        return problem.start.size <= self._largest and not problem.model.folds
 
     def run(self, problem: Problem, setting: float) -> Run:
         from sksundae.ida import IDA
@@ -409,15 +415,23 @@ class SundaeMethod(Method):
 
 # --- Exudyn --------------------------------------------------------------------------------------
 class ExudynMethod(Method):
-    """Exudyn on a model of its own (planar rigid bodies, revolute joints), implicit trapezoidal rule at index 2.
+    """Exudyn on a model of its own (planar rigid bodies, revolute joints), an implicit method at index 2.
 
     Its step is fixed; the setting is the number of steps between two outputs.
+
+    Parameters
+    ----------
+    radius : float, optional
+        Spectral radius of the generalised-alpha method, for models that fold: there the trapezoidal rule stops.
     """
 
-    name = "Exudyn, index-2 trapezoidal"
-
-    def __init__(self, steps: Sequence[float]):
+    def __init__(self, steps: Sequence[float], radius: float | None = None):
+        self.name = "Exudyn, index-2 trapezoidal" if radius is None else f"Exudyn, generalised-alpha, radius {radius}"
         self.settings = steps
+        self._radius = radius
+
+    def suits(self, problem: Problem) -> bool:
+        return problem.model.folds == (self._radius is not None)
 
     def run(self, problem: Problem, setting: float) -> Run:
         import exudyn as exu
@@ -433,8 +447,12 @@ class ExudynMethod(Method):
             settings.timeIntegration.newton.useModifiedNewton = True
             if 5 * len(model.bodies) > DENSE_UNKNOWNS:
                 settings.linearSolverType = exu.LinearSolverType.EigenSparse
+            kind = exu.DynamicSolverType.TrapezoidalIndex2
+            if self._radius is not None:
+                kind = exu.DynamicSolverType.GeneralizedAlpha
+                settings.timeIntegration.generalizedAlpha.spectralRadius = self._radius
             made = clock()
-            done = system.SolveDynamic(settings, solverType=exu.DynamicSolverType.TrapezoidalIndex2, showHints=False)
+            done = system.SolveDynamic(settings, solverType=kind, showHints=False)
             seconds = clock() - made
         if not done:
             return Run(seconds, made - began, float("inf"))
@@ -459,6 +477,7 @@ def all_methods(jit: bool = True) -> list[Method]:
         methods.append(SundaeMethod([10.0**-k for k in range(4, 13)]))
     if find_spec("exudyn") is not None:
         methods.append(ExudynMethod([2.0**k for k in range(0, 11)]))
+        methods.append(ExudynMethod([2.0**k for k in range(4, 10)], radius=0.9))
     if jit:
         methods.insert(1, MbdMethod("mbdcasadi, dop853, compiled", tolerances, method="dop853", jit=True))
         methods.insert(4, MbdMethod("mbdcasadi, erk, jit", tolerances, method="erk", jit=True))

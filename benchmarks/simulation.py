@@ -72,17 +72,17 @@ class Timing:
 
 
 # --- finding the settings --------------------------------------------------------------------------
-def bracket(problem: Problem, method: Method) -> dict[float, list[Run]]:
+def bracket(problem: Problem, method: Method, patience: float = PATIENCE) -> dict[float, list[Run]]:
     """Return the runs at the two settings on either side of the goal; fewer where the loosest will do or none runs."""
     tried: dict[float, list[Run]] = {}
     for setting in method.settings:
         run = attempt(problem, method, setting)
         if not math.isfinite(run.error):
-            if run.seconds > PATIENCE:
+            if run.seconds > patience:
                 break
             continue
         tried[setting] = [run]
-        if run.error <= problem.model.goal or run.seconds > PATIENCE:
+        if run.error <= problem.model.goal or run.seconds > patience:
             break
     return dict(list(tried.items())[-2:])
 
@@ -97,10 +97,10 @@ def attempt(problem: Problem, method: Method, setting: float) -> Run:
 
 
 # --- timing ------------------------------------------------------------------------------------------
-def compare(problem: Problem, methods: list[Method], repeats: int) -> list[Timing]:
+def compare(problem: Problem, methods: list[Method], repeats: int, patience: float = PATIENCE) -> list[Timing]:
     """Time every method at the goal, the methods in turn."""
     suited = [method for method in methods if method.suits(problem)]
-    runs = {method.name: bracket(problem, method) for method in suited}
+    runs = {method.name: bracket(problem, method, patience) for method in suited}
     for _ in range(repeats):
         for method in suited:
             for setting, found in runs[method.name].items():
@@ -342,6 +342,8 @@ def read_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--no-jit", action="store_true", help="leave out what takes the C compiler")
     parser.add_argument("--own", action="store_true", help="methods of the package compared with SciPy's DOP853 alone")
     parser.add_argument("--processor", action="store_true", help="seconds of processors, on a machine that does more")
+    parser.add_argument("--only", nargs="+", default=[], help="methods whose names contain one of these words")
+    parser.add_argument("--patience", type=float, default=PATIENCE, help="longest run that is tightened further, s")
     parser.add_argument("--first", action="store_true", help="first runs in processes of their own, and nothing else")
     parser.add_argument("--readme", action="store_true", help="put the tables into README.md")
     parser.add_argument("--output", type=Path, default=RESULTS / "simulation.json", help="JSON file")
@@ -379,7 +381,9 @@ def main(arguments: list[str] | None = None) -> None:
         methods = all_methods(jit=not chosen.no_jit)
         if chosen.own:
             methods = [m for m in methods if m.name.startswith("mbdcasadi") or m.name == "SciPy DOP853"]
-        timings = compare(problem, methods, chosen.repeats)
+        if chosen.only:
+            methods = [m for m in methods if any(word in m.name for word in chosen.only)]
+        timings = compare(problem, methods, chosen.repeats, chosen.patience)
         compared[model.name], durations[model.name] = timings, model.duration
         report(comparison_table(problem, timings))
         results[name] = {

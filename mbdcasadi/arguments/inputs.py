@@ -356,7 +356,7 @@ def _of_solution(value: Any, symbol: Any) -> Any:
     courses = getattr(value, "inputs", None)
     if not isinstance(courses, Mapping):
         return value
-    if not any(key is symbol for key in courses):
+    if symbol not in courses:
         raise ModelError(f"inputs= holds a solution without the input '{symbol.label}'")
     return courses[symbol]
 

@@ -152,9 +152,8 @@ def _closed(numeric: NumericEquations, law: ImpactLaw, t: float, q: np.ndarray, 
     missed = np.abs(np.r_[phi, moment])
     if np.any(missed > limits):
         worst = int(np.argmax(missed / limits))
-        names = [*(eom.row_names[k] for k in eom.position_rows), *law.row_names[eom.lam.numel() :]]
         raise SimulationError(
-            f"{what}: the position of '{names[worst]}' of the new mechanism does not hold, it is off by "
+            f"{what}: the position of '{law.position_names[worst]}' of the new mechanism does not hold, it is off by "
             f"{missed[worst]:.3g}; a joint closes where its rows vanish, or a parameter in it takes the value of that "
             "instant",
             time=t,

@@ -50,7 +50,7 @@ class PoseProblem(NearestProblem):
         eom = numeric.eom
         self.sizes = numeric.scale.coordinates
         self._arguments = [eom.q, eom.t, eom.z, eom.p]
-        self._functions: dict[tuple[int, ...], Evaluator] = {}
+        self._functions: dict[tuple[Condition, ...], Evaluator] = {}
 
     def solve(self, estimate: np.ndarray) -> np.ndarray:
         """Return the pose (n,), or raise with what stays open."""
@@ -120,7 +120,7 @@ class PoseProblem(NearestProblem):
         return values.ravel() / np.where(change > 0, change, 1.0)
 
     def _compile(self, conditions: Sequence[Condition]) -> Evaluator:
-        key = tuple(id(c) for c in conditions)
+        key = tuple(conditions)
         if key not in self._functions:
             values = stacked(conditions)
             results = [values, ca.jacobian(values, self.numeric.eom.q)]

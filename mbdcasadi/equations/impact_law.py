@@ -123,7 +123,11 @@ class ImpactLaw:
         self.right = ca.vertcat(eom.nu, rest - e * (slopes @ self.v_before - rest)) if sizes else eom.nu
         elements = [*dict.fromkeys(eom.row_elements), *self.restitution]
         self.impulses = ca.vertcat(none, *[impulses_of(element) for element in elements])
-        self.row_names = (*eom.row_names, *(name for joint in self.restitution for name in joint.row_names))
+        names = tuple(name for joint in self.restitution for name in joint.row_names)
+        self.row_names = (*eom.row_names, *names)
+        #: position rows that hold at the instant, those of the mechanism first, and their names
+        self.positions = ca.vertcat(eom.Phi, self.momentary)
+        self.position_names = (*(eom.row_names[k] for k in eom.position_rows), *names)
 
     def _refuse_foreign(self) -> None:
         for joint in self.restitution:

@@ -103,7 +103,7 @@ class NumericEquations:
             np.maximum(body, least * max(heaviest, least * most), out=body)
         return np.concatenate(bodies)
 
-    @property
+    @cached_property
     def massless(self) -> bool:
         """True if a coordinate has no inertia."""
         return bool(np.any(self.mass == 0))
@@ -222,13 +222,17 @@ class NumericEquations:
 
     def has_redundant_rows(self, t: float, q: np.ndarray) -> bool:
         """Return True if rows depend on each other at a pose; by sparse factorisation if the mechanism is large."""
-        tolerance = self._rank_tolerance(q)
-        if tolerance < INDEPENDENT and self.is_regular(t, q):
-            return False
-        rank = sparse_rank(self._sparse_jacobian(t, q), tolerance) if self._is_large else self.rank(t, q).rank
-        return rank < self.eom.lam.numel()
 
-    @property
+        def answer() -> bool:
+            tolerance = self._rank_tolerance(q)
+            if tolerance < INDEPENDENT and self.is_regular(t, q):
+                return False
+            rank = sparse_rank(self._sparse_jacobian(t, q), tolerance) if self._is_large else self.rank(t, q).rank
+            return rank < self.eom.lam.numel()
+
+        return self._of_pose("redundant", t, q, answer)
+
+    @cached_property
     def _is_large(self) -> bool:
         return self.eom.lam.numel() * self.eom.q.numel() > LARGE
 
@@ -325,10 +329,13 @@ class NumericEquations:
     def _acceleration_terms(self, jacobian: np.ndarray, gamma: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Size of the terms of ``Phi_q a - gamma`` (m,): the largest of all rows, 1 rad/s² and its lever at least."""
         terms = np.abs(jacobian) @ np.abs(a) + np.abs(gamma) if a.size else np.zeros(gamma.size)
-        angular, length = self.eom.angular_rows, self.scale.length
-        most = max(largest(terms[~angular]), length * largest(terms[angular]), length)
-        size: np.ndarray = np.where(angular, most / length, most)
+        size: np.ndarray = max(largest(terms * self._levers), self.scale.length) / self._levers
         return size
+
+    @cached_property
+    def _levers(self) -> np.ndarray:
+        """Lever by which the terms of each row compare (m,): the characteristic length for angles, 1 for others."""
+        return np.where(self.eom.angular_rows, self.scale.length, 1.0)
 
     def _solved(self, *state: Any, redundant: bool) -> tuple[np.ndarray, np.ndarray]:
         """Accelerations and multipliers of one state."""

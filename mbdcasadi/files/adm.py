@@ -105,8 +105,7 @@ def _file_forces(forces: FileForces | None, data: JsonObject, file: str) -> File
     if forces is not None and not isinstance(forces, Mapping):
         raise FileError(f'{file}: forces= takes functions by name, as {{"pistonForce": function}}, got {forces!r}')
     functions = {str(name).removesuffix(".m"): function for name, function in (forces or {}).items()}
-    fields = [_named(entry, file, "force", number) for number, entry in enumerate(objects(data, "forces", file), 1)]
-    known = [matlab_name(f) for f in fields if f.get("type", None) == "PointForceFile"]
+    known = [matlab_name(f) for f in _entries(data, file, "forces", "force") if f.get("type", None) == "PointForceFile"]
     if strange := [name for name in functions if name not in known]:
         has = f"; it has {', '.join(known)}" if known else ""
         raise FileError(f"{file}: forces= gives {', '.join(strange)}, and no force of the model is in such a file{has}")
@@ -122,8 +121,7 @@ def _name_of_gravity(elements: list[Element]) -> str:
 # --- bodies --------------------------------------------------------------------------
 def _read_bodies(data: JsonObject, file: str) -> dict[int, Body]:
     bodies: dict[int, Body] = {}
-    for number, entry in enumerate(objects(data, "bodies", file), 1):
-        fields = _named(entry, file, "body", number)
+    for fields in _entries(data, file, "bodies", "body"):
         identity = fields.whole("id")
         if identity == 0:
             raise fields.refuse("id = 0 is the ground; give it another one")
@@ -158,10 +156,11 @@ def _shape(drawing: Any) -> Shape | None:
     return shape
 
 
-def _named(entry: Any, file: str, word: str, number: int) -> Fields:
-    """Fields of an element, which is named by its name or else by its place in the list."""
-    name = entry.get("name") if isinstance(entry, dict) else None
-    return Fields(entry, file, f"{word} '{name}'" if name else f"{word} number {number}")
+def _entries(data: JsonObject, file: str, part: str, word: str) -> Iterator[Fields]:
+    """Fields of the entries of a list, each called by its name or else by its place."""
+    for number, entry in enumerate(objects(data, part, file), 1):
+        name = entry.get("name") if isinstance(entry, dict) else None
+        yield Fields(entry, file, f"{word} '{name}'" if name else f"{word} number {number}")
 
 
 def _read_elements(
@@ -174,8 +173,7 @@ def _read_elements(
 ) -> Iterator[Element]:
     """Read one list of a file: by the types of its entries, or all of one kind."""
     seen: set[str] = set()
-    for number, entry in enumerate(objects(data, f"{word}s", file), 1):
-        fields = _named(entry, file, word, number)
+    for number, fields in enumerate(_entries(data, file, f"{word}s", word), 1):
         build, kind = (builders, word) if callable(builders) else _builder(fields, builders)
         name = fields.text("name", f"{kind} {number}")
         if name in seen:

@@ -114,7 +114,7 @@ class PlanarBuilder:
 
     def __init__(self, robot: Robot):
         self.robot, self.plane = robot, Plane(robot)
-        self.bodies: dict[int, Body] = {}
+        self.bodies: dict[Link, Body] = {}
         self.rotors: list[Body] = []
         self.joints: list[Element] = []
         self.forces: list[Element] = []
@@ -126,7 +126,7 @@ class PlanarBuilder:
         robot = self.robot
         for link in robot.links:
             if link.joints:
-                self.bodies[id(link)] = self._body(link)
+                self.bodies[link] = self._body(link)
         for link in robot.links:
             if link.joints:
                 self._connect(link)
@@ -171,12 +171,12 @@ class PlanarBuilder:
         try:
             return Body(link.name, mass=float(total), inertia=inertia, pose=(float(center[0]), float(center[1]), 0.0))
         except MechanismError as error:
-            raise link.source.refuse(f"is no body: {error}") from None
+            raise link.source.refuse(f"is not a valid body: {error}") from None
 
     def _at(self, link: Link, point: np.ndarray, angle: float = 0.0) -> Marker:
         """Marker of the body of a link at a point of the world, in the pose of the file."""
         place = self.plane.place(point)
-        body = self.bodies.get(id(link.root), ground)
+        body = self.bodies.get(link.root, ground)
         center = np.zeros(2) if body.is_ground else np.array(body.pose_estimate[:2])
         return body.at(float(place[0] - center[0]), float(place[1] - center[1]), angle)
 
@@ -238,7 +238,6 @@ class PlanarBuilder:
         force = -joint.damping * rate - joint.stiffness * (value + joint.reference - joint.rest)
         if joint.damping or joint.stiffness:
             self.forces.append(GeneralizedForce(f"{joint.name} spring and damper", [(value, force)]))
-
         if joint.armature:
             self._add_rotor(joint, value)
 

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import ModelError
 from ..model.joints.constraints import Constraint
 from ..model.mechanism import Mechanism
+from ..model.quantities import triple
 from ..model.symbols import Input
-from ..numerics.real import real_array
 from .markup import XmlElement, read_xml
 from .planar import PlanarBuilder
 from .robots import Law, Link, Mass, Robot, SpatialJoint, actuator_law, rotation_of_rpy, symmetric, unit_vector
@@ -58,12 +57,7 @@ def read_urdf(path: str | Path, *, gravity: Sequence[float] = (0.0, 0.0, -9.81))
         For limits and dry friction of joints, which are left out.
     """
     root = read_xml(path, "robot")
-    try:
-        direction = real_array(gravity).astype(float)
-    except (TypeError, ValueError):
-        direction = np.full(3, np.nan)
-    if direction.shape != (3,) or not np.all(np.isfinite(direction)):
-        raise ModelError(f"read_urdf: gravity must be three numbers (gx, gy, gz), got {gravity!r}")
+    direction = triple(gravity, "read_urdf", "gravity", "(gx, gy, gz)")
     robot = Robot(root, root.get("name", Path(path).stem), direction)
     _read_others(robot, root)
     links = {}

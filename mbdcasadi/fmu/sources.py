@@ -11,7 +11,7 @@ import numpy as np
 from ..integrators.dop853.runner import steps_in_c
 from ..integrators.native.run import engine_source
 from ..integrators.native.stretch import ACCURACY
-from ..numerics.c_code import SIGNATURE
+from ..numerics.c_code import SIGNATURE, literal
 from ..numerics.c_interface import constant_table
 from ..simulation.contact import gap_closings
 from ..simulation.tolerances import absolute_tolerance
@@ -92,7 +92,7 @@ def _numbers(unit: Unit) -> list[str]:
         "STOPS_IN_STOPPING": gap_closings.PARTS,
         "STOPPING_TIMES": gap_closings.TIMES,
     }
-    return [f"#define {name} {_number(value)}" for name, value in numbers.items()]
+    return [f"#define {name} {literal(value)}" for name, value in numbers.items()]
 
 
 def _functions(unit: Unit) -> list[str]:
@@ -134,14 +134,10 @@ def _tables(unit: Unit) -> list[str]:
         "FORCE_OWNERS": [owner for _, owner in model.forces],
     }
     return [
-        *(constant_table("double", name, map(_number, values)) for name, values in arrays.items()),
+        *(constant_table("double", name, map(literal, values)) for name, values in arrays.items()),
         *(constant_table("int", name, values) for name, values in integers.items()),
         *(constant_table("char* const", name, map(_string, values)) for name, values in texts.items()),
     ]
-
-
-def _number(value: float) -> str:
-    return "INFINITY" if np.isposinf(value) else "(-INFINITY)" if np.isneginf(value) else repr(float(value))
 
 
 def _string(text: str) -> str:

@@ -160,7 +160,7 @@ def variables_of(
     _check_names(used_names)
     unknown = [name for name in units if name not in used_names]
     if unknown:
-        raise ModelError(f"export_fmu: units= names {unknown[0]!r}, which is no input, parameter or output")
+        raise ModelError(f"export_fmu: units= names {unknown[0]!r}, which is not an input, parameter or output")
     make = _Maker(used_names, units)
     input_places = [position_in(mechanism.inputs, u, "export_fmu: inputs=") for u in inputs]
     parameter_places = [position_in(mechanism.parameters, p, "export_fmu: parameters=") for p in parameters]

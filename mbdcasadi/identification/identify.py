@@ -129,7 +129,7 @@ def identify(
     wanted = listed(unknowns, Parameter, "unknowns=")
     if not wanted:
         raise ModelError("identify: unknowns= is empty; name the parameters to identify")
-    equations(mechanism)  # refuses what is none
+    equations(mechanism)  # raises for what is not a mechanism
     places = [position_in(mechanism.parameters, u, "unknowns=") for u in wanted]
     of_one = {"initial": initial, "inputs": inputs, "parameters": parameters, "weights": weights}
     motions = read_experiments(times, data, experiments, **of_one)

@@ -47,7 +47,8 @@ class Integrator(Immutable):
     is_multistep : bool
         True if a start costs many small steps.
     stops_by_input : bool
-        True if it stops where an input changes, so that stops need not be known when it is compiled.
+        True if it stops where an input changes, so that stops need not be known when it is compiled; False for
+        plugins of CasADi that take the outputs at which to stop as an option, ``control_group_size``.
     quadratures_in_error_test : bool
         True if integrals that are carried along take part in the error test.
     runs_whole : bool
@@ -66,7 +67,7 @@ class Integrator(Immutable):
     plugin: ClassVar[str]
     solves_algebraic: ClassVar[bool] = True
     is_multistep: ClassVar[bool] = False
-    stops_by_input: ClassVar[bool] = False
+    stops_by_input: ClassVar[bool] = True
     quadratures_in_error_test: ClassVar[bool] = True
     runs_whole: ClassVar[bool] = False
     runs_piecewise: ClassVar[bool] = False

@@ -37,7 +37,6 @@ class IDAS(Integrator):
     name: ClassVar[str] = "idas"
     plugin: ClassVar[str] = "idas"
     is_multistep: ClassVar[bool] = True
-    stops_by_input: ClassVar[bool] = True
     quadratures_in_error_test: ClassVar[bool] = False
 
     def plugin_options(self, *, algebraic: bool) -> dict[str, Any]:

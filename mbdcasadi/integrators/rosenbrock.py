@@ -21,3 +21,4 @@ class Rosenbrock(Integrator):
 
     name: ClassVar[str] = "rosenbrock"
     plugin: ClassVar[str] = "rosenbrock"
+    stops_by_input: ClassVar[bool] = False

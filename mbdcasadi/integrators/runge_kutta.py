@@ -23,3 +23,4 @@ class RungeKutta(Integrator):
     name: ClassVar[str] = "erk"
     plugin: ClassVar[str] = "erk"
     solves_algebraic: ClassVar[bool] = False
+    stops_by_input: ClassVar[bool] = False

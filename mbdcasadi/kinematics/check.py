@@ -221,11 +221,11 @@ def _contradictory(
 
 def _unused(mechanism: Mechanism) -> tuple[str, ...]:
     used = {
-        id(body)
+        body
         for element in mechanism.elements
         for body in element.bodies
         if len(element.bodies) < len(mechanism.bodies) or element.multipliers.numel() or len(element.markers)
     }
     if len(mechanism.bodies) == 1:
         return ()
-    return tuple(body.name for body in mechanism.bodies if id(body) not in used)
+    return tuple(body.name for body in mechanism.bodies if body not in used)

@@ -99,8 +99,9 @@ class Joints:
     def __init__(self, numeric: NumericEquations, t: float):
         self._numeric, self._t = numeric, t
         eom = numeric.eom
-        drivers = {id(d) for d in eom.mechanism.drivers}
-        self._kept = [k for k, row in enumerate(eom.position_rows) if id(eom.row_elements[row]) not in drivers]
+        self._kept = [
+            k for k, row in enumerate(eom.position_rows) if eom.row_elements[row] not in eom.mechanism.drivers
+        ]
         self._rows = eom.position_rows[self._kept]
         self._random = np.random.default_rng(1)
 

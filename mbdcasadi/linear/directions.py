@@ -22,6 +22,7 @@ import numpy as np
 
 from ..equations import Equations
 from ..errors import MechanismError
+from ..model.symbols import place_of
 from ..results.state import State
 
 
@@ -110,7 +111,7 @@ def _selected(symbols: Sequence[Any], wrt: Sequence[Any], unit: np.ndarray) -> n
     """Columns that change each of the symbols."""
     rows = np.zeros((len(symbols), unit.shape[1]))
     for k, symbol in enumerate(symbols):
-        for j, other in enumerate(wrt):
-            if symbol is other:
-                rows[k] = unit[j]
+        place = place_of(symbol, wrt)
+        if place is not None:
+            rows[k] = unit[place]
     return rows

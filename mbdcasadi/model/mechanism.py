@@ -13,7 +13,7 @@ from .cache import Cache
 from .drivers import Driver
 from .element import ConstraintElement, Element
 from .immutable import HoldsSymbols, Immutable
-from .quantities import Limit, entries, listed, quantity
+from .quantities import Limit, entries, listed, quantity, refuse_unknown
 from .symbols import Coordinate, Input, Parameter, StateVariable, as_sx, describe, role_of, symbols_of, t, varying_in
 
 
@@ -256,11 +256,7 @@ class Mechanism(Immutable, HoldsSymbols):
             "states": self.own_states,
             "name": self.name,
         }
-        unknown = set(changes) - set(arguments)
-        if unknown:
-            raise ModelError(
-                f"replace: unknown argument {', '.join(sorted(unknown))}; known are {', '.join(arguments)}"
-            )
+        refuse_unknown(changes, arguments)
         return Mechanism(**(arguments | changes))
 
     def __repr__(self) -> str:

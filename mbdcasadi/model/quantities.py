@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -241,3 +241,19 @@ def listed(values: Any, kind: type, what: str) -> tuple:
         if not isinstance(value, kind):
             raise ModelError(f"{what} takes {kind.__name__} objects, got {value!r}")
     return result
+
+
+def listed_by_name(values: Any, kind: type, what: str) -> tuple:
+    """Return the parts of a list as :func:`listed` does; refuse a name that occurs twice."""
+    parts = listed(values, kind, what)
+    names = [part.name for part in parts]
+    if len(set(names)) < len(names):
+        raise ModelError(f"{what} contains a name twice: {', '.join(names)}")
+    return parts
+
+
+def refuse_unknown(changes: Iterable[str], known: Collection[str]) -> None:
+    """Raise an error if ``replace`` is to change an argument that does not exist."""
+    unknown = sorted(set(changes) - set(known))
+    if unknown:
+        raise ModelError(f"replace: unknown argument {', '.join(unknown)}; known are {', '.join(known)}")

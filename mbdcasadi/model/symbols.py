@@ -76,8 +76,8 @@ def number(value: Any, what: str, quantity: str, *, infinite: bool = False) -> f
         # CasADi's type that behaves as an array: NumPy's functions return it after GlobalOptions.setNumpyMode(1)
         raise ModelError(f"{what}: {quantity} is {value!r}, which NumPy made of an expression; use mbd.sin, … instead")
     try:
-        # float() would read "1.0", and make nan of a symbol
-        if isinstance(value, str | bytes) or (isinstance(value, ca.SX) and not value.is_constant()):
+        # float() would read "1.0" and True, and make nan of a symbol
+        if isinstance(value, str | bytes | bool | np.bool_) or (isinstance(value, ca.SX) and not value.is_constant()):
             raise TypeError
         result = float(value)
     except (TypeError, ValueError, RuntimeError, NotImplementedError):

@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import MechanismError
+from .graph import operation_name
 from .lazy import cached_property
 
 #: Instructions in a piece.
@@ -80,7 +81,6 @@ _CODES = {getattr(ca, f"OP_{name}"): code for code, name in enumerate(OPERATIONS
 _CODES |= {ca.OP_CONST: CONSTANT, ca.OP_INPUT: INPUT, ca.OP_OUTPUT: OUTPUT}
 _TEMPLATES = {code: template for code, template in enumerate(OPERATIONS.values(), start=3)}
 _OPERATIONS = {code: operation for operation, code in _CODES.items()}
-_NAMES = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
 _SINE, _COSINE = _CODES[ca.OP_SIN], _CODES[ca.OP_COS]
 
 #: Parameters of every function that is written.
@@ -172,7 +172,7 @@ def tape_of(function: ca.Function) -> Tape:
     for k in range(function.n_instructions()):
         operation = function.instruction_id(k)
         if operation not in _CODES:
-            raise UnsupportedOperation(function, _NAMES.get(operation, str(operation)))
+            raise UnsupportedOperation(function, operation_name(operation))
         code, results = _CODES[operation], function.instruction_output(k)
         if code == CONSTANT:
             instructions.append((code, results[0], len(constants), 0))
@@ -235,7 +235,7 @@ class _Writer:
         self.inputs: dict[int, tuple[int, int]] = {}
         for k, (code, result, first, second) in enumerate(instructions):
             if code == CONSTANT:
-                self.constants[k] = _literal(self.tape.constants[first])
+                self.constants[k] = literal(self.tape.constants[first])
             elif code == INPUT:
                 self.inputs[k] = first, second
             elif code == OUTPUT:
@@ -337,8 +337,8 @@ def _paired(lines: Sequence[tuple[int, int, int, int]]) -> list[tuple[int, int, 
     return [at for line in lines for at in ([line] if line[0] not in (_SINE, _COSINE) else both.pop(line[2], []))]
 
 
-def _literal(value: float) -> str:
-    """A number in C, to the last digit."""
+def literal(value: float) -> str:
+    """Return a number in C, to the last digit."""
     if value != value:
         return "NAN"
     if value in (float("inf"), float("-inf")):

@@ -1,4 +1,4 @@
-"""What is made or imported when it is first used: attributes without a lock of their own, and optional packages."""
+"""Attributes and optional packages that are made or imported when they are first used."""
 
 from __future__ import annotations
 

@@ -21,7 +21,12 @@ Functions = Callable[[np.ndarray], np.ndarray]
 
 
 def bracketed_root(
-    function: Callable[[float], float], low: float, high: float, at_low: float, at_high: float, accuracy: float
+    function: Callable[[float], float],
+    low: float,
+    high: float,
+    at_low: float,
+    at_high: float,
+    accuracy: float | None = None,
 ) -> float:
     """Return the point right of the root of a function that changes sign.
 
@@ -36,9 +41,10 @@ def bracketed_root(
     ----------
     function : callable
         Continuous; ``at_low`` and ``at_high``, its values at the ends, differ in sign.
-    accuracy : float
-        Largest width of the bracket that is left.
+    accuracy : float, optional
+        Largest width of the bracket that is left; rounding if left out.
     """
+    accuracy = 4e-16 * max(abs(low), abs(high)) + 1e-13 * (high - low) if accuracy is None else accuracy
     side, widths = 0, [float("inf")] * 5
     for _ in range(200):
         if high - low <= accuracy or at_high == 0:

@@ -8,8 +8,9 @@ In the order in which they are passed:
 4. :mod:`guess.multistart`: motions to start from.
 5. :mod:`nlp.collocation_program`, by a scheme of :mod:`transcription`: the nonlinear program on a mesh.
 6. :mod:`nlp.problem_solver`: one solve, by a solver of :mod:`nlp.solvers`; :mod:`checks.failure` says why one failed.
-7. :mod:`refinement.refine`: other meshes, until all :mod:`refinement.measure` meet a tolerance; without one
-   :mod:`refinement.coarse_mesh` and :mod:`refinement.second_try`.
+7. :mod:`refinement.coarse_first`: fine meshes; :mod:`refinement.refine`: other meshes, until all
+   :mod:`refinement.measure` meet a tolerance; without one :mod:`refinement.coarse_mesh` and
+   :mod:`refinement.second_try`.
 8. :mod:`solution`: the motion, its limits and costates, and :mod:`refinement.verification`.
 """
 
@@ -65,7 +66,7 @@ def optimize(
     intervals : int or "auto"
         Number of intervals of the mesh of each phase, of equal length between waypoints. With "auto", the default,
         there are 40, or those of a solution that is the guess, and the intervals that are too coarse for the motion
-        that was found, or pass limits, are split.
+        that was found, or pass limits, are split. A mesh of 160 or more is solved from the solution on one of 40.
     degree : int, default 3
         Number of stages of an interval of ``"gauss-legendre"``; order ``2 degree`` at the mesh points.
     tolerance : float, optional

@@ -12,7 +12,7 @@ import casadi as ca
 from ..errors import ExpressionError, ModelError
 from ..model.conditions import Condition, read_conditions
 from ..model.mechanism import Mechanism
-from ..model.quantities import entries, listed, refuse_twice
+from ..model.quantities import listed, listed_by_name, refuse_twice, refuse_unknown
 from ..model.symbols import Parameter, describe, role_of, symbols_of
 from ..numerics.symbolic import symbolic
 from ..results.state import State
@@ -116,11 +116,7 @@ class OptimalControlProblem(ProblemStatement):
             {"phases", "terminal_cost", "boundary", "free_parameters"} if self.is_phased else {*names} - {"phases"}
         )
         arguments = {name: getattr(self, name) for name in names if name in allowed} | self._whole
-        unknown = set(changes) - allowed
-        if unknown:
-            raise ModelError(
-                f"replace: unknown argument {', '.join(sorted(unknown))}; known are {', '.join(arguments)}"
-            )
+        refuse_unknown(changes, arguments)
         return OptimalControlProblem(**(arguments | changes))
 
     # --- checks ------------------------------------------------------------------------------
@@ -151,7 +147,7 @@ class OptimalControlProblem(ProblemStatement):
                 if placeholder.kind in PARTS:
                     raise ExpressionError(f"{where} contains {placeholder.label}, which belongs in a cost")
                 phase = self.phases_of(placeholder)[0]
-                if not any(phase is own for own in self.phases):
+                if phase not in self.phases:
                     raise ExpressionError(
                         f"{where} contains {placeholder.label}, of a phase that does not belong to the problem"
                     )
@@ -230,8 +226,8 @@ def _with_side(condition: Condition, side: ca.SX) -> Condition:
 
 def _read_phases(phases: Any, others: Sequence[Any]) -> tuple[Phase, ...]:
     """Phases that follow each other, checked."""
-    entries_read = entries(phases, "phases=")
-    if not entries_read:
+    read = listed_by_name(phases, Phase, "phases=")
+    if not read:
         raise ModelError("OptimalControlProblem: phases= is empty")
     if any(x is not None for x in others[:2]) or any(
         isinstance(x, ca.SX) or x != () for x in (*others[2:5], others[6])
@@ -241,29 +237,25 @@ def _read_phases(phases: Any, others: Sequence[Any]) -> tuple[Phase, ...]:
         )
     if isinstance(others[5], ca.SX) or others[5] != 0:
         raise ModelError("OptimalControlProblem: with phases=, running_cost= belongs to the phases")
-    for phase in entries_read:
-        if not isinstance(phase, Phase):
-            raise ModelError(f"phases= takes Phase objects, got {phase!r}")
-    names = [phase.name for phase in entries_read]
-    if len(set(names)) < len(names):
-        raise ModelError(f"phases= contains a name twice: {', '.join(names)}")
-    if entries_read[0].is_instant:
-        raise ModelError(f"phase '{names[0]}' is the first one and must have a duration")
-    if entries_read[0].restitution:
-        raise ModelError(f"phase '{names[0]}' is the first one; restitution= belongs to a phase that follows another")
-    for before, phase in itertools.pairwise(entries_read):
+    if read[0].is_instant:
+        raise ModelError(f"phase '{read[0].name}' is the first one and must have a duration")
+    if read[0].restitution:
+        raise ModelError(
+            f"phase '{read[0].name}' is the first one; restitution= belongs to a phase that follows another"
+        )
+    for before, phase in itertools.pairwise(read):
         _refuse_coming(before, phase)
-    for phase in entries_read:
+    for phase in read:
         if phase.span[0] == 0 < phase.span[1]:
             raise ModelError(
                 f"phase '{phase.name}': the duration may shrink to 0, at which an optimum is a spurious one; give a "
                 f"range with a positive lower limit, or a duration of exactly 0, got {phase.span}"
             )
-        if phase is not entries_read[0] and isinstance(phase.initial, State):
+        if phase is not read[0] and isinstance(phase.initial, State):
             raise ModelError(
                 f"phase '{phase.name}': its state follows from the phase before; initial= takes conditions"
             )
-    return entries_read
+    return read
 
 
 def _refuse_coming(before: Phase, phase: Phase) -> None:

@@ -1,11 +1,12 @@
 """Search for a solution: the attempts that are made, in their order.
 
 1. The problem is solved from every guess, see :func:`best_of`: an open chain in its angles alone, in which fewer
-   iterations are needed, and in all coordinates if that fails.
+   iterations are needed, and in all coordinates if that fails; on a fine mesh from the solution on a coarse one, see
+   :func:`solve_coarse_first`.
 2. If neither mesh nor tolerance was given, intervals that are too coarse are split before costs are compared, since a
    coarse mesh may promise a cost that no motion has: :func:`refine_or_repeat`.
 3. If all of this fails: without limits, with limits that close in, from detours, and with least violation, see
-   :mod:`closing_limits`.
+   :mod:`closing_limits`; for a fine mesh on a coarse one first.
 4. With a tolerance the mesh is refined, see :func:`refine`; else a solution that jumps to another branch of the
    linkage is solved again from other guesses, see :func:`as_motion`.
 
@@ -36,6 +37,7 @@ from .nlp.problem_solver import ProblemSolver
 from .nlp.setup import PhaseSetup, Settings, is_open_chain
 from .nlp.solvers.ipopt import sharp_options
 from .problem import OptimalControlProblem
+from .refinement.coarse_first import coarse_meshes
 from .refinement.coarse_mesh import refine_if_coarse, refine_or_repeat
 from .refinement.mesh import Mesh
 from .refinement.refine import refine
@@ -44,6 +46,9 @@ from .solution import Shifted, Solution
 
 #: Intervals of a mesh whose number is not given.
 INTERVALS = 40
+#: Iterations of a first solve, if a search follows should it fail: most programs take far fewer, and one that takes
+#: more is often solved sooner from elsewhere.
+FIRST_ITERATIONS = 300
 #: Random detours from which a solution that jumps is solved again.
 DETOURS = 3
 
@@ -93,17 +98,19 @@ class Search:
         warm = isinstance(near, Solution) and starts is None
         checked = not self.is_known(guess)
         automatic = self._is_automatic and checked and tolerance is None
+        goes_on = goes_on and not isinstance(guess, Shifted)
+        limit = FIRST_ITERATIONS if goes_on else None
         failed: list[tuple[_Attempt, OptimizationError]] = []
         for settings in self._settings(near, starts, tolerance):
             attempt = self._attempt(settings, parameters, guess, starts, refined=automatic)
             try:
-                solution = attempt.solve(warm=warm, executor=None if starts is None else self.executor)
+                solution = attempt.solve(warm=warm, executor=None if starts is None else self.executor, limit=limit)
                 break
             except OptimizationError as error:
                 failed.append((attempt, error))
         else:
             attempt, failure = failed[0]
-            if not goes_on or isinstance(guess, Shifted) or not may_go_on(failure, attempt.solver.settings.options):
+            if not goes_on or not may_go_on(failure, attempt.solver.settings.options):
                 raise failure
             solution = attempt.go_on(failure)
         if tolerance is not None:
@@ -148,17 +155,35 @@ class _Attempt:
     candidates: list[Guess]
     refined: bool
 
-    def solve(self, *, warm: bool, executor: Executor | None) -> Solution:
-        """Return the best solution of all guesses."""
+    def solve(self, *, warm: bool, executor: Executor | None, limit: int | None) -> Solution:
+        """Return the best solution of all guesses; each solve takes at most `limit` iterations."""
         settle = partial(refine_or_repeat, self.solver) if self.refined else None
-        return best_of(self.solver, self.meshes, self.candidates, warm=warm, executor=executor, settle=settle)
+        more: dict[str, Any] = {"executor": executor, "settle": settle, "limit": limit}
+        return best_of(self.solver, self.meshes, self.candidates, warm=warm, **more)
 
     def go_on(self, failure: OptimizationError) -> Solution:
         """Return a solution found by limits that close in, or raise the failure with the result of the search."""
-        solver, first = self.solver, self.candidates[0]
-        search = LimitSearch(solver, self.meshes, first, at_rest(solver), self._detour, refined=self.refined)
-        solution = search.run(failure)
+        coarse = coarse_meshes(self.meshes)
+        fine = None if coarse is None else self._from_coarse(coarse, failure)
+        if fine is not None:
+            return fine
+        solution = self._searched(self.meshes, failure)
         return refine_if_coarse(self.solver, solution)[0] if self.refined else solution
+
+    def _from_coarse(self, coarse: list[Mesh], failure: OptimizationError) -> Solution | None:
+        """The solution on a fine mesh, from one that a search on a coarse mesh found; None if there is none."""
+        try:
+            found = self._searched(coarse, failure)
+        except OptimizationError:  # limits that are just met may not be met on a coarse mesh
+            return None
+        settled, _ = refine_if_coarse(self.solver, found)
+        return self.solver.solve_further(settled, self.meshes)
+
+    def _searched(self, meshes: list[Mesh], failure: OptimizationError) -> Solution:
+        """A solution found by the stages of a search on a mesh; raises the failure with the result of the search."""
+        second = at_rest(self.solver)
+        search = LimitSearch(self.solver, meshes, self.candidates[0], second, self._detour, refined=self.refined)
+        return search.run(failure)
 
     def as_motion(self, solution: Solution) -> Solution:
         """Return a solution that is a motion, solved again if this one jumps to another branch of the linkage."""

@@ -1,4 +1,4 @@
-"""What a problem of optimal control states: phases, relations between their ends, a cost, and what is free."""
+"""Statement of a problem of optimal control: phases, relations between their ends, a cost, and what is free."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import casadi as ca
 
 from ..model.conditions import Condition
 from ..model.immutable import Immutable
-from ..model.symbols import Parameter, role_of, symbols_of
+from ..model.symbols import Parameter, place_of, role_of, symbols_of
 from ..results.state import State
 from .nlp.compiled import CompiledProblem
 from .phase import Phase, contains_any, prescribes_motion
@@ -44,7 +44,7 @@ class ProblemStatement(Immutable):
     def extra_parameters(self, phase: Phase) -> tuple[Parameter, ...]:
         """Return the free parameters that the mechanism of a phase does not have."""
         known = phase.mechanism.parameters
-        return tuple(p for p in self.free_parameters if not any(p is other for other in known))
+        return tuple(p for p in self.free_parameters if place_of(p, known) is None)
 
     def differentiated_path_constraints(self, phase: Phase) -> list[Condition]:
         """Return path conditions that prescribe the motion; those with free parameters hold at the stages alone."""

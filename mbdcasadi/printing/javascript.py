@@ -7,8 +7,7 @@ from collections.abc import Callable
 import casadi as ca
 
 from ..errors import ExpressionError
-from ..numerics.graph import operations
-from .walk import OPERATION_NAMES
+from ..numerics.graph import operation_name, operations
 
 #: Operations of one JavaScript function: engines optimise short functions alone.
 PIECE = 1200
@@ -82,11 +81,7 @@ def to_javascript(function: ca.Function, name: str) -> str:
 def unknown_operation(expressions: ca.SX) -> str | None:
     """Name of the first operation in expressions that JavaScript lacks; None if there is none."""
     known = {*_INFIX, *_COMPARISONS, *_MATH, *_OTHERS}
-    return next((_name(op) for op, _ in operations(expressions) if op not in known), None)
-
-
-def _name(op: int) -> str:
-    return OPERATION_NAMES.get(op, str(op))
+    return next((operation_name(op) for op, _ in operations(expressions) if op not in known), None)
 
 
 def _statements(function: ca.Function) -> list[str]:
@@ -117,7 +112,7 @@ def _operation(op: int, operands: list[str]) -> str:
     if op in _MATH:
         return f"Math.{_MATH[op]}({','.join(operands)})"
     if op not in _OTHERS:
-        raise ExpressionError(f"the operation '{_name(op)}' cannot be written as JavaScript")
+        raise ExpressionError(f"the operation '{operation_name(op)}' cannot be written as JavaScript")
     return _OTHERS[op](*operands)
 
 

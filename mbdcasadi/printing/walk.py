@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import casadi as ca
 
+from ..numerics.graph import operation_name
 from .forms import Forms, Operation, Scaled, Symbol
 
-#: Names of the operations of CasADi, in small letters.
-OPERATION_NAMES = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
 _COMPARISONS = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
 _TURNED = {"<": ">", "<=": ">=", "==": "==", "!=": "!="}
 _LOGIC = {ca.OP_AND: "and", ca.OP_OR: "or"}
@@ -203,4 +202,4 @@ def _form(node: ca.SX, parts: list[tuple[Scaled, int]], forms: Forms) -> Scaled:
         return forms.of(Operation("call", node.which_function().name(), arguments, node.element_hash()))
     if node.is_output():
         return forms.of(Operation("call", f"output_{node.which_output()}", arguments, node.element_hash()))
-    return forms.of(Operation("call", OPERATION_NAMES.get(op, f"operation_{op}"), arguments))
+    return forms.of(Operation("call", operation_name(op), arguments))

@@ -25,10 +25,14 @@ def reaction_body(element: Any) -> Body | None:
     return next((body for body in candidates if not body.is_ground), None)
 
 
+def reaction_of(joint: Any) -> Any:
+    """Reaction of a joint on :func:`reaction_body`."""
+    return joint.reaction_on(reaction_body(joint))
+
+
 def joints_of(mechanism: Mechanism) -> list[Any]:
     """Constraints other than drivers that have reactions on bodies."""
-    drivers = {id(driver) for driver in mechanism.drivers}
-    return [c for c in mechanism.constraints if id(c) not in drivers and hasattr(c, "reaction_on")]
+    return [c for c in mechanism.constraints if c not in mechanism.drivers and hasattr(c, "reaction_on")]
 
 
 def effort_unit(driver: Any) -> str:
@@ -60,7 +64,7 @@ def default_expressions(mechanism: Mechanism, *, loads: bool) -> dict[str, ca.SX
         add(f"{coordinate.label}.acceleration", coordinate.acceleration)
     if loads:
         for joint in joints_of(mechanism):
-            reaction = joint.reaction_on(reaction_body(joint))
+            reaction = reaction_of(joint)
             add(f"{joint.name}.fx", reaction.force[0])
             add(f"{joint.name}.fy", reaction.force[1])
             add(f"{joint.name}.torque", reaction.torque)

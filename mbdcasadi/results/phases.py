@@ -12,7 +12,7 @@ import numpy as np
 from ..equations import Equations, equations
 from ..model.cache import ExpressionKey
 from ..model.mechanism import Mechanism
-from ..model.symbols import as_expression, place_of
+from ..model.symbols import as_expression
 from ..numerics.lazy import cached_property
 from .energy_and_drift import Energy
 from .state import Arguments, Arrays, EventOccurrence, State, six
@@ -29,12 +29,8 @@ def union_of(mechanisms: Iterable[Mechanism]) -> Mechanism:
     different = list(dict.fromkeys(mechanisms))
     if len(different) == 1:
         return different[0]
-    parts: dict[str, Any] = {}
-    for name in ("bodies", "joints", "drivers", "inputs", "parameters"):
-        entries: list[Any] = []
-        for mechanism in different:
-            entries += [x for x in getattr(mechanism, name) if place_of(x, entries) is None]
-        parts[name] = entries
+    names = ("bodies", "joints", "drivers", "inputs", "parameters")
+    parts = {name: list(dict.fromkeys(x for m in different for x in getattr(m, name))) for name in names}
     forces: list[Any] = []
     for mechanism in different:
         for force in mechanism.forces:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..model.expressions import norm
-from .columns import columns, effort_unit, has_multipliers, joints_of, reaction_body
+from .columns import columns, effort_unit, has_multipliers, joints_of, reaction_of
 from .trajectory import Trajectory
 
 _WIDTH = 20
@@ -68,7 +68,7 @@ def _efforts(motion: Trajectory) -> dict[str, str]:
 def _reactions(motion: Trajectory) -> dict[str, str]:
     entries = {}
     for joint in joints_of(motion.mechanism):
-        reaction = joint.reaction_on(reaction_body(joint))
+        reaction = reaction_of(joint)
         sizes = columns(motion, {"N": norm(reaction.force), "N m": norm(reaction.torque)})
         largest = {unit: int(np.nanargmax(size)) for unit, size in sizes.items() if np.nanmax(size) > _NOTHING}
         parts = [f"{_rounded(sizes[unit][k])} {unit} at t = {motion.t[k]:.4g} s" for unit, k in largest.items()]

@@ -125,7 +125,7 @@ class OneSidedWarnings:
     unmoved : collection of int
         Switches in time whose instants no parameter moves: these have no derivative of their own.
     differentiates : bool
-        False if nothing is differentiated, and nothing is to be said.
+        False if nothing is differentiated, so that no warning is due.
     """
 
     def __init__(self, unmoved: Collection[int], *, differentiates: bool):

@@ -138,7 +138,7 @@ class DesignVariables:
         labels = [c.label for c in self.start.conditions]
         read: Sequence[Condition] = read_conditions([key])
         if not read[0].equality or read[0].label not in labels:
-            raise ModelError(f"wrt= holds {read[0].label}, which is no equality of initial=")
+            raise ModelError(f"wrt= holds {read[0].label}, which is not an equality of initial=")
         return Entry(key, f"right side of {read[0].label}", "condition", labels.index(read[0].label), np.zeros(1))
 
     # --- setting --------------------------------------------------------------------------
@@ -217,6 +217,15 @@ def find_output(outputs: Iterable[tuple[Any, Any]], key: Any) -> int | None:
         return next((k for k, (name, _) in enumerate(outputs) if isinstance(name, str) and name == key), None)
     wanted = as_expression(key, "output")
     return next((k for k, (_, expression) in enumerate(outputs) if same(expression, wanted)), None)
+
+
+def output_place(outputs: Iterable[tuple[Any, Any]], key: Any) -> int:
+    """Return the place of an output as :func:`find_output` does; the error of a missing one names the others."""
+    pairs = list(outputs)
+    place = find_output(pairs, key)
+    if place is None:
+        raise ModelError(f"{key!r} is not among the outputs: {', '.join(str(name) for name, _ in pairs)}")
+    return place
 
 
 def same(one: Any, other: Any) -> bool:

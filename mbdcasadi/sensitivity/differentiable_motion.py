@@ -44,7 +44,7 @@ from ..simulation.schedule import PIECES, WATCH_POINTS
 from ..simulation.stepping.compiled_stepper import DECAY, perturbed
 from ..simulation.time_dependence import TimeDependence, dependence_at, timed_equations
 from .cuts import Cuts, OneSidedWarnings
-from .held_system import HeldMotion, HeldSystem, SwitchesInTime, parts_of_motion
+from .held_system import HeldMotion, HeldSystem, SwitchesInTime, completed, parts_of_motion
 from .load_limit import LoadLimit
 from .motion_function import motion_function, projected
 from .switching import BorderPassage
@@ -354,11 +354,8 @@ class DifferentiableMotion:
         """``(t, x, p, levels, channel) -> values`` at one output."""
         eom, kind = self.numeric.eom, ca.MX if self.numeric.eom.Q_depends_on_lam else ca.SX
         arguments = [kind.sym("t"), kind.sym("x", self.state_size), *self.symbols(1, kind)]
-        t, x, p, levels, channel = arguments
-        n, k = eom.q.numel(), eom.z.numel()
+        t, x, p, *inputs = arguments
         x = projected(Recovery(self.numeric, redundant=self.redundant), t, x, p)
-        q, v, z = x[:n], x[n : 2 * n], x[2 * n : 2 * n + k]
-        u = self.signals.function(eom)(t, q, v, z, p, levels, channel)
-        a, lam = self.numeric.forward_dynamics(redundant=self.redundant)(t, q, v, z, u, p)
-        values = eom.function(expression)(t, q, v, a, z, lam, u, p)
+        six = completed(self.numeric, self.signals, [t, x, p, *inputs], redundant=self.redundant)
+        values = eom.function(expression)(t, *six, p)
         return ca.Function("output", arguments, [values])

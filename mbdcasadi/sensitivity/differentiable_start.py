@@ -48,8 +48,8 @@ class DifferentiableStart:
     ----------
     state : State
         The start that was assembled.
-    relations : list
-        The relations as given, where they were given.
+    conditions : tuple of Condition
+        Equalities, and inequalities that hold the start in place.
     guess : numpy.ndarray
         Solution at that start, from which Newton's method finds others.
     right : numpy.ndarray

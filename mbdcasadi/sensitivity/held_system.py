@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -177,9 +178,7 @@ class HeldSystem:
         sizes = [1, 2 * n + k + self.integrands.numel(), eom.p.numel()]
         sizes += [signals.levels.numel(), signals.channel.numel()]
         t, x, p, levels, channel = arguments = [kind.sym(f"argument {i}", size) for i, size in enumerate(sizes)]
-        q, v, z = x[:n], x[n : 2 * n], x[2 * n : 2 * n + k]
-        u = signals.function(eom)(t, q, v, z, p, levels, channel)
-        a, lam = self.numeric.forward_dynamics(redundant=redundant)(t, q, v, z, u, p)
+        q, v, a, z, lam, u = completed(self.numeric, signals, arguments, redundant=redundant)
         of_all = [*eom.symbols, signals.levels, signals.channel]
         rest = ca.Function(
             "rest", of_all, [ca.densify(ca.vertcat(eom.z_rate, self.integrands)), ca.densify(quantities)]
@@ -208,6 +207,18 @@ class HeldSystem:
         for _ in range(2 if eom.lam.numel() else 0):
             v = self.recovery.velocity_step(time, q, v, p, weights).full().ravel()
         return np.r_[q, v, x[2 * n :]]
+
+
+def completed(
+    numeric: NumericEquations, signals: Signals, arguments: Sequence[Any], *, redundant: bool
+) -> tuple[Any, Any, Any, Any, Any, Any]:
+    """Return ``q, v, a, z, lam, u`` at ``t, x, p, levels, channel``, of which x begins with ``(q, v, z)``."""
+    (t, x, p, levels, channel), eom = arguments, numeric.eom
+    n, k = eom.q.numel(), eom.z.numel()
+    q, v, z = x[:n], x[n : 2 * n], x[2 * n : 2 * n + k]
+    u = signals.function(eom)(t, q, v, z, p, levels, channel)
+    a, lam = numeric.forward_dynamics(redundant=redundant)(t, q, v, z, u, p)
+    return q, v, a, z, lam, u
 
 
 @dataclass(frozen=True, eq=False)

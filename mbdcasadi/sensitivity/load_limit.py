@@ -68,7 +68,7 @@ def shortest_unseen_load(setup: Setup, integrator: Integrator, start: np.ndarray
     """Duration of the shortest load or contact on a motion over which the steps of an integrator may pass, s.
 
     Infinite if there is none. A simulation stops around loads that its own steps pass over; analyses whose steps are
-    compiled beforehand limit these by it. Where the simulation stops early, what came before counts.
+    compiled beforehand limit these by it. If the simulation stops early, what came before counts.
 
     Parameters
     ----------

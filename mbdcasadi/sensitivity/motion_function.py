@@ -200,7 +200,7 @@ class _Walk:
 
 
 def projected(recovery: Recovery, time: Any, x: Any, p: Any) -> Any:
-    """Return a state, with whatever stands below it, brought onto the constraints by one step."""
+    """Return a state, with the components that follow it, brought onto the constraints by one step."""
     eom, n = recovery.numeric.eom, recovery.numeric.eom.q.numel()
     q, v, weights = x[:n], x[n : 2 * n], ca.DM(recovery.numeric.projection_weights)
     if eom.Phi.numel():

@@ -181,19 +181,19 @@ class PhaseFlow:
             rows[k] = given.get(symbol, 0.0)
         return rows
 
-    def over(self, dx0: np.ndarray, dp: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def run(self, dx0: np.ndarray, dp: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Outputs (n_t, n_y) with variations (n_t, n_y, k), and the last state with its own."""
         motion, values, k = self.motion, self.motion.values, dx0.shape[1]
         course = motion.course(self.x0, values)
-        run = Compiled(motion.motion(course))
+        states_of = Compiled(motion.motion(course))
         known = [self.x0, *values, *course.arguments]
-        results = self._integrated(run, *known)
+        results = self._integrated(states_of, *known)
         states = results[0].full()
         if not motion.reached(states):
             raise SimulationError("sensitivities: the integrator stopped within a phase", time=float(self.part.t[0]))
         lengths = lengths_of(np.vstack([dp, self._dlevels]), np.r_[self.p, values.levels])
         seeds = [part * lengths for part in (dx0, dp, self._dlevels)]
-        moved = self._integrated(run.changes, known, results, *seeds)
+        moved = self._integrated(states_of.changes, known, results, *seeds)
         outputs, given = Compiled(motion.outputs(self._shown)), [results[0], *values]
         y = outputs(*given)
         dy = outputs.changes(given, [y], moved[0], *seeds[1:])

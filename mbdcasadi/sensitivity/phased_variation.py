@@ -126,7 +126,7 @@ class _Passage:
         for number, part in enumerate(self._varied.motion.phases):
             if flow is None:
                 break
-            values, slopes, x, self._dx = flow.over(self._dx, flow.dp(self._parameters))
+            values, slopes, x, self._dx = flow.run(self._dx, flow.dp(self._parameters))
             pieces.append((flow.grid, values, slopes))
             if number < len(changes):
                 flow = self._change(flow, changes[number], number, float(part.t[-1]), x)
@@ -257,7 +257,7 @@ class _Change:
         n_old, n = self._flow.eom.q.numel(), eom.q.numel()
         dq, dv = np.zeros((n, dt.size)), np.zeros((n, dt.size))
         dq[self._going_on], dv[self._going_on] = (self._instant.dx[k + self._places] for k in (0, n_old))
-        rows = ca.vertcat(eom.Phi, law.momentary)
+        rows = law.positions
         if not rows.numel():
             return dq, dv
         slopes = ca.Function(
@@ -271,8 +271,7 @@ class _Change:
             open_ = open_ + by_q[:, new] @ dq[new]
         size = 1 + largest(dq) + largest(dt)
         if largest(open_) > CLOSING_TOLERANCE * size:
-            names = [*(eom.row_names[k] for k in eom.position_rows), *law.row_names[eom.lam.numel() :]]
-            worst = names[int(np.argmax(np.max(np.abs(open_), axis=1)))]
+            worst = law.position_names[int(np.argmax(np.max(np.abs(open_), axis=1)))]
             raise SimulationError(
                 f"sensitivities: for other values event '{self._event.name}' at t = {self._instant.time:.6g} s would "
                 f"not find the position of '{worst}' closed; let a parameter in it take the value of that instant "

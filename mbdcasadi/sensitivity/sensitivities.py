@@ -22,7 +22,7 @@ from ..simulation.changes.events import read_events
 from ..simulation.simulate import simulate
 from .compiled_run import CompiledRun, MotionSetup
 from .derivatives import Compiled
-from .design_variables import DesignVariables, PhasedDesignVariables, find_output
+from .design_variables import DesignVariables, PhasedDesignVariables, output_place
 from .phase_flow import Directions, VariedMotion
 from .phased_variation import EventVariation, phased_variation
 
@@ -58,10 +58,7 @@ class Sensitivities(HoldsSymbols):
         self._slope = slope.reshape(t.size, rows, design.size)
 
     def _rows(self, key: Any) -> tuple[slice, ca.SX]:
-        k = find_output(self._outputs, key)
-        if k is None:
-            names = ", ".join(repr(name) if isinstance(name, str) else str(name) for name, _ in self._outputs)
-            raise ModelError(f"{key!r} is not among the outputs: {names}")
+        k = output_place(self._outputs, key)
         expression, first = self._outputs[k][1], sum(e.numel() for _, e in self._outputs[:k])
         return slice(first, first + expression.numel()), expression
 

@@ -6,7 +6,7 @@ border of the first one that is left; then its side is changed, and the integrat
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
@@ -20,13 +20,14 @@ from ..numerics.console import interruptible
 from ..numerics.roots import bracketed_root
 from ..numerics.tolerances import AT_REST, ZERO_VALUE
 from ..results.interpolation import cubic
-from ..simulation.changes.impacts import INSTANT
+from ..simulation.changes.impacts import instant_of
+from ..simulation.path import StatesAt, states_from_start
 from .cuts import Cut, Cuts
 from .held_system import HeldMotion
 
 #: Rate at which a quantity passes its border, relative to its largest one, below which it touches rather than passes.
 GRAZING = 1e-4
-#: Rate that is none, relative to the largest one: nothing passes, and the instant has no derivative.
+#: Rate, relative to the largest one, that counts as zero: nothing passes, and the instant has no derivative.
 STANDSTILL = 1e-9
 #: States of a motion that are looked at, at least.
 FEWEST_POINTS = 16
@@ -90,8 +91,7 @@ class BorderPassage:
         self._p, self._levels, self._channel = values
         self._follows = x is not None
         self._watched = np.flatnonzero(np.logical_not(system.in_time)) if self._follows else np.zeros(0, int)
-        span = float(grid[-1] - grid[0])
-        self._instant = max(INSTANT * span, 4 * float(np.spacing(np.max(np.abs(grid[[0, -1]])))))
+        span, self._instant = float(grid[-1] - grid[0]), instant_of(grid)
         self._watch_step, self._stretch = min(watch_step, span / FEWEST_POINTS), span
         self._grazed: set[int] = set()
         self._time, self._x = float(grid[0]), np.zeros(0) if x is None else x
@@ -211,15 +211,15 @@ class BorderPassage:
                 continue
             low, high = times[beyond[0] - 1], times[beyond[0]]
             at_low, at_high = margins[i, beyond[0] - 1], margins[i, beyond[0]]
-            accuracy = 4e-16 * max(abs(low), abs(high)) + 1e-13 * (high - low)
 
             def margin(time: float, i: int = int(i)) -> float:
-                return float(self._margins(np.array([time]), states_at(time)[None, :])[i, 0])
+                at = np.array([time])
+                return float(self._margins(at, states_at(at))[i, 0])
 
-            time = low if at_low == 0 else bracketed_root(margin, low, high, float(at_low), float(at_high), accuracy)
+            time = low if at_low == 0 else bracketed_root(margin, low, high, float(at_low), float(at_high))
             if best is None or time < best[1]:
                 best = int(i), time
-        return None if best is None else (best[0], best[1], states_at(best[1]))
+        return None if best is None else (*best, states_at(np.array([best[1]]))[0])
 
     # --- at a border ----------------------------------------------------------------------------
     def _pass(self, k: int, fastest: float) -> None:
@@ -414,13 +414,9 @@ class BorderPassage:
                     time=start,
                 ) from None
 
-    def _states_from(self, start: float, x: np.ndarray) -> Callable[[float], np.ndarray]:
-        """Return the function from a later time to the state there."""
-
-        def state_at(time: float) -> np.ndarray:
-            return x if time <= start else self._integrated(start, x, np.array([time]), np.zeros(1, bool))[0]
-
-        return state_at
+    def _states_from(self, start: float, x: np.ndarray) -> StatesAt:
+        """Return the function from later times to the states there."""
+        return states_from_start(start, x, lambda times: self._integrated(start, x, times, np.zeros(times.size, bool)))
 
     def _projected(self, time: float, x: np.ndarray) -> np.ndarray:
         return self._system.projected(time, x, np.r_[self._p, self.sides])

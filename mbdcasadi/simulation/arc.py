@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -27,9 +27,6 @@ from .stepping.compiled_stepper import CompiledStepper
 from .stepping.piece_projection import PieceProjection
 from .stepping.whole_stepper import WholeStepper
 
-if TYPE_CHECKING:
-    from .loop import Run
-
 #: Smallest pivot, relative to that at the entry of a passage, below which a pose is singular and not only near to one.
 REALLY_SINGULAR = 0.02
 
@@ -47,32 +44,32 @@ def resets_or_ends(event: Event) -> bool:
 class Arc:
     """One mode of a run.
 
+    Parameters
+    ----------
+    state : State
+        State at which the mode is entered for the first time.
+    system : SteppedSystem
+        Its equations, and the method that advances them.
+    watch : EventWatch
+        Looks for the events of the run and for those of the mode itself, `own_events`.
+
     Attributes
     ----------
     stepper : Stepper
         Advances it.
-    watch, passage, resolution, unseen_loads, uniqueness
-        Look for events, singular poses, what the steps did not follow or passed over, and reactions that are not
-        unique.
+    passage, resolution, unseen_loads, uniqueness
+        Look for singular poses, what the steps did not follow or passed over, and reactions that are not unique.
     trail : Trail
         States since the motion last began smoothly.
     """
 
-    def __init__(self, run: Run, mode: Any, state: State):
-        modes, integrator = run.modes, run.integrator
-        self.mode, self.numeric = mode, modes.numeric(mode)
+    def __init__(self, mode: Any, state: State, system: SteppedSystem, watch: EventWatch, own_events: Sequence[Event]):
+        self.mode, self.numeric, self.watch, self._own_events = mode, system.numeric, watch, own_events
         self.uniqueness = Uniqueness(self.numeric)
-        self._own_events = modes.events(mode)
-        self.watch = EventWatch(
-            self.numeric.eom, (*self._own_events, *run.events), run.instant, run.transitions.resting
-        )
         regularity = Regularity(self.numeric, state.t, state.q)
-        system = SteppedSystem(
-            self.numeric, run.setup.signals, modes.levels, integrator, run.span, run.redundant, run.max_step
-        )
         self.stepper: Stepper
-        if integrator.runs_whole:
-            self.stepper = WholeStepper(system, watch=self.watch, decides=self.decides, may_fold=regularity.is_needed)
+        if system.integrator.runs_whole:
+            self.stepper = WholeStepper(system, watch=watch, decides=self.decides, may_fold=regularity.is_needed)
         else:
             self.stepper = CompiledStepper(system)
         self.resolution, self.unseen_loads = Resolution(self.stepper), UnseenLoads(self.stepper)

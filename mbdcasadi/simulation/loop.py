@@ -23,8 +23,8 @@ from ..results.state import State
 from ..results.trajectory import EventOccurrence, Trajectory
 from ..results.validity import validity_conditions
 from .arc import Arc, ends_run, resets_or_ends
-from .changes.events import Crossing
-from .changes.impacts import INSTANT
+from .changes.events import Crossing, EventWatch
+from .changes.impacts import instant_of
 from .changes.modes import Block, Modes
 from .changes.transitions import Transitions
 from .checks.failure_diagnosis import cause_of_failure, singular_event
@@ -34,6 +34,7 @@ from .path import Path
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
 from .singular.passage import Passage, notes_on_passages
 from .singular.start import refuse_singular_start
+from .stepper import SteppedSystem
 from .stepping.compiled_stepper import NearSingularPose
 from .stepping.whole_stepper import refuse_redundant_rows
 from .time_dependence import time_dependence
@@ -64,10 +65,9 @@ class Run:
         self.setup, self.modes, self.events, self.integrator = setup, modes, tuple(events), integrator
         self._progress, self._noticed = progress, interruption
         timed = time_dependence(setup)
-        self.max_step, self._obstacle, self._corners = timed.max_step, timed.obstacle(), timed.velocity_jumps
+        self._max_step, self._obstacle, self._corners = timed.max_step, timed.obstacle(), timed.velocity_jumps
         grid = setup.grid
-        self.span = span = float(grid[-1] - grid[0])
-        self.instant = max(INSTANT * span, 4 * np.spacing(max(abs(grid[0]), abs(grid[-1]))))
+        self._span, self.instant = float(grid[-1] - grid[0]), instant_of(grid)
         controller = setup.signals.controller
         self._schedule = Schedule(
             grid,
@@ -100,7 +100,7 @@ class Run:
         conditions = any(c.between_outputs for c in validity_conditions(mechanism))
         smoothed = any(getattr(element, "smoothings", ()) for element in mechanism.elements)
         # drift is taken away at the ends of pieces, which outputs far apart would make as long as the run
-        drifts = bool(eom.lam.numel()) and float(np.max(np.diff(self.setup.grid))) > self.span / PIECES * (1 + 1e-9)
+        drifts = bool(eom.lam.numel()) and float(np.max(np.diff(self.setup.grid))) > self._span / PIECES * (1 + 1e-9)
         if self.events or conditions or smoothed or switching(mechanism) or eom.has_loops:
             return True
         return drifts or meets_loads(eom, self.setup.signals)
@@ -236,15 +236,17 @@ class Run:
 
     def _refuse_to_pass_obstacle(self) -> None:
         """Raise at a time at which no motion goes on."""
-        if self._obstacle is not None and self._obstacle.time <= self._time + self._schedule.tolerance:
-            raise self._obstacle
+        obstacle, reached = self._obstacle, self._time + self._schedule.tolerance
+        if obstacle is not None and obstacle.time is not None and obstacle.time <= reached:
+            raise obstacle
 
     # --- one piece ----------------------------------------------------------------------------------
     def _advance(self, last: int) -> bool:
         """Advance by the piece that ends at an index, or by less; return True if the run ended."""
         arc = self._arc
-        stops, self._extra_stops = self._extra_stops, np.zeros(0)
-        piece = self._schedule.piece(self._time, self._index, last).through(stops)
+        # a method that comes back on its way meets those that are left in the next piece
+        self._extra_stops = self._extra_stops[self._extra_stops > self._time]
+        piece = self._schedule.piece(self._time, self._index, last).through(self._extra_stops)
         piece, path, failure = self._integrated(piece, comes_near=arc.passage.comes_near)
         passage = arc.passage_from(path, self._schedule.smooth_until)
         if passage is None and isinstance(failure, NearSingularPose):
@@ -254,11 +256,15 @@ class Run:
             return self._advance_across(piece, path, passage)
         touch = arc.resolution.first_touch(path) if failure is None else None
         if touch is not None and touch[0] - piece.start >= NEW_START * piece.length:
+            self._stop_at([touch[0]], touch[1])
             piece, path, failure = self._integrated(piece.until(touch[0]))
-            self._extra_stops = touch[1]
         elif failure is None:
             piece, path, failure = self._with_unseen_loads(piece, path)
         return self._finish(piece, path, failure)
+
+    def _stop_at(self, *times: Any) -> None:
+        """Add times that no step may cross, wherever the pieces end."""
+        self._extra_stops = np.unique(np.concatenate([self._extra_stops, *times]))
 
     def _integrated(
         self, piece: Piece, comes_near: Callable[[Path], bool] | None = None
@@ -276,13 +282,14 @@ class Run:
             if load is None:
                 break
             if load.interval:
-                self._extra_stops = load.stops
                 end = float(path.times[load.interval])
+                self._stop_at([end], load.stops)
                 piece = piece.until(end)
                 if not self.integrator.runs_whole:
                     return piece, path.until(end), None
                 # outputs inside a step that met the load in some of its stages are not to be trusted
             else:
+                self._stop_at(load.stops)
                 piece = piece.until(float(load.stops[-1])).through(load.stops)
             piece, path, failure = self._integrated(piece)
             if failure is not None:
@@ -384,7 +391,7 @@ class Run:
         """Go on from a state in the present mode, after events that took place there."""
         mode = self.transitions.mode
         if mode not in self._arcs:
-            self._arcs[mode] = Arc(self, mode, state)
+            self._arcs[mode] = self._arc_in(mode, state)
         arc = self._arc = self._arcs[mode]
         self._x, self._time = np.concatenate([state.q, state.v, state.z]), state.t
         self._arc.trail.begin(self._time, self._x)
@@ -397,6 +404,15 @@ class Run:
             if self.redundant:
                 statistics.notes.append(LEAST_NORM)
             self._record(tuple(np.array(part)[None] for part in state.arguments[:-1]))
+
+    def _arc_in(self, mode: Any, state: State) -> Arc:
+        """The part of the run in a mode, which is entered at a state for the first time."""
+        numeric, own = self.modes.numeric(mode), self.modes.events(mode)
+        system = SteppedSystem(
+            numeric, self.setup.signals, self.modes.levels, self.integrator, self._span, self.redundant, self._max_step
+        )
+        watch = EventWatch(numeric.eom, (*own, *self.events), self.instant, self.transitions.resting)
+        return Arc(mode, state, system, watch, own)
 
     def _occurrence(self, crossing: Crossing) -> EventOccurrence:
         state = self._arc.stepper.outputs.state(crossing.time, crossing.x)

@@ -128,7 +128,7 @@ class PhasedRun:
         return pairs_with(mechanism.parameters, zip(self.whole.parameters, self._p.tolist(), strict=True))
 
     def _setup(self, mechanism: Mechanism, given: dict[str, Any]) -> Setup:
-        """What a mechanism is given, at the present values of the parameters."""
+        """Setup of a mechanism at the present values of the parameters."""
         own = {"inputs": self._inputs_of(mechanism), "parameters": self._parameters_of(mechanism)}
         return Setup(mechanism, "simulate", **(given | own), takes_controller=True)
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..numerics.lazy import cached_property
 from ..numerics.real import distinct
 
 #: Pieces of a run: each start of an integrator costs, and progress, cancelling and partial results need some.
@@ -52,14 +54,14 @@ class Piece:
         """Its duration, s."""
         return float(self.times[-1] - self.start)
 
-    @property
+    @cached_property
     def begins(self) -> np.ndarray:
         """Start of each output interval."""
         return np.concatenate([[self.start], self.times[:-1]])
 
     @property
     def _margin(self) -> float:
-        return 8 * float(np.spacing(max(abs(self.start), abs(self.times[-1]))))
+        return 8 * math.ulp(max(abs(self.start), abs(self.times[-1])))
 
     @property
     def after(self) -> float:
@@ -98,7 +100,8 @@ class Piece:
 
     def through(self, stops: np.ndarray) -> Piece:
         """The beginning of it up to the last of some further stops; all of it if they are not inside."""
-        stops = stops[(stops > self.start) & (stops < self.times[-1])]
+        if stops.size:
+            stops = stops[(stops > self.start) & (stops < self.times[-1])]
         if not stops.size:
             return self
         part = self.refined(np.union1d(self.times[self.times <= stops[-1]], stops))
@@ -143,7 +146,7 @@ class Schedule:
         self.start, self.end = float(grid[0]), float(grid[-1])
         span = self.end - self.start
         #: times nearer to each other are one, s
-        self.tolerance = max(SAME_TIME * span, 2 * np.spacing(max(abs(self.start), abs(self.end))))
+        self.tolerance = max(SAME_TIME * span, 2 * math.ulp(max(abs(self.start), abs(self.end))))
         none = np.zeros(0)
         stops, jumps = (none if extra is None else np.asarray(extra, float) for extra in (stops, jumps))
         samples = none if period is None else samples_of(grid, period)
@@ -179,7 +182,7 @@ class Schedule:
         return marked
 
     def _near(self, times: np.ndarray, time: float) -> bool:
-        return bool((np.abs(times - time) <= self.tolerance).any())
+        return times.size > 0 and bool((np.abs(times - time) <= self.tolerance).any())
 
     @property
     def size(self) -> int:

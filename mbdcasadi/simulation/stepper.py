@@ -97,7 +97,7 @@ class Stepper(ABC):
     @property
     @abstractmethod
     def counts(self) -> Counts:
-        """How often it started, and its steps."""
+        """Numbers of its starts and steps."""
 
     @abstractmethod
     def release(self) -> None:

@@ -9,8 +9,8 @@ import casadi as ca
 import numpy as np
 
 from ..arguments.values import RunValues
-from ..errors import MechanismError, ModelError, warn
-from ..numerics.lazy import cached_property
+from ..errors import MechanismError, warn
+from ..model.quantities import whole
 from ..sensitivity.compiled_run import MotionSetup
 from ..sensitivity.load_limit import LoadLimit
 from ..simulation.time_dependence import timed_equations
@@ -169,7 +169,7 @@ class WholeJobs(Jobs):
     def _prepare(self, outputs: list[ca.SX]) -> None:
         setup = self.setup
         refuse_unsuited(setup)
-        self._of_cases, spread = outputs, self._spread()
+        spread = self._spread()
         trial = WholeParcel(setup, self._path, [setup.eom.q], len(spread))
 
         def poses_from(x0: np.ndarray, values: RunValues) -> np.ndarray:
@@ -182,13 +182,10 @@ class WholeJobs(Jobs):
         self._look_for_loads(limit, spread)
         self._load_step = limit.max_step
         self._shared = None if timed_equations(setup).depends else times_of(setup, setup.p, self._load_step)
+        self._whole = WholeParcel(setup, self._path, outputs, self._plan.count)
 
     def _course(self, k: int) -> Any:
         return self._shared or times_of(self.setup, self._plan.p[k], self._load_step)
-
-    @cached_property
-    def _whole(self) -> WholeParcel:
-        return WholeParcel(self.setup, self._path, self._of_cases, self._plan.count)
 
     def parcel(self, course: Any) -> WholeParcel:
         return self._whole
@@ -205,6 +202,4 @@ def batch_size(size: int | None, count: int) -> int:
     """Return the number of cases in a batch: what the user asks for, or what cuts the cases into some batches."""
     if size is None:
         return max(1, min(LARGEST_BATCH, -(-count // BATCHES)))
-    if isinstance(size, bool) or not isinstance(size, int) or size < 1:
-        raise ModelError(f"sweep: batch must be an integer of at least 1, got {size!r}")
-    return size
+    return whole(size, "sweep", "batch", 1)

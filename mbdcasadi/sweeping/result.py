@@ -13,7 +13,7 @@ from ..model.mechanism import Mechanism
 from ..model.symbols import Parameter
 from ..numerics.lazy import optional_package
 from ..results.notebook import html_table
-from ..sensitivity.design_variables import find_output
+from ..sensitivity.design_variables import output_place
 
 #: Cases of a sweep that a notebook shows, at most.
 SHOWN_CASES = 12
@@ -86,10 +86,7 @@ class Sweep:
 
     def __getitem__(self, key: Any) -> np.ndarray:
         """Values of an output, by its name or by the expression."""
-        k = find_output([(name, expression) for name, _, expression in self._outputs], key)
-        if k is None:
-            raise ModelError(f"{key!r} is not among the outputs: {', '.join(self.names)}")
-        return self._columns()[k]
+        return self._columns()[output_place([(name, expression) for name, _, expression in self._outputs], key)]
 
     def _columns(self) -> list[np.ndarray]:
         """Values of each output: (cases, n_t) of a scalar, else (cases, n_t, k)."""

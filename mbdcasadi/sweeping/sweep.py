@@ -116,7 +116,7 @@ def sweep(
     """
     if executor is not None and not hasattr(executor, "submit"):
         raise ModelError(f"sweep: executor= takes a concurrent.futures executor, got {executor!r}")
-    equations(mechanism)  # refuses what is none
+    equations(mechanism)  # raises for what is not a mechanism
     refuse_events(events, "sweep")
     varied = read_cases(mechanism, cases)
     count = len(next(iter(varied.values())))

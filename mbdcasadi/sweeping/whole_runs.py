@@ -12,9 +12,9 @@ import numpy as np
 from ..equations.switching.switches import jumps_anywhere
 from ..errors import SimulationError
 from ..integrators.dop853.runner import ExplicitRunner
-from ..integrators.lending import Lending
 from ..integrators.native.stretch import Cases, Progress, Status, Stretch
 from ..model.cache import Cache
+from ..numerics.lending import Lending
 from ..sensitivity.compiled_run import MotionSetup
 from ..simulation.contact.watched_terms import has_gaps
 from ..simulation.formulations import choose_formulation

@@ -131,10 +131,15 @@ def film(
             raise MechanismError(f"animate: '{label}' is not finite over the whole motion")
     fine, lines = course.lines([np.maximum(DRAWN * np.ptp(values, axis=0), 1e-12) for values in course.values])
     box = room(scene.without("velocities"), poses, lines[0].reshape(-1, 2))
-    scene = with_placed_names(scene, poses, box, PAPER / float(box[1, 0] - box[0, 0]))
+    scene = with_names(scene, poses, box)
     return Film(
         motion, sample, scene, poses, scale, box, options, quantities, fine, lines, speed, fps, name,
     )  # fmt: skip
+
+
+def with_names(scene: Scene, poses: np.ndarray, box: np.ndarray) -> Scene:
+    """Return a scene with its names in their places on a film, of which a box with the corners `box`, m, is seen."""
+    return with_placed_names(scene, poses, box, PAPER / float(box[1, 0] - box[0, 0]))
 
 
 def usual_speed(duration: float) -> float:

@@ -21,9 +21,8 @@ from ..simulation.simulate import simulate
 from .animation import Animation
 from .drawing.compose import Options, compose
 from .drawing.draw import room
-from .drawing.labels import with_placed_names
 from .drawing.sample import Sample
-from .film import PAPER, Film
+from .film import Film, with_names
 from .page.columns import Column, Columns
 from .page.live_model import LiveModel
 from .page.page import filled, page_data
@@ -156,7 +155,7 @@ def stage(
     poses = scene.poses(sample)
     traced = sample[options.paths].reshape(-1, 2)
     box = room(scene, poses, traced)
-    scene = with_placed_names(scene, poses, box, PAPER / float(box[1, 0] - box[0, 0]))
+    scene = with_names(scene, poses, box)
     name = model.mechanism.name if title is None else str(title)
     quantities = read_lines(plots or {})
     for _, column in quantities.values():

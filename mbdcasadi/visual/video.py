@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import MechanismError
-from .axes import dress, legend, readable
+from .axes import readable
 from .drawing.canvas import LOWEST, STEP, Canvas
 from .drawing.draw import FLAT, TALL, corners, draw_scale, frame_axes, room, with_scale_room
 from .drawing.scene import TRACE
-from .drawing.style import LIGHT, SERIES_LIGHT
+from .drawing.style import LIGHT
 from .film import Film
+from .plots.plot import lines_over
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -91,13 +92,7 @@ class Stage:
         )
 
     def _plot(self, axes: Axes, label: str, lines: dict[str, np.ndarray]) -> Any:
-        drawn = {}
-        for k, (name, values) in enumerate(lines.items()):
-            colour = SERIES_LIGHT[k % len(SERIES_LIGHT)]
-            (drawn[name],) = axes.plot(self.film.fine, values, color=colour, linewidth=1.4)
-        dress(axes, label)
-        legend(axes, drawn)
-        axes.set_xlim(self.film.t[0], self.film.t[-1])
+        lines_over(axes, self.film.fine, lines, label, width=1.4)
         return axes.axvline(self.film.t[0], color=LIGHT["motion"], linewidth=1.2)
 
     @property

@@ -6,11 +6,11 @@ import pickle
 import threading
 import time
 import weakref
-from concurrent.futures import ThreadPoolExecutor
 
 import casadi as ca
 import numpy as np
 import pytest
+from threads import together
 
 import mbdcasadi as mbd
 from mbdcasadi.model.cache import RECENT, Cache, ExpressionKey
@@ -22,17 +22,6 @@ def pendulum(**more):
     return arm, mbd.Mechanism(bodies=[arm], joints=[hinge], forces=[mbd.Gravity()], **more)
 
 
-def in_threads(count, call):
-    gate = threading.Barrier(count)
-
-    def one(k):
-        gate.wait()
-        return call(k)
-
-    with ThreadPoolExecutor(count) as pool:
-        return list(pool.map(one, range(count)))
-
-
 def test_a_value_is_made_once_by_eight_threads():
     cache, made = Cache(), []
 
@@ -41,7 +30,7 @@ def test_a_value_is_made_once_by_eight_threads():
         time.sleep(0.05)
         return object()
 
-    values = in_threads(8, lambda _: cache.get_or_create("key", make))
+    values = together([lambda: cache.get_or_create("key", make)] * 8)
     assert len(made) == 1
     assert len(set(map(id, values))) == 1
 
@@ -72,7 +61,7 @@ def test_bounded_values_go_the_least_recent_first_and_the_others_stay():
 
 def test_threads_derive_one_set_of_equations():
     _, model = pendulum()
-    found = in_threads(8, lambda _: mbd.equations(model))
+    found = together([lambda: mbd.equations(model)] * 8)
     assert len(set(map(id, found))) == 1
 
 
@@ -83,7 +72,7 @@ def test_threads_evaluate_expressions_of_one_motion():
     motion = mbd.simulate(model, np.linspace(0, 1, 21))
     expressions = [mbd.sin(k * arm.phi) + arm.omega**2 for k in range(2 * RECENT)]
     wanted = [np.sin(k * motion[arm.phi]) + motion[arm.omega] ** 2 for k in range(2 * RECENT)]
-    found = in_threads(4, lambda k: [motion[e] for e in expressions[k::4]])
+    found = together([lambda k=k: [motion[e] for e in expressions[k::4]] for k in range(4)])
     for k in range(4):
         assert np.allclose(found[k], wanted[k::4], rtol=1e-13, atol=0)
 

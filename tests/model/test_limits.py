@@ -78,3 +78,21 @@ def test_elements_keep_their_limits():
     """Of expressions only; a number is checked once, in the constructor."""
     assert mbd.Body("body", 1, 1).limits == ()
     assert [x.name for x in mbd.Body("body", k, 1 + k).limits] == ["mass", "inertia"]
+
+
+@pytest.mark.parametrize("element", [mbd.TSDA, mbd.RSDA])
+def test_negative_coefficients_of_springs_are_reported(element):
+    """A wrong sign is more likely than a device that adds energy; a free length may be negative, as in a balancer."""
+    ends = mbd.ground.at(0, 0), mbd.Body("body", 1, 1).at(0, 0)
+    for name, effect in {"stiffness": "drives the bodies away", "damping": "adds energy"}.items():
+        with pytest.warns(mbd.MechanismWarning, match=rf"spring 's': {name} = -2 is negative and {effect}"):
+            element("s", *ends, **{name: -2.0})
+    free = "free_length" if element is mbd.TSDA else "free_angle"
+    element("s", *ends, stiffness=k, damping=0.5, **{free: -0.1})
+
+
+@pytest.mark.parametrize("value", [True, np.True_])
+def test_a_truth_value_is_no_number(value):
+    """Python would take True as one."""
+    with pytest.raises(mbd.ModelError, match="body 'body': mass must be a number, got"):
+        mbd.Body("body", mass=value, inertia=1)

@@ -1,10 +1,9 @@
 """Compiled functions through buffers, against CasADi's own calls."""
 
-import threading
-
 import casadi as ca
 import numpy as np
 import pytest
+from threads import together
 
 from mbdcasadi.numerics.evaluation import Evaluator
 
@@ -38,11 +37,7 @@ def test_each_thread_has_its_own_buffers():
             if not np.array_equal(found, [2 * number, 2 * k, -2 * k]):
                 wrong.append((number, k, found))
 
-    threads = [threading.Thread(target=run, args=(number,)) for number in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    together([lambda number=number: run(number) for number in range(4)])
     assert not wrong
 
 

@@ -6,9 +6,9 @@ import pytest
 from motions import crank_rocker, half_turn, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
+from mbdcasadi.optimal_control import search
 from mbdcasadi.optimal_control.guess import closing_limits
 from mbdcasadi.optimal_control.nlp.problem_solver import ProblemSolver
-from mbdcasadi.optimal_control.nlp.solvers import ipopt
 
 
 def cart_pole(limit, rail):
@@ -66,30 +66,50 @@ def test_limits_close_in_from_a_motion(monkeypatch):
 @pytest.mark.slow
 def test_a_least_time_without_limits_is_no_shorter_than_the_guess(monkeypatch):
     """Else forces have no end, and limits do not close in from there; 8 N move 1 kg by 1 m in ``2 / sqrt(8)`` s."""
-    original, durations = ProblemSolver.solve_loosened, []
+    original, durations = ProblemSolver.solve_unlimited, []
 
     def recorded(self, *arguments):
         found = original(self, *arguments)
         durations.append(found[0].duration)
         return found
 
-    monkeypatch.setattr(ProblemSolver, "solve_loosened", recorded)
-    monkeypatch.setitem(ipopt.WARM_START["cold"], "ipopt.max_iter", 1)  # the first solve fails
+    monkeypatch.setattr(ProblemSolver, "solve_unlimited", recorded)
+    monkeypatch.setattr(search, "FIRST_ITERATIONS", 1)  # the first solve fails
+    monkeypatch.setattr(closing_limits, "OTHER_ITERATIONS", 1)  # so does that on another mesh
     problem, *_ = rest_to_rest(1.0, (0.01, 10.0), lower=-8, upper=8, running_cost=0, terminal_cost=mbd.t)
     solution = mbd.optimize(problem)
     assert durations[0] >= np.sqrt(0.01 * 10.0) - 1e-6
-    assert solution.statistics.stages[1].description == "no limits"
+    assert [stage.description for stage in solution.statistics.stages[1:3]] == ["all limits, another mesh", "no limits"]
     assert solution.duration == pytest.approx(2 / np.sqrt(8), rel=1e-6)
 
 
 @pytest.mark.slow
-def test_a_detour_swings_a_pendulum_up():
-    """A motor of 2 N m cannot lift the bob at once: limits do not close in on the one swing of a strong motor."""
+def test_limits_close_in_on_a_finer_mesh(monkeypatch):
+    """If the mesh is coarse for the motion without limits, which may then not meet them on it at all."""
+    monkeypatch.setattr(closing_limits, "COARSE_ERROR", -1.0)
+    problem, cart, _force = cart_pole(8.0, 1.0)
+    solution = mbd.optimize(problem)
+    assert [stage.intervals for stage in solution.statistics.stages] == [40, 40, 80]
+    assert np.max(np.abs(solution.trajectory.at(np.linspace(0, 2, 400))[cart.x])) <= 1.01
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("motions", [0, 4])
+def test_a_weak_motor_swings_a_pendulum_up(monkeypatch, motions):
+    """A motor of 2 N m cannot lift the bob at once: limits do not close in on the one swing of a strong motor.
+
+    It swings up from a motion under random inputs, and without these from a detour.
+    """
+    monkeypatch.setattr(closing_limits, "TRIED_MOTIONS", motions)
     problem, bob, tau = swing_up(2.0, 6.0)
     with pytest.raises(mbd.OptimizationError):
         mbd.optimize(problem, options={"ipopt.max_iter": 60})  # the user's own end of the search
     solution = mbd.optimize(problem)
-    assert "detour" in solution.statistics.stages[-1].description
+    stages = [stage.description for stage in solution.statistics.stages]
+    if motions:
+        assert stages[-1] == "all limits, from a motion near to them" and "simulated" in stages[-2]
+    else:
+        assert "detour" in stages[-1]
     assert np.max(np.abs(solution.trajectory.at(np.linspace(0, 6, 500))[tau])) <= 2 + 1e-6
     assert np.ptp(np.sign(solution.trajectory[bob.omega])) == 2  # it swings back
     assert solution.verify().final_error < 0.05
@@ -99,17 +119,33 @@ def test_a_detour_swings_a_pendulum_up():
 def test_detours_if_there_is_no_solution_without_limits(monkeypatch):
     """They are tried after the least violation, which may say that the problem is infeasible."""
     monkeypatch.setattr(closing_limits, "FREE_ITERATIONS", 2)
+    monkeypatch.setattr(closing_limits, "PENALTY_ITERATIONS", 2)
     monkeypatch.setattr(closing_limits, "VIOLATION_ITERATIONS", 2)
     problem, _bob, tau = swing_up(2.0, 6.0)
     solution = mbd.optimize(problem)
     descriptions = [stage.description for stage in solution.statistics.stages]
-    assert descriptions[1] == "no limits"
-    assert all(stage.startswith("least violation") for stage in descriptions[2:7])
-    assert all("detour" in stage for stage in descriptions[7:]) and len(descriptions) > 7
+    assert descriptions[1] == "no limits" and descriptions[2].startswith("violations at a price, from kinematic")
+    assert all(stage.startswith("least violation") for stage in descriptions[3:8])
+    assert all("detour" in stage for stage in descriptions[8:]) and len(descriptions) > 8
     assert np.max(np.abs(solution.trajectory[tau])) <= 2 + 1e-6
 
 
 @pytest.mark.slow
+def test_another_mesh_if_the_first_solve_runs_out_of_iterations(monkeypatch):
+    """The solution on the mesh itself is that of a solve that goes on."""
+    problem = half_turn(crank_rocker())
+    cost = mbd.optimize(problem, intervals=30).cost
+    monkeypatch.setattr(search, "FIRST_ITERATIONS", 2)
+    solution = mbd.optimize(problem, intervals=30)
+    stages = solution.statistics.stages
+    assert [(stage.description, stage.intervals) for stage in stages] == [
+        ("all limits", 30),
+        ("all limits, another mesh", 38),
+        ("all limits, from another mesh", 30),
+    ]
+    assert solution.cost == pytest.approx(cost, rel=1e-8) and solution.meshes[0].count == 30
+
+
 def test_infeasible_from_several_starts():
     """Half a turn in 0.2 s by 0.1 N m: a tenth of the limit is in conflict with the end; both are named with sizes."""
     problem, *_ = swing_up(0.1, 0.2)
@@ -169,13 +205,13 @@ def test_a_feasible_problem_with_a_kink_is_not_called_infeasible():
 @pytest.mark.slow
 def test_ctrl_c_between_the_stages(monkeypatch):
     """A search that is stopped has no solution; its last iterate is kept, and passes limits."""
-    original = ProblemSolver.solve_loosened
+    original = ProblemSolver.solve_unlimited
 
     def stopped(self, *arguments):
         original(self, *arguments)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(ProblemSolver, "solve_loosened", stopped)
+    monkeypatch.setattr(ProblemSolver, "solve_unlimited", stopped)
     problem, _, force = cart_pole(8.0, 1.0)
     with pytest.raises(mbd.Interrupted, match="last iterate") as caught:
         mbd.optimize(problem)
@@ -207,9 +243,10 @@ def test_the_least_violation_does_not_depend_on_its_start(monkeypatch):
     """7.6 N move 2 kg by 0.95 m in 1 s where 8 N move them by 1 m: from all five starts the end is missed by 0.05 m."""
     original, totals = ProblemSolver.least_violation, []
 
-    def recorded(self, meshes, guess, limit, nearness):
-        result = original(self, meshes, guess, limit, nearness)
-        totals.append((nearness, sum(result[1].values())))
+    def recorded(self, meshes, guess, limit, nearness, cost_weight=0.0):
+        result = original(self, meshes, guess, limit, nearness, cost_weight)
+        if not cost_weight:
+            totals.append((nearness, sum(result[1].values())))
         return result
 
     monkeypatch.setattr(ProblemSolver, "least_violation", recorded)
@@ -231,7 +268,7 @@ def test_several_least_violations_are_no_evidence(monkeypatch):
 
     def scattered(self, *arguments):
         solution, slacks, succeeded = original(self, *arguments)
-        by = float(next(factor))
+        by = 1.5 if len(arguments) == 5 else float(next(factor))  # with penalties there is a weight of the cost
         return solution, {label: by * slack for label, slack in slacks.items()}, succeeded
 
     monkeypatch.setattr(ProblemSolver, "least_violation", scattered)

@@ -7,6 +7,7 @@ import pytest
 from motions import crank_rocker, half_turn, rest_to_rest
 
 import mbdcasadi as mbd
+from mbdcasadi.optimal_control.nlp.held_limits import size_of
 from mbdcasadi.optimal_control.transcription.controls import input_basis
 
 
@@ -116,3 +117,13 @@ def test_points_at_which_limits_are_held_are_saved(tmp_path):
     assert solution.program.held and back.program.held == solution.program.held and back.duration == solution.duration
     again = mbd.optimize(problem, intervals=4, guess=solution)
     assert again.statistics.iterations <= 5 and again.duration == pytest.approx(solution.duration, rel=1e-6)
+
+
+@pytest.mark.parametrize("written", [lambda v: v >= -1.6, lambda v: -v <= 1.6, lambda v: 1.6 >= -v])
+def test_the_size_of_a_limit_does_not_depend_on_how_it_is_written(written):
+    """It is the limit itself, 1.6 m/s, and not the typical speed of the problem; CasADi writes some with a minus."""
+    problem, _, block = rest_to_rest(-1.0, 1.0)
+    solution = mbd.optimize(problem.replace(path=[written(block.vx)]), intervals=20)
+    (part,) = solution.phases
+    (limit,) = part.program.limits_at_points
+    assert size_of(part, limit, 0.5) == pytest.approx(1.6, rel=1e-3)

@@ -5,6 +5,8 @@ import pytest
 from motions import crank_rocker, half_turn, rest_to_rest, sprung_block
 
 import mbdcasadi as mbd
+from mbdcasadi.optimal_control.nlp.solvers.ipopt import WARM_START, Ipopt
+from mbdcasadi.optimal_control.search import FIRST_ITERATIONS
 
 
 @pytest.fixture
@@ -187,3 +189,20 @@ def test_a_state_of_another_linkage_is_refused():
         mbd.ConditionError, match=r"does not meet pin\.x: it is off by 0\.2; assemble it with the param"
     ):
         mbd.optimize(problem, intervals=6, parameters={length: 0.6})
+
+
+def test_a_search_that_may_follow_gives_a_warm_start_no_more_iterations(monkeypatch):
+    """The limit of the first solve, after which other starts are tried, is that of a start from nothing."""
+    problem, *_ = rest_to_rest()
+    limits = {}
+
+    def noted(solver, begin, warmth, options, arguments):
+        limits[warmth] = (solver.defaults | solver.warm_start[warmth] | options)["ipopt.max_iter"]
+        return solve(solver, begin, warmth, options, arguments)
+
+    solve = Ipopt._solve
+    monkeypatch.setattr(Ipopt, "_solve", noted)
+    solution = mbd.optimize(problem, intervals=10)
+    assert limits == {"cold": FIRST_ITERATIONS}
+    mbd.optimize(problem, intervals=10, guess=solution)
+    assert limits["hot"] == WARM_START["hot"]["ipopt.max_iter"] < FIRST_ITERATIONS

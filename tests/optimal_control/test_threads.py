@@ -3,28 +3,16 @@
 import os
 import sys
 import threading
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 from motions import crank_rocker, half_turn, rest_to_rest, sprung_block
+from threads import together
 
 import mbdcasadi as mbd
 from mbdcasadi.numerics.symbolic import LOCK, numeric_work, symbolic
 
 THREADS = 8
-
-
-def together(calls):
-    """Results of calls that begin at the same moment, each in a thread of its own."""
-    gate = threading.Barrier(len(calls))
-
-    def run(call):
-        gate.wait()
-        return call()
-
-    with ThreadPoolExecutor(len(calls)) as pool:
-        return [future.result() for future in [pool.submit(run, call) for call in calls]]
 
 
 @pytest.fixture(autouse=True)

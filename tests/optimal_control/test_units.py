@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from motions import crank_rocker, guided_block, half_turn
+from motions import crank_rocker, guided_block, half_turn, pendulum
 
 import mbdcasadi as mbd
 
@@ -100,6 +100,23 @@ def test_limits_and_costates_in_other_units():
     active = reference.active_limits, other.active_limits
     assert [len(a) for a in active] == [1, 1]
     assert active[1][0].costate == pytest.approx(active[0][0].costate * 1e18 / 1e6, rel=1e-4)
+
+
+def test_what_ties_the_end_to_the_start_has_the_size_of_its_symbols():
+    """A periodic swing of a pendulum of 1 m, in metres and in millimetres."""
+    found = []
+    for length in (1.0, 1e3):
+        bob, tau, mechanism = pendulum(length, gravity=9.81 * length)
+        problem = mbd.OptimalControlProblem(
+            mechanism,
+            duration=2.5,
+            initial=[bob.phi == 0.3],
+            boundary=[mbd.at_end(e) == mbd.at_start(e) for e in (bob.x, bob.vx, tau)],
+            running_cost=tau**2,
+        )
+        solution = mbd.optimize(problem, intervals=15)
+        found.append((solution.statistics.iterations, solution.cost / length**4))
+    assert found[1] == pytest.approx(found[0], rel=1e-8)
 
 
 @pytest.mark.parametrize("middle", [0.2, 0.5, 0.8])

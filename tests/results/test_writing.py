@@ -2,11 +2,11 @@
 
 import os
 import shutil
-import threading
 
 import numpy as np
 import pytest
 from disk import full_disk
+from threads import together
 
 import mbdcasadi as mbd
 from mbdcasadi.__main__ import main
@@ -148,9 +148,5 @@ def test_threads_write_the_same_file(tmp_path):
             with whole_file(path) as part:
                 part.write_text(letter * 10_000)
 
-    threads = [threading.Thread(target=write, args=(letter,)) for letter in "abcd"]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    together([lambda letter=letter: write(letter) for letter in "abcd"])
     assert path.read_text() in {letter * 10_000 for letter in "abcd"} and list(tmp_path.iterdir()) == [path]

@@ -38,14 +38,34 @@ def bell(body):
     return PUSH * FACTOR * mbd.exp(-(((body.x - 50) / 0.05) ** 2))
 
 
+def quotient(body):
+    """Its divisor changes little in its own unit, and by far more than its least size."""
+    return PUSH * FACTOR * 0.01**4 / (0.01**4 + (body.x - 50) ** 4)
+
+
 #: Loads and the ways over which the full push would do the same work, m. The rise of a step does half of it.
-LOADS = [(rectangle, 0.1), (hump, 0.1), (bell, 0.05 * np.sqrt(np.pi))]
+LOADS = [(rectangle, 0.1), (hump, 0.1), (bell, 0.05 * np.sqrt(np.pi)), (quotient, 0.01 * np.pi / np.sqrt(2))]
 
 
 @pytest.mark.parametrize(("load", "way"), LOADS)
 @pytest.mark.parametrize("method", METHODS)
 def test_work_of_a_force_in_a_short_range(load, way, method):
     mechanism, body = puck(load)
+    motion = mbd.simulate(mechanism, TIMES, initial=[body.vx == SPEED], method=method)
+    assert motion[body.vx][-1] == pytest.approx(np.sqrt(SPEED**2 + 2 * PUSH * way), rel=1e-5)
+
+
+class Multistep(mbd.Integrator):
+    """A plugin of CasADi that the package does not know, with the attributes of the base class."""
+
+    name, plugin, solves_algebraic, is_multistep = "multistep", "cvodes", False, True
+
+
+@pytest.mark.parametrize(("load", "way"), LOADS)
+def test_work_by_a_method_of_ones_own(load, way):
+    """It stops where the method stepped over the load."""
+    mechanism, body = puck(load)
+    method = Multistep(reltol=1e-10, abstol=1e-10)
     motion = mbd.simulate(mechanism, TIMES, initial=[body.vx == SPEED], method=method)
     assert motion[body.vx][-1] == pytest.approx(np.sqrt(SPEED**2 + 2 * PUSH * way), rel=1e-5)
 

@@ -2,7 +2,6 @@
 
 import gc
 import os
-import threading
 import warnings
 
 import numpy as np
@@ -12,6 +11,7 @@ from linkages import four_bar, n_four_bar, pendulum, slider_crank
 from random_mechanisms import random_case
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
+from threads import together
 
 import mbdcasadi as mbd
 from mbdcasadi.integrators.native import build
@@ -330,16 +330,7 @@ def test_eight_threads(way):
         return mbd.simulate(f.mechanism, times, initial=[f.crank.omega == 5.0 + k], method="dop853").q
 
     expected = [run(k) for k in range(8)]
-    found = [None] * 8
-
-    def work(k):
-        found[k] = run(k)
-
-    threads = [threading.Thread(target=work, args=(k,)) for k in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    found = together([lambda k=k: run(k) for k in range(8)])
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-12)
 

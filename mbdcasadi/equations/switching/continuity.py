@@ -191,7 +191,11 @@ class _Trial:
         return low[:, chosen], high[:, chosen]
 
     def _narrowed(self, first: np.ndarray, last: np.ndarray, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Brackets of the borders of some switches, made as narrow as rounding by regula falsi and halving in turn."""
+        """Brackets of the borders of some switches, made as narrow as rounding by regula falsi and halving in turn.
+
+        Both ends are needed, one on each side of a border, beside which a quantity may be zero everywhere: the searches
+        of :mod:`~mbdcasadi.numerics.roots` return one point, and take the sign at both ends for granted.
+        """
         begin, along = first, last - first
 
         def value_at(share: np.ndarray, chosen: np.ndarray) -> np.ndarray:

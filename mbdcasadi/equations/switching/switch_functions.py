@@ -96,12 +96,17 @@ def state_switches(expressions: ca.SX, state: ca.SX, unknown: ca.SX) -> tuple[li
 
 
 def _of_transient(op: int, node: ca.SX) -> list[ca.SX]:
-    """Operand of an operation that may cause a short transient; of powers only if they may divide."""
+    """Operand of an operation that may cause a short transient; of powers only if they may divide.
+
+    What divides has the logarithm of its size, too: a quotient passes as quickly as its divisor changes beside its own
+    least size, whatever its unit.
+    """
     a, *_, b = 2 * operands(node)
-    if op == ca.OP_DIV:
-        return [b]
-    grows = op in (ca.OP_POW, ca.OP_CONSTPOW) and b.is_constant() and float(b) >= 0
-    return [] if grows else [a]
+    if op in (ca.OP_POW, ca.OP_CONSTPOW) and b.is_constant() and float(b) >= 0:
+        return []
+    divisor = b if op == ca.OP_DIV else a
+    divides = op in (ca.OP_DIV, ca.OP_INV, ca.OP_POW, ca.OP_CONSTPOW) and divisor.op() not in _OF_GEOMETRY
+    return [divisor, ca.log(ca.fabs(divisor))] if divides else [divisor]
 
 
 def _moving(functions: list[ca.SX], state: ca.SX, unknown: ca.SX) -> list[ca.SX]:

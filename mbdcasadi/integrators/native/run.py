@@ -7,7 +7,7 @@ import re
 import threading
 import weakref
 from collections.abc import Sequence
-from ctypes import c_double, c_int, c_longlong, c_void_p
+from ctypes import c_char, c_double, c_int, c_longlong, c_void_p
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -326,8 +326,10 @@ class _Arrays:
         if not array.size:
             return 0
         self._kept.append(array)
-        place: int = array.__array_interface__["data"][0]  # array.ctypes makes an object more
-        return place
+        try:
+            return ctypes.addressof(c_char.from_buffer(array.data))  # a fifth of the time that array.ctypes takes
+        except TypeError:  # read-only
+            return int(array.ctypes.data)
 
 
 def _entry(code: Code, k: int) -> Any:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...model.cache import Cache
 from ...numerics.c_code import UnsupportedOperation
-from ..lending import Lending
+from ...numerics.lending import Lending
 from . import build
 from .code import Code
 from .run import NativeRun, engine
@@ -135,10 +135,19 @@ class Runner(ABC):
 
     def _code(self, using: build.Compiler) -> tuple[Code, ...]:
         s = self.system
-        parts: list[tuple[ca.Function, ...]] = [tuple(s.functions.values()), (s.input,)]
-        parts += [] if self.watched is None else [(self.watched.function,)]
-        codes = [self._cache.get_or_create(("code", *functions), partial(Code, functions)) for functions in parts[1:]]
-        return tuple([self._mechanism_code(parts[0], using), *codes])
+        event = None if self.watched is None else self.watched.function
+
+        def made() -> tuple[Code, ...]:
+            parts: list[tuple[ca.Function, ...]] = [tuple(s.functions.values()), (s.input,)]
+            parts += [] if event is None else [(event,)]
+            codes = [
+                self._cache.get_or_create(("code", *functions), partial(Code, functions)) for functions in parts[1:]
+            ]
+            return tuple([self._mechanism_code(parts[0], using), *codes])
+
+        if s.written is not None:
+            return made()
+        return self._cache.get_or_create(("codes", s, event), made, bounded=True)
 
     def _mechanism_code(self, functions: tuple[ca.Function, ...], using: build.Compiler) -> Code:
         """Code of the mechanism: what is written with loops is compiled at once."""

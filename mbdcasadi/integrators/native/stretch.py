@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -186,8 +187,7 @@ class Progress:
     not_stiff: int = 0
 
 
-@dataclass(frozen=True, eq=False)
-class Stretch:
+class Stretch(NamedTuple):
     """A part of a run.
 
     Attributes
@@ -243,9 +243,9 @@ class Stretch:
     every_step: bool = False
     keep_samples: bool = False
     spacing: float = np.inf
-    offset: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    band: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    side: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    offset: np.ndarray = np.zeros(0)
+    band: np.ndarray = np.zeros(0)
+    side: np.ndarray = np.zeros(0)
     fall: float = 0.0
     stiff_after: int = 0
 

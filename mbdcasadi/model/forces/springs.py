@@ -7,14 +7,14 @@ from typing import Any
 
 import casadi as ca
 
-from ...errors import ModelError
+from ...errors import ModelError, warn
 from ...numerics.lazy import cached_property
 from ..bodies import markers_on_two
 from ..element import Element
 from ..expressions import norm
 from ..geometry.splines import spline, spline_integral
 from ..immutable import Immutable
-from ..quantities import function_of, quantity, value_of
+from ..quantities import function_of, known_value, quantity, value_of
 from ..rates import time_derivative
 from .laws import stored_energy
 
@@ -29,8 +29,8 @@ class _SpringDamper(Element):
     ):
         super().__init__(name)
         self.markers = self.a, self.b = markers_on_two(a, b, self.description)
-        self.stiffness = quantity(stiffness, self.description, "stiffness")
-        self.damping = quantity(damping, self.description, "damping")
+        self.stiffness = self._coefficient(stiffness, "stiffness", "drives the bodies away from where it is at rest")
+        self.damping = self._coefficient(damping, "damping", "adds energy to the motion")
         self.actuator = quantity(actuator, self.description, "actuator")
         self.free = quantity(free, self.description, self._free_name)
         if law is not None and any(not isinstance(x, ca.SX) and x != 0 for x in (self.stiffness, self.damping)):
@@ -39,6 +39,15 @@ class _SpringDamper(Element):
             )
         self.law = None if law is None else function_of(law, self.description, "law", *self._law_arguments)
         self.virtual_work = ((self._coordinate, -self._effort),)
+
+    def _coefficient(self, value: Any, name: str, effect: str) -> Any:
+        """A coefficient of the linear law, with a warning if it is negative: a wrong sign more often than a device."""
+        value = quantity(value, self.description, name)
+        known = known_value(value)
+        if known is not None and known < 0:
+            meant = "if that is meant, give the force by law="
+            warn(f"{self.description}: {name} = {known:g} is negative and {effect}; {meant}")
+        return value
 
     _free_name = "free_length"
     _law_arguments: tuple[str, ...] = ("length", "rate")

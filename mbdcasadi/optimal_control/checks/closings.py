@@ -103,14 +103,14 @@ def _sides(solution: Solution, change: Change) -> dict[Any, dict[int, float]]:
 
 def _is_foothold(solution: Solution, joint: Any) -> bool:
     """True if a joint closes in some phases and is open in others that follow, or before whose end it comes again."""
-    there = [any(joint is own for own in part.phase.mechanism.joints) for part in solution.phases]
+    there = [joint in part.phase.mechanism.joints for part in solution.phases]
     opens = any(one and not other for one, other in pairwise(there))
     return opens and any(other and not one for one, other in pairwise(there))
 
 
 def _warn_of_pulling(solution: Solution, joint: Any, by_row: dict[int, float]) -> None:
     for part in solution.phases:
-        if part.phase.is_instant or not any(joint is other for other in part.phase.mechanism.joints):
+        if part.phase.is_instant or joint not in part.phase.mechanism.joints:
             continue
         values = part.trajectory[joint.multipliers].reshape(len(part.trajectory), -1)
         size = float(np.max(np.abs(values), initial=0.0))

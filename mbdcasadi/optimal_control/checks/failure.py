@@ -111,8 +111,9 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
     violations = violations_of(solution)
     if is_unbounded(solution):
         return OptimizationError(
-            f"the cost seems to have no lower bound: it is {solution.cost:.3g} at the last iterate, after "
-            f"{solution.statistics.iterations} iterations, and falls on; limit the inputs, or add a cost of what grows",
+            f"the cost seems to have no lower bound: it is {solution.cost:.3g} at the last iterate, "
+            f"after {solution.statistics.iterations} iterations, and falls on; limit the inputs, or add a cost for "
+            "what grows",
             largest_violations=violations,
             partial=solution,
         )

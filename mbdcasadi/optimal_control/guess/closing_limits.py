@@ -1,27 +1,41 @@
 """Search after a solve that failed: without limits first, then with limits that close in, then the least violation.
 
 A solver that stops at an infeasible point has found that no motion near that point meets all demands, and nothing
-else. So the problem is solved without its limits, and from that solution with limits that close in step by step. If
-these cannot be closed, detours are tried (a weak motor swings a pendulum up in several swings), and at last the sum
-of all violations is minimised from several starts. Only if that ends above zero, and at the same least violation
-from several of them, does the problem seem infeasible. If the problem is not solved without its limits either, the
-violations come first, and detours at last.
+else. So the search goes on, until a solution is found:
+
+1. if the solver ran out of iterations, on a mesh of other intervals, and from there on the mesh itself: that it lost
+   its way may be an accident of the mesh,
+2. without limits, and from there with all of them, on a mesh twice as fine if it is coarse for that motion,
+3. with violations of limits and conditions at a price beside the cost, from the motion without limits, from the first
+   guess, and from simulated motions under random inputs; and with all demands from motions that come near to them,
+4. from the first guess with more iterations, if the solver had run out of them,
+5. from detours (a weak motor swings a pendulum up in several swings),
+6. with the least sum of all violations, from several starts.
+
+Only if that ends above zero, and at the same least violation from several starts, does the problem seem infeasible. If
+the problem is not solved without its limits either, the violations come first, and detours at last.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 
-from ...numerics.homotopy import Step, follow
+import numpy as np
+
+from ..checks.branch import branch_jump
 from ..checks.expressions import kinks_in_costs, kinks_in_path
 from ..checks.failure import OptimizationError, infeasible, is_unbounded, not_found
+from ..nlp.limit_sides import LimitSides
 from ..nlp.problem_solver import ProblemSolver
 from ..nlp.statistics import Attempt
-from ..refinement.coarse_mesh import FRESH_PASSES, is_lost
-from ..refinement.mesh import Mesh
+from ..refinement.coarse_mesh import FRESH_PASSES, HALVED_INTERVALS, is_lost
+from ..refinement.local_error import COARSE_ERROR, Coarseness
+from ..refinement.mesh import Mesh, interval_count
 from ..solution import Solution
 from .guess import Guess
+from .multistart import random_motions
 
 #: Messages of the solver after which the search goes on.
 RESUMABLE = (
@@ -32,12 +46,21 @@ RESUMABLE = (
     "Diverging_Iterates",
     "Error_In_Step_Computation",
 )
-#: Iterations without limits, of a step in which limits close in, and of a least violation.
-FREE_ITERATIONS, CLOSING_ITERATIONS, VIOLATION_ITERATIONS = 300, 150, 300
-#: Share of its length below which a step in which limits close in is given up.
-SMALLEST_STEP = 1 / 8
-#: Power with which the remaining excess falls from step to step: in the end it is small compared with the limits.
-CLOSING_POWER = 3
+#: Iterations without limits, with all limits from a motion without or near to them, and of a least violation.
+FREE_ITERATIONS, CLOSING_ITERATIONS, VIOLATION_ITERATIONS = 200, 150, 300
+#: Share of the intervals that another mesh has, and iterations on it: accidents of a mesh cost twenty elsewhere.
+OTHER_MESH, OTHER_ITERATIONS = 1.25, 100
+#: Weights of the cost beside the sum of scaled violations, which fall as the price of these rises as long as their sum
+#: falls below a share of what it was; and iterations with each.
+COST_WEIGHTS, FALLING, PENALTY_ITERATIONS = (0.1, 0.01, 0.001), 0.9, 100
+#: Sum of scaled violations up to which the problem itself is solved from a motion: a least violation that is not zero
+#: may be a local one, which a solver that may violate the equations of motion on its way gets round.
+NEAR = 1.0
+#: Iterations of the problem itself from its first guess, if it ran out of them at first, and number of starts whose
+#: violations at a price agree from which it does not do so.
+MORE_ITERATIONS, AGREEING = 1000, 4
+#: Random motions from which penalties are tried.
+TRIED_MOTIONS = 6
 #: Sum of scaled violations up to which a motion counts as one that meets all demands.
 FEASIBLE = 1e-6
 #: Detours that are tried, and iterations of each.
@@ -57,7 +80,7 @@ def may_go_on(error: OptimizationError, options: dict) -> bool:
     With a kink in the cost, or a cost without a lower bound, a solver with derivatives would fail again from any guess.
     """
     status = error.partial.statistics.status
-    limited = status == "Maximum_Iterations_Exceeded" and "ipopt.max_iter" in options
+    limited = _ran_out(error) and "ipopt.max_iter" in options
     if status not in RESUMABLE or limited or is_unbounded(error.partial):
         return False
     return not kinks_in_costs(error.partial.problem)
@@ -95,6 +118,10 @@ class LimitSearch:
         self._solver, self._meshes, self._guess, self._second, self._detour = solver, meshes, guess, second, detour
         self._refined = refined
         self._stages: list[Attempt] = []
+        #: the motion that violates the demands least of those found with penalties, and the sum of its violations
+        self._nearest: Solution | None = None
+        self._least = np.inf
+        self._sums: list[float] = []
 
     def run(self, failure: OptimizationError) -> Solution:
         """Return a solution, or raise the failure with the result of the search.
@@ -107,71 +134,142 @@ class LimitSearch:
             After Ctrl-C.
         """
         self._note(failure.partial, "all limits")
-        closed, nearest = self._close_in()
-        lost = nearest is self._guess  # without limits, too: then what is said to be in conflict comes first
-        for search in (self._by_violation, self._by_detours) if lost else (self._by_detours, self._by_violation):
-            closed = search(nearest, failure) if closed is None else closed
+        closed = self._by_another_mesh() if _ran_out(failure) else None
         if closed is None:
-            raise not_found(failure, [stage.description for stage in self._stages]) from None
+            closed = self._searched(failure)
         failed = failure.partial.statistics
         closed.statistics = closed.statistics.after(failed).at_end_of(self._stages, failed)
+        return closed
+
+    def _searched(self, failure: OptimizationError) -> Solution:
+        """The first solution of the stages of the search; raises as :meth:`run` does."""
+        has_limits = bool(LimitSides(failure.partial.program).sides)
+        free = self._without_limits() if has_limits else None
+        searches: list[Callable[[], Solution | None]] = [
+            partial(self._close_in, free),
+            partial(self._by_random_motions, free),
+            partial(self._by_more_iterations, failure),
+            self._by_detours,
+        ]
+        # without a solution without limits, what is said to be in conflict comes before detours and more iterations
+        searches.insert(2 if free is None else 4, partial(self._by_violation, failure))
+        solutions = (search() for search in searches)
+        closed = next((solution for solution in solutions if solution is not None), None)
+        if closed is None:
+            raise not_found(failure, [stage.description for stage in self._stages]) from None
         return closed
 
     def _note(self, solution: Solution, description: str) -> None:
         self._stages.append(solution.as_attempt(description))
 
+    def _by_another_mesh(self) -> Solution | None:
+        """Solution from one on a mesh of other intervals, from the first guess; None if there is none."""
+        meshes = [mesh.resized(OTHER_MESH) for mesh in self._meshes]
+        other = self._solved(self._guess, "all limits, another mesh", OTHER_ITERATIONS, meshes)
+        return other and self._solved(self._guess_of(other), "all limits, from another mesh", CLOSING_ITERATIONS)
+
     # --- limits that close in -----------------------------------------------------------------
-    def _close_in(self) -> tuple[Solution | None, Guess]:
-        """Solution with all limits, from one without; else the last motion on the way."""
-        solver = self._solver
-        free, excess, succeeded = self._without_limits()
-        if not succeeded:
-            return None, self._guess
+    def _without_limits(self) -> Solution | None:
+        """Solution without limits, on a mesh so fine that it is a motion; None if there is none.
 
-        def closer(point: Solution, _at: float, to: float) -> Step[Solution] | None:
-            remaining = (1 - to) ** CLOSING_POWER
-            guess = _without_multipliers(point.as_guess(solver.problem))
-            if remaining == 0:
-                return self._solved(guess, "all limits, closed in")
-            loose = {label: remaining * amount for label, amount in excess.items()}
-            solution, _, reached = solver.solve_loosened(self._meshes, guess, loose, CLOSING_ITERATIONS)
-            self._note(solution, f"limits loosened by {remaining:.2g} of their excess")
-            return Step(solution) if reached else None
-
-        end = follow(free, closer, smallest=SMALLEST_STEP)
-        return end.point if end.complete else None, _without_multipliers(end.point.as_guess(solver.problem))
-
-    def _without_limits(self) -> tuple[Solution, dict[str, float], bool]:
-        """Solution without limits, as :meth:`ProblemSolver.solve_loosened`; on a mesh so fine that it is a motion."""
+        If it is coarse for that motion, limits close in on a mesh twice as fine, since limits that are just met there
+        may not be met on a coarse one.
+        """
         for _ in range(FRESH_PASSES + 1):
-            result = self._solver.solve_loosened(self._meshes, self._guess, None, FREE_ITERATIONS)
-            free, _, succeeded = result
+            free, succeeded = self._solver.solve_unlimited(self._meshes, self._guess, FREE_ITERATIONS)
             self._note(free, "no limits")
-            if not (self._refined and succeeded and is_lost(free)):
+            if not succeeded:
+                return None
+            lost = self._refined and is_lost(free)
+            coarse = self._refined and Coarseness(free).largest > COARSE_ERROR
+            if lost or (coarse and interval_count(self._meshes) <= HALVED_INTERVALS):
+                self._meshes = [mesh.split(2) for mesh in self._meshes]
+            if not lost:
                 break
-            self._meshes = [mesh.split(2) for mesh in self._meshes]
-        return result
+        return free
 
-    def _by_detours(self, _nearest: Guess, _failure: OptimizationError) -> Solution | None:
+    def _close_in(self, free: Solution | None) -> Solution | None:
+        """Solution with all limits, from one without and from the first guess."""
+        if free is not None:
+            guess = self._guess_of(free)
+            solved = self._solved(guess, "all limits, closed in", CLOSING_ITERATIONS)
+            solved = self._by_penalties(guess, "no limits") if solved is None else solved
+            if solved is not None:
+                return solved
+        return self._by_penalties(self._guess, self._guess.description)
+
+    def _by_random_motions(self, free: Solution | None) -> Solution | None:
+        """The first solution from one of the best of random motions; None if there is none."""
+        nearest = free if self._nearest is None else self._nearest
+        if nearest is None:
+            return None
+        peaks = np.max(np.abs(nearest.phases[0].trajectory.inputs), axis=0)
+        for guess in random_motions(self._solver, self._meshes, peaks, np.random.default_rng(0))[:TRIED_MOTIONS]:
+            solved = self._by_penalties(guess, guess.description)
+            if solved is not None:
+                return solved
+        return None
+
+    def _by_penalties(self, guess: Guess, description: str) -> Solution | None:
+        """Solution from a motion whose violations have a price that rises, if this comes near to all demands."""
+        before = np.inf
+        for weight in COST_WEIGHTS:
+            solution, slacks, succeeded = self._solver.least_violation(
+                self._meshes, guess, PENALTY_ITERATIONS, NEARNESS[-1], weight
+            )
+            total = sum(slacks.values())
+            self._note(solution, f"violations at a price, from {description}, {total:.2g} in all")
+            if not succeeded or branch_jump(solution) is not None:
+                return None
+            if total < self._least:
+                self._least, self._nearest = total, solution
+            guess = self._guess_of(solution)
+            if total <= FEASIBLE or total > FALLING * before:
+                break
+            before = total
+        known = total > FEASIBLE and any(abs(total - other) <= SAME_VIOLATION * other for other in self._sums)
+        self._sums.append(total)
+        if known or total > NEAR:  # from the same local minimum the solver would end as it did before
+            return None
+        return self._solved(guess, "all limits, from a motion near to them", CLOSING_ITERATIONS)
+
+    def _guess_of(self, solution: Solution) -> Guess:
+        """The motion of a solution, without multipliers that belong to other limits."""
+        return replace(solution.as_guess(self._solver.problem), iterate=None)
+
+    def _by_more_iterations(self, failure: OptimizationError) -> Solution | None:
+        """Solution from the first guess with more iterations, if the solver ran out of them.
+
+        Not if penalties led from all starts to the same sum of violations.
+        """
+        same = len(self._sums) >= AGREEING and max(self._sums) <= (1 + SAME_VIOLATION) * min(self._sums)
+        if same or not _ran_out(failure):
+            return None
+        return self._solved(self._guess, "all limits, more iterations", MORE_ITERATIONS)
+
+    # --- detours --------------------------------------------------------------------------------
+    def _by_detours(self) -> Solution | None:
         """The first solution from a random detour; None if there is none."""
         for guess in (self._detour() for _ in range(DETOURS)):
             solved = self._solved(guess, f"all limits, {guess.description}", DETOUR_ITERATIONS)
             if solved is not None:
-                return solved.point
+                return solved
         return None
 
-    def _solved(self, guess: Guess, description: str, limit: int | None = None) -> Step[Solution] | None:
-        """A solution of the problem itself from a guess."""
+    def _solved(
+        self, guess: Guess, description: str, limit: int, meshes: Sequence[Mesh] | None = None
+    ) -> Solution | None:
+        """A solution of the problem itself from a guess; None if it is not found, or jumps to another branch."""
         try:
-            solution = self._solver.solve(self._meshes, guess, warm=limit is None, limit=limit)
+            solution = self._solver.solve(self._meshes if meshes is None else meshes, guess, limit=limit)
         except OptimizationError as error:
             self._note(error.partial, description)
             return None
         self._note(solution, description)
-        return Step(solution)
+        return solution if branch_jump(solution) is None else None
 
     # --- the least violation --------------------------------------------------------------------
-    def _by_violation(self, nearest: Guess, failure: OptimizationError) -> Solution | None:
+    def _by_violation(self, failure: OptimizationError) -> Solution | None:
         """Solution from a motion that meets all demands; None if no such motion was found.
 
         Raises
@@ -182,6 +280,7 @@ class LimitSearch:
         """
         problem, arguable = self._solver.problem, bool(failure.largest_violations)
         arguable = arguable and not kinks_in_path(problem)
+        nearest = self._guess if self._nearest is None else self._guess_of(self._nearest)
         starts = (lambda: nearest, lambda: self._second, *[self._detour] * DETOURED_STARTS)
         guesses: Iterable[Guess] = (start() for start in starts)
         # near to all starts first, which often ends at a motion that meets all; the rest is for what is in conflict
@@ -192,17 +291,19 @@ class LimitSearch:
                 total = sum(slacks.values())
                 if total <= FEASIBLE:
                     arguable = False
-                    feasible = _without_multipliers(solution.as_guess(problem))
-                    solved = self._solved(feasible, "all limits, from a motion that meets them")
+                    found = "all limits, from a motion that meets them"
+                    solved = self._solved(self._guess_of(solution), found, CLOSING_ITERATIONS)
                     if solved is not None:
-                        return solved.point
+                        return solved
                 elif succeeded:
                     conflicting.append((total, solution, slacks))
             if not arguable or len(conflicting) < STARTS:
                 return None
-            guesses = [_without_multipliers(solution.as_guess(problem)) for _, solution, _ in conflicting]
+            guesses = [self._guess_of(solution) for _, solution, _ in conflicting]
         least = min(conflicting, key=lambda found: found[0])
         agreeing = sum(total <= (1 + SAME_VIOLATION) * least[0] for total, *_ in conflicting)
+        if self._least < (1 - SAME_VIOLATION) * least[0]:
+            return None
         if agreeing >= STARTS + (agreeing < len(conflicting)):
             raise infeasible(failure, *least[1:], agreeing, FEASIBLE) from None
         return None
@@ -215,11 +316,11 @@ class LimitSearch:
             total = sum(slacks.values())
             if not succeeded or total <= FEASIBLE:
                 break
-            near = _without_multipliers(solution.as_guess(self._solver.problem))
+            near = self._guess_of(solution)
         self._note(solution, f"least violation, {total:.2g} in all")
         return result
 
 
-def _without_multipliers(guess: Guess) -> Guess:
-    """The same motion, without multipliers that belong to other limits."""
-    return replace(guess, iterate=None)
+def _ran_out(failure: OptimizationError) -> bool:
+    """True if the solver ran out of iterations."""
+    return bool(failure.partial.statistics.status == "Maximum_Iterations_Exceeded")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import MechanismError, ModelError
+from ...model.symbols import Input
 from ...numerics.console import without_warnings
 from ...numerics.newton import solve
 from ...numerics.rank import analyse_rank
@@ -24,6 +25,7 @@ from ..nlp.setup import PhaseSetup
 from ..nlp.solvers.base import Elsewhere
 from ..nlp.statistics import Attempt
 from ..phase import Phase
+from ..refinement.coarse_first import solve_coarse_first
 from ..refinement.mesh import Mesh
 from ..solution import Shifted, Solution
 from .guess import Guess, PhaseGuess, guess_at_rest, guess_from_motion, guess_from_other, kinematic_guess
@@ -31,6 +33,8 @@ from .kinematic_guess import STEPS, KinematicPath, has_free_path
 
 #: Reports of the solves from a guess, and the solution or the error in which they ended.
 Outcome = tuple[list[Attempt], Solution | OptimizationError]
+#: Motions that are simulated under random inputs, half waves of these, and their largest values as shares of the peak.
+RANDOM_MOTIONS, RANDOM_WAVES, RANDOM_SHARES = 20, 3, (0.3, 1.0)
 #: Relative difference of costs below which solutions are the same.
 SAME_COST = 1e-6
 
@@ -144,15 +148,58 @@ def _usual_guess(solver: ProblemSolver) -> Guess:
 
 def _free_motion(solver: ProblemSolver) -> Trajectory | None:
     """The motion from the start with the inputs' own values; None if it cannot be simulated."""
+    return _simulated(solver, {})
+
+
+def _simulated(solver: ProblemSolver, inputs: dict[Input, np.ndarray]) -> Trajectory | None:
+    """The motion of the first phase from the start with samples of inputs; None if it cannot be simulated."""
     setup = solver.setups[0]
     mechanism = setup.phase.mechanism
     p = dict(zip(mechanism.parameters, setup.numeric.p, strict=True))
-    times = np.linspace(0, setup.path.segment_times[-1], STEPS + 1)
     try:
         with without_warnings():
-            return simulate(mechanism, times, initial=solver.start, parameters=p)
+            return simulate(mechanism, _sample_times(setup), initial=solver.start, parameters=p, inputs=inputs)
     except MechanismError:  # a guess through poses does as well
         return None
+
+
+def _sample_times(setup: PhaseSetup) -> np.ndarray:
+    """Times at which inputs of a simulated guess are sampled, s."""
+    return np.linspace(0, setup.path.segment_times[-1], STEPS + 1)
+
+
+def random_motions(
+    solver: ProblemSolver, meshes: Sequence[Mesh], peaks: np.ndarray, random: np.random.Generator
+) -> list[Guess]:
+    """Simulated motions under random inputs within their peaks (n_u,), those first that violate the demands least.
+
+    They are motions that the mechanism can make, of kinds that a path through poses does not have: it swings back
+    before it goes on, or passes a singular pose. None for several phases, and without inputs.
+    """
+    setup = solver.setups[0]
+    if len(solver.problem.phases) > 1 or not peaks.size:
+        return []
+    found = []
+    for _ in range(RANDOM_MOTIONS):
+        motion = _simulated(solver, _random_inputs(setup, peaks, random))
+        if motion is not None:
+            guess = _guess(
+                solver, [guess_from_motion(motion, setup.path.segment_times)], "simulated with random inputs"
+            )
+            found.append((solver.violation(meshes, guess), guess))
+    return [guess for violation, guess in sorted(found, key=lambda pair: pair[0]) if np.isfinite(violation)]
+
+
+def _random_inputs(setup: PhaseSetup, peaks: np.ndarray, random: np.random.Generator) -> dict[Input, np.ndarray]:
+    """Samples of each input: a few half waves, of random amplitudes and phases."""
+    times, signals = _sample_times(setup), {}
+    for symbol, peak in zip(setup.phase.mechanism.inputs, peaks.tolist(), strict=True):
+        amplitudes, shifts = random.uniform(-1, 1, RANDOM_WAVES), random.uniform(0, 2 * np.pi, RANDOM_WAVES)
+        angles = np.outer(times / times[-1], np.pi * np.arange(1, RANDOM_WAVES + 1)) + shifts
+        waves = np.sin(angles) @ amplitudes
+        largest = random.uniform(*RANDOM_SHARES) * peak
+        signals[symbol] = np.clip(largest * waves / np.max(np.abs(waves)), symbol.lower, symbol.upper)
+    return signals
 
 
 def random_detour(solver: ProblemSolver, random: np.random.Generator) -> Guess:
@@ -199,16 +246,18 @@ def best_of(
     warm: bool,
     executor: Executor | None = None,
     settle: Callable[[Solution, Guess], tuple[Solution, bool]] | None = None,
+    limit: int | None = None,
 ) -> Solution:
     """Solve from every guess and return the best solution; all are reported in its statistics.
 
     A guess that is another solution is tried with the settings of a warm start first, and if these fail at once without
     them. `warm` if the guesses are solutions of nearly the same problem. `settle` returns a solution from a solution
     and its guess on a finer mesh, and whether this holds: the cost on a coarse mesh may be false, and the best is
-    chosen by what it is on a mesh that holds. If none succeeds, the error of the last is raised.
+    chosen by what it is on a mesh that holds. Each solve takes at most `limit` iterations. If none succeeds, the error
+    of the last is raised.
     """
     solver.best.new_stage()
-    tries = partial(_tried, meshes=meshes, warm=warm)
+    tries = partial(_tried, meshes=meshes, warm=warm, limit=limit)
     if executor is None:
         outcomes = [tries(solver, guess) for guess in candidates]
     else:
@@ -226,13 +275,14 @@ def best_of(
     return best
 
 
-def _tried(solver: ProblemSolver, guess: Guess, meshes: list[Mesh], warm: bool) -> Outcome:
+def _tried(solver: ProblemSolver, guess: Guess, meshes: list[Mesh], warm: bool, limit: int | None) -> Outcome:
     """Reports of the solves from a guess, and what the last one ended with."""
     reports = []
     for is_warm in (True, False) if warm else (False,):
         result: Solution | OptimizationError
         try:
-            result = end = solver.solve(meshes, guess, warm=is_warm)
+            way = partial(solver.solve, warm=True) if is_warm else partial(solve_coarse_first, solver)
+            result = end = way(meshes, guess, limit=limit)
         except OptimizationError as error:
             result, end = error, error.partial
         report = end.as_attempt(f"{guess.description}, warm" if is_warm else guess.description)

@@ -66,10 +66,10 @@ def _guards(
 ) -> tuple[int, ...]:
     """Position rows of the mechanism afterwards that are new."""
     law, numeric, old = after.phase.law, after.numeric, before.numeric
-    rows = ca.vertcat(numeric.eom.Phi, law.momentary)
+    rows = law.positions
     if not rows.numel():
         return ()
-    parameters = [p for p in free if any(p is x for x in after.phase.mechanism.parameters)]
+    parameters = [p for p in free if place_of(p, after.phase.mechanism.parameters) is not None]
     unknowns = ca.vertcat(numeric.eom.q, *parameters)
     slopes = ca.Function("G", [numeric.eom.t, numeric.eom.q, numeric.eom.p], [ca.densify(ca.jacobian(rows, unknowns))])
     n, m = pose.size, old.eom.position_rows.size
@@ -146,7 +146,7 @@ class Change:
         law = ca.Function(
             "law",
             [eom.t, eom.q, eom.v, self.law.v_before, self.law.impulses, eom.p],
-            [self.law.momentum, self.law.velocity, ca.vertcat(eom.Phi, self.law.momentary)],
+            [self.law.momentum, self.law.velocity, self.law.positions],
         )
         momentum, velocity, _ = law(old.t, new.q, new.v, v, impulses, p)
         guards = law(old.t, q, new.v, v, impulses, p)[2]
@@ -170,15 +170,13 @@ class Change:
     def guards_at(self, p: np.ndarray) -> ca.SX:
         """Position rows that are new, at parameters of the mechanism afterwards."""
         eom = self.setup.after.numeric.eom
-        rows = ca.vertcat(eom.Phi, self.law.momentary)[list(self.setup.guards)]
+        rows = self.law.positions[list(self.setup.guards)]
         return ca.substitute(rows, eom.p, ca.SX(ca.DM(p)))
 
     @property
     def guard_names(self) -> list[str]:
         """Names of the position rows that are new."""
-        eom = self.after.phase.equations
-        names = [*(eom.row_names[k] for k in eom.position_rows), *self.law.row_names[eom.lam.numel() :]]
-        return [names[k] for k in self.setup.guards]
+        return [self.law.position_names[k] for k in self.setup.guards]
 
     def _guard_rows(self, values: ca.SX, name: str) -> Rows:
         labels = tuple(f"{name}: {row} closes" for row in self.guard_names)

@@ -12,13 +12,14 @@ from ...model.cache import Cache
 from ...model.conditions import Condition
 from ...model.symbols import place_of, symbols_of
 from ...numerics.lazy import cached_property
+from ...numerics.lending import Lending
 from ...results.state import State
 from ..placeholders import Placeholder, placeholders_in, with_symbols, with_values
 from ..problem import OptimalControlProblem
 from ..refinement.mesh import Mesh
 from .blocks import Block, Edge, block_of_edges
 from .change import Change, ChangeSetup
-from .compiled import OPTION_SETS, SolverPool
+from .compiled import OPTION_SETS
 from .instant_program import InstantProgram
 from .phase_program import PhasePlace, PhaseProgram
 from .rows import Row, condition_rows, violations
@@ -87,7 +88,8 @@ class CollocationProgram:
         blocks += self._boundary_blocks(problem, placeholders, p)
         self.blocks: list[Block] = [*blocks, *[b for phase in self.phases for b in phase.time_blocks(p)]]
         self.nlp = SparseProgram(self.size, [block.piece for block in self.blocks], p)
-        self.solvers = SolverPool()
+        #: its solvers by options, of which each holds the statistics of its last solve and calls back to Python
+        self.solvers = Lending(alike=np.inf)
         #: the same functions as they travel to workers
         self.packed = Cache(OPTION_SETS)
 
@@ -178,9 +180,6 @@ class CollocationProgram:
 
     def _boundary_sizes(self, conditions: Sequence[Condition], placeholders: Sequence[Placeholder]) -> np.ndarray:
         """Changes of boundary conditions over the typical sizes of what they contain."""
-        last = self.phases[-1]
-        if len(self.phases) == 1:
-            return last.sizes.of_changes([with_values(c.expression, lambda x: x.expression) for c in conditions])
         symbols, put_in = with_symbols(placeholders)
         changes = np.array([self._phase_of(x).sizes.of_changes([x.expression])[0] for x in placeholders])
         sizes = []
@@ -191,7 +190,7 @@ class CollocationProgram:
             function = ca.Function("slopes", [symbols, varying], [ca.densify(slopes)])
             at = function(changes, np.ones(varying.numel())).full().ravel()
             size = float(np.max(np.abs(at) * changes, initial=0.0))
-            outside = last.sizes.of_changes([with_values(condition.expression, lambda _: 0.0)])[0]
+            outside = self.phases[-1].sizes.of_changes([with_values(condition.expression, lambda _: 0.0)])[0]
             sizes.append(size or float(outside))
         return np.array(sizes)
 

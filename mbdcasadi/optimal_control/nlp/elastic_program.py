@@ -1,4 +1,4 @@
-"""Program of least violation: limits and conditions yield, and the amounts by which they yield are the cost."""
+"""Program of least violation: limits and conditions yield, and the amounts by which they yield are a cost."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from .sparse_program import derivatives_for_ipopt
 class ElasticProgram:
     """A program in which one slack for each limit and each condition adds to what its rows allow.
 
-    The sum of the slacks is least, but for half the square of the distance from the guess, with a weight `nearness`;
-    equations of motion, constraints and continuity hold. A sum that ends above zero is a least violation near its
-    start, since the program is not convex.
+    The sum of the slacks is least, but for half the square of the distance from the guess, with a weight `nearness`,
+    and the cost of the program itself, with a weight `cost_weight`; equations of motion, constraints and continuity
+    hold. With a weight of the cost that is small enough the slacks are an exact penalty. A sum that ends above zero is
+    a least violation near its start, since the program is not convex.
     """
 
-    def __init__(self, program: CollocationProgram, bounds: Bounds, nearness: float):
-        self.program, self._bounds, self._nearness = program, bounds, nearness
+    def __init__(self, program: CollocationProgram, bounds: Bounds, nearness: float, cost_weight: float = 0.0):
+        self.program, self._bounds, self._nearness, self._cost_weight = program, bounds, nearness, cost_weight
         sides = LimitSides(program, conditions=True)
         self.labels = list(sides.sides)
         n, m, count = program.size, sides.row_count, len(self.labels)
@@ -52,14 +53,19 @@ class ElasticProgram:
         y, p = ca.MX.sym("y", self.size), ca.MX.sym("p", nlp.data_size + n)
         x, slacks, data, near = y[:n], y[n:], p[: nlp.data_size], p[nlp.data_size :]
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.rows)
-        derivatives = nlp.derivatives
+        derivatives, weight = nlp.derivatives, self._cost_weight
         rows, jacobian = derivatives["jac_g"](x, data)
         cost = ca.sum1(slacks) + 0.5 * self._nearness * ca.dot(x - near, x - near)
-        gradient = ca.vertcat(self._nearness * (x - near), ca.MX.ones(self._count))
+        slopes_of_cost = self._nearness * (x - near)
+        if weight:
+            own, own_slopes = derivatives["grad_f"](x, data)
+            cost, slopes_of_cost = cost + weight * own, slopes_of_cost + weight * own_slopes
+        gradient = ca.vertcat(slopes_of_cost, ca.MX.ones(self._count))
         rows = ca.vertcat(rows, x[yielding]) - ca.mtimes(self._slacks, slacks)
         picked = ca.DM.eye(n)[yielding, :]
         slopes = ca.horzcat(ca.vertcat(jacobian, picked), -self._slacks)
-        hessian = derivatives["hess_lag"](x, data, 0.0, lam_g[: self._m]) + lam_f * self._nearness * ca.DM.eye(n)
+        hessian = derivatives["hess_lag"](x, data, lam_f * weight, lam_g[: self._m])
+        hessian += lam_f * self._nearness * ca.DM.eye(n)
         hessian = ca.diagcat(hessian, ca.MX(self._count, self._count))
         functions = derivatives_for_ipopt((y, p, lam_f, lam_g), (cost, gradient), (rows, slopes), hessian)
         return ca.nlpsol("violation", "ipopt", {"x": y, "p": p, "f": cost, "g": rows}, functions | options)

@@ -81,6 +81,8 @@ def _places(part: PhaseSolution, limit: Condition, values: np.ndarray) -> set[fl
 def size_of(part: PhaseSolution, limit: Condition, time: float) -> float:
     """Return the size of a limit at a time: the larger of its sides, or its typical size if one of them is zero."""
     expression, typical = limit.expression, part.program.condition_sizes[limit]
+    while expression.op() == ca.OP_NEG:  # CasADi's form of -x + c
+        expression = expression.dep(0)
     if expression.n_dep() != 2 or expression.op() not in (ca.OP_SUB, ca.OP_ADD):
         return typical
     sides = [expression.dep(0), expression.dep(1)]

@@ -1,4 +1,4 @@
-"""Sides of the conditions of a program: rows and variables that one label bounds, and bounds that are loosened."""
+"""Sides of the conditions of a program: rows and variables that one label bounds, and bounds without limits."""
 
 from __future__ import annotations
 
@@ -92,14 +92,10 @@ class LimitSides:
 
     def without(self, bounds: Bounds) -> Bounds:
         """Bounds without these limits."""
-        return self.loosened(bounds, dict.fromkeys(self.sides, np.inf))
-
-    def loosened(self, bounds: Bounds, amounts: dict[str, float]) -> Bounds:
-        """Bounds whose limits may be passed by amounts, scaled, by label."""
         low, high = bounds.of_rows_and_variables
-        for label, amount in amounts.items():
-            high[self.places(label, 1)] += amount
-            low[self.places(label, -1)] -= amount
+        for label in self.sides:
+            high[self.places(label, 1)] = np.inf
+            low[self.places(label, -1)] = -np.inf
         return Bounds(low[self.row_count :], high[self.row_count :], low[: self.row_count], high[: self.row_count])
 
     def excess(self, bounds: Bounds, x: np.ndarray, rows: np.ndarray) -> dict[str, float]:

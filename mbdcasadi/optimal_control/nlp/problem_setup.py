@@ -58,7 +58,7 @@ class ProblemSetup:
         self.problem, self.settings = problem, settings
         values = dict(pairs_of(parameters, "parameters="))
         for free in problem.free_parameters:
-            if any(free is key for key in values):
+            if free in values:
                 raise ModelError(f"optimize: parameter '{free.label}' is both given and free")
         first = problem.phases[0]
         self.initial = first.initial if initial is None else self._other_start(initial)

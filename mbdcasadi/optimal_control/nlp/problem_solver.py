@@ -75,7 +75,8 @@ class ProblemSolver(ProblemSetup):
         """
         if guess.iterate is not None:
             self.held = tuple(sorted({*self.held, *guess.iterate.program.held}))
-        limit = KINKED_ITERATIONS if limit is None and kinks_in_costs(self.problem) else limit
+        if kinks_in_costs(self.problem):
+            limit = KINKED_ITERATIONS if limit is None else min(limit, KINKED_ITERATIONS)
         solution = self._solve(meshes, guess, warm=warm, limit=limit)
         passed = largest_share(solution)
         for _ in range(ROUNDS):
@@ -91,11 +92,13 @@ class ProblemSolver(ProblemSetup):
             solution, passed = held, share
         return solution
 
-    def solve_further(self, solution: Solution, meshes: Sequence[Mesh], guess: Guess | None = None) -> Solution | None:
+    def solve_further(
+        self, solution: Solution, meshes: Sequence[Mesh], guess: Guess | None = None, limit: int | None = None
+    ) -> Solution | None:
         """Solve on other meshes, as a new stage, from a guess or from the solution itself; None if that fails."""
         self.best.new_stage()
         near = solution.as_guess(self.problem) if guess is None else guess
-        return _further(solution, partial(self.solve, meshes, near, warm=guess is None))
+        return _further(solution, partial(self.solve, meshes, near, warm=guess is None, limit=limit))
 
     def _solve(self, meshes: Sequence[Mesh], guess: Guess, *, warm: bool, limit: int | None = None) -> Solution:
         """Solve on a mesh; raises as :meth:`solve` does."""
@@ -119,37 +122,36 @@ class ProblemSolver(ProblemSetup):
         return solution
 
     # --- limits that yield ------------------------------------------------------------------
-    def solve_loosened(
-        self, meshes: Sequence[Mesh], guess: Guess, amounts: dict[str, float] | None, limit: int
-    ) -> tuple[Solution, dict[str, float], bool]:
-        """Solve with limits that may be passed: no solution of the problem, but perhaps a guess for one.
+    def solve_unlimited(self, meshes: Sequence[Mesh], guess: Guess, limit: int) -> tuple[Solution, bool]:
+        """Solve without limits: no solution of the problem, but perhaps a guess for one.
 
-        They may be passed by scaled amounts by label. If `amounts` is left out, by any, and the motion is no faster
-        than the guess: a least time without limits has forces without end. Returned are the last iterate, scaled
-        amounts by which it passes limits, and whether the solver succeeded.
+        The motion is no faster than the guess: a least time without limits has forces without end. Returned are the
+        last iterate, and whether the solver succeeded.
         """
         begin = self._beginning(meshes, guess)
-        sides = LimitSides(begin.program)
-        loose = (
-            _unhurried(begin, sides.without(begin.bounds)) if amounts is None else sides.loosened(begin.bounds, amounts)
-        )
-        warmth = "cold" if begin.iterate is None else "warm"
-        result = self._nlp_solver.run(begin, loose, warmth, limit=limit)
-        solution = self._kept(begin, result)
-        x = solution.variables / begin.program.scale
-        return solution, sides.excess(begin.bounds, x, solution.answer.rows), result.succeeded
+        bounds = _unhurried(begin, LimitSides(begin.program).without(begin.bounds))
+        result = self._nlp_solver.run(begin, bounds, "cold" if begin.iterate is None else "warm", limit=limit)
+        return self._kept(begin, result), result.succeeded
 
     def least_violation(
-        self, meshes: Sequence[Mesh], guess: Guess, limit: int, nearness: float
+        self, meshes: Sequence[Mesh], guess: Guess, limit: int, nearness: float, cost_weight: float = 0.0
     ) -> tuple[Solution, dict[str, float], bool]:
-        """Look for the motion that violates limits and conditions least; as :meth:`solve_loosened`.
+        """Look for the motion that violates limits and conditions least.
 
-        The squared distance from the guess, which singles out one of many such motions, has the weight `nearness`.
+        The squared distance from the guess, which singles out one of many such motions, has the weight `nearness`, and
+        the cost of the problem itself a `cost_weight`. Returned are the last iterate, scaled amounts by which demands
+        are violated, by label, and whether the solver succeeded.
         """
         begin = self._beginning(meshes, guess)
-        elastic = ElasticProgram(begin.program, begin.bounds, nearness)
+        elastic = ElasticProgram(begin.program, begin.bounds, nearness, cost_weight)
         result, slacks = self._nlp_solver.least_violation(begin, elastic, limit)
         return self._kept(begin, result), slacks, result.succeeded
+
+    def violation(self, meshes: Sequence[Mesh], guess: Guess) -> float:
+        """Sum of the scaled amounts by which a guess violates limits and conditions, the largest one of each label."""
+        begin = self._beginning(meshes, guess)
+        sides, rows = LimitSides(begin.program, conditions=True), begin.program.rows_at(begin.x, begin.data)
+        return sum(sides.excess(begin.bounds, begin.x, rows).values())
 
     def _kept(self, begin: Beginning, result: Result) -> Solution:
         """The last iterate of a solve whose result is no solution; it is kept for the user who stops."""

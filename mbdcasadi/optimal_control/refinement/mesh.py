@@ -136,6 +136,12 @@ class Mesh:
         """Mesh with every interval split into as many pieces."""
         return self.refined(np.full(self.count, pieces), np.zeros(self.count, bool))
 
+    def resized(self, share: float) -> Mesh:
+        """Mesh of equal intervals in each segment, a `share` of the present number and at least one."""
+        if not self.count:
+            return self
+        return Mesh(tuple(np.linspace(0, 1, max(1, round(share * count)) + 1) for count in self.counts))
+
     def with_moving(self, points: Iterable[int]) -> Mesh:
         """Return the mesh with further mesh points that move; start, waypoints and end do not."""
         fixed = {0, *self.waypoints.tolist(), self.count}

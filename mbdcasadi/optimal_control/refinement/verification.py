@@ -10,6 +10,7 @@ import numpy as np
 from ...arguments.piecewise_polynomial import PiecewisePolynomial
 from ...equations.recovery import Recovery
 from ...model.events import Event
+from ...model.symbols import place_of
 from ...numerics.console import without_warnings
 from ...numerics.least_squares import largest
 from ...results.phases import PhasedTrajectory, in_whole
@@ -165,7 +166,7 @@ class Replay:
             self.impulse_error = max(self.impulse_error, largest(kept - planned) / size)
         z = np.array([x.value for x in phase.mechanism.states])
         for k, symbol in enumerate(phase.mechanism.states):
-            place = next((i for i, x in enumerate(before.mechanism.states) if x is symbol), None)
+            place = place_of(symbol, before.mechanism.states)
             z[k] = z[k] if place is None else before.z[place]
         eom = phase.equations
         u = eom.input_values

@@ -13,6 +13,7 @@ from ...equations import Equations
 from ...errors import ExpressionError, ModelError, SimulationError, warn
 from ...integrators.native.stretch import Watched
 from ...model.events import Event
+from ...model.quantities import listed_by_name
 from ...model.rates import time_derivative
 from ...numerics.evaluation import Evaluator
 from ...numerics.least_squares import largest
@@ -205,7 +206,7 @@ class EventWatch:
         return self._once(state, "derivatives", found)
 
     def _once(self, state: State, key: str, find: Callable[[], Any]) -> Any:
-        """What is found at a state; at the last one it is kept."""
+        """Result at a state; that at the last one is kept."""
         if self._state is not state:
             self._state, self._known = state, {}
         if key not in self._known:
@@ -357,8 +358,9 @@ class EventWatch:
         if times.size < 3:
             return candidates
         h = np.diff(times)[:, None]
-        slopes = np.diff(values, axis=0) / h
-        curvature = (slopes[1:] - slopes[:-1]) / (h[1:] + h[:-1])
+        with np.errstate(divide="ignore", invalid="ignore"):  # of an interval of no length there is no parabola
+            slopes = np.diff(values, axis=0) / h
+            curvature = (slopes[1:] - slopes[:-1]) / (h[1:] + h[:-1])
         same = (np.sign(values[:-1]) == np.sign(values[1:])) & (values[:-1] != 0)
         for first, bend in ((slice(0, -1), curvature), (slice(1, None), curvature)):
             near = nears_zero(values[:-1][first], values[1:][first], h[first], bend)
@@ -405,8 +407,7 @@ class EventWatch:
         def value_at(time: float) -> float:
             return float(self.values(outputs, np.array([time]), states_at(np.array([time])), begin)[0, index]) - rest
 
-        accuracy = 4e-16 * max(abs(low), abs(high)) + 1e-13 * (high - low)
-        return bracketed_root(value_at, low, high, float(values[0]), float(values[1]), accuracy)
+        return bracketed_root(value_at, low, high, float(values[0]), float(values[1]))
 
     def _report_not_a_number(self, times: np.ndarray, values: np.ndarray) -> None:
         """Warn once of an event whose expression has no value: it cannot be found from there on."""
@@ -475,12 +476,4 @@ def refuse_events(events: Any, analysis: str) -> None:
 
 def read_events(events: Any) -> tuple[Event, ...]:
     """Events as they were given, checked."""
-    if isinstance(events, Event):
-        raise ModelError(f"events= takes a list: write events=[{events!r}]")
-    for event in events:
-        if not isinstance(event, Event):
-            raise ModelError(f"events= takes Event objects, got {event!r}")
-    names = [event.name for event in events]
-    if len(set(names)) < len(names):
-        raise ModelError(f"events= contains a name twice: {', '.join(names)}")
-    return tuple(events)
+    return listed_by_name(events, Event, "events=")

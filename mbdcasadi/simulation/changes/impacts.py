@@ -281,3 +281,8 @@ def jump_to(numeric: NumericEquations, state: State, targets: ca.SX, wanted: np.
     jacobian = np.vstack([rows, np.reshape(state[along], (targets.numel(), -1))])
     right = np.r_[nu, wanted - np.atleast_1d(state[rest])]
     return jump(numeric.mass, jacobian, right, state.v, numeric.column_scale)
+
+
+def instant_of(grid: np.ndarray) -> float:
+    """Return the time that counts as one instant of a run over a grid, s."""
+    return max(INSTANT * float(grid[-1] - grid[0]), 4 * float(np.spacing(np.max(np.abs(grid[[0, -1]])))))

@@ -1,4 +1,4 @@
-"""What changes at an instant of a run: its mode, velocities by resets, inputs by a controller, or the mechanism."""
+"""Changes at an instant of a run: of its mode, of velocities by resets, of inputs by a controller, of the mechanism."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class Transitions:
             before = after
             fired += impact.events
         for event in located:
-            if not any(event is other for other in fired):
+            if event not in fired:
                 self.resting[event] = float(moving[event.expression])
         return state, occurrences
 

@@ -3,8 +3,8 @@
 A body at rest, or in uniform motion, lets a method with an adaptive step take steps as long as the run: over a bump
 of a road, a force that acts in a short range of a coordinate, a pulse that a flywheel triggers. The graph of the
 equations shows what may switch or pass quickly as the motion goes on: the operands of comparisons, of absolute values,
-of exponential functions. Their zeros and extrema are looked for on the path between the outputs; around these the
-accelerations on the path are integrated and compared with the change of the velocities that the steps found.
+of exponential functions, and divisors. Their zeros and extrema are looked for on the path between the outputs; around
+these the accelerations on the path are integrated and compared with the change of the velocities that the steps found.
 """
 
 from __future__ import annotations

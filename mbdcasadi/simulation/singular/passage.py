@@ -48,6 +48,8 @@ HISTORY, POINTS = 4.0, 6
 PARTS = 40
 #: Longest passage, in times that the motion takes from where the pivot is four times as large to the entry.
 LONGEST = 12.0
+#: Times among them that are looked at together for the far side; the lowest pivot is among the first ones.
+ARRIVALS = 16
 #: Difference of the polynomial's accelerations from those of the equations of motion on the far side, relative to
 #: their size, and change of its coordinates there by the projection, up to which the passage is accepted.
 PASSAGE_ACCELERATION_TOLERANCE, PASSAGE_POSITION_TOLERANCE = 1e-3, 1e-6
@@ -243,15 +245,18 @@ class SingularPassage:
         times = times[times <= limit]
         if not times.size:
             return None
-        ahead = course.states(times)
-        pivots = self._regularity.at(times, self._outputs.recovery.positions(times, ahead[:, :n]))
-        lowest = int(np.argmin(pivots[:16]))
-        behind = np.flatnonzero(pivots[lowest:] >= distance**2 * ENTRY * self._largest)
-        if not behind.size:
-            return None
-        k = lowest + int(behind[0])
-        x = self._outputs.projected(times[k : k + 1], ahead[k : k + 1])[0]
-        return float(times[k]), x, ahead[k]
+        pivots = np.zeros(0)
+        while pivots.size < times.size:  # most motions are behind it early among these times
+            part = times[pivots.size : pivots.size + ARRIVALS]
+            poses = self._outputs.recovery.positions(part, course.states(part)[:, :n])
+            pivots = np.append(pivots, self._regularity.at(part, poses))
+            lowest = int(np.argmin(pivots[:ARRIVALS]))
+            behind = np.flatnonzero(pivots[lowest:] >= distance**2 * ENTRY * self._largest)
+            if behind.size:
+                k = lowest + int(behind[0])
+                ahead = course.states(times[k : k + 1])
+                return float(times[k]), self._outputs.projected(times[k : k + 1], ahead)[0], ahead[0]
+        return None
 
     def _meets_equations(self, start: float, end: float, course: _Course) -> bool:
         """True if the polynomial meets the equations of motion on its way: nothing else begins there.

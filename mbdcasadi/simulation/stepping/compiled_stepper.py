@@ -20,9 +20,9 @@ from ...integrators.compiled import (
     InitialValueProblem,
     IntegrationFailure,
 )
-from ...integrators.lending import Lending
 from ...numerics.console import Interruption
 from ...numerics.least_squares import largest
+from ...numerics.lending import Lending
 from ..contact.compiled_elements import compiled_elements
 from ..contact.watched_terms import WatchedTerms, watched_terms
 from ..formulations import Formulation, Regularised, choose_formulation

@@ -102,7 +102,7 @@ def _projection(eom: Equations) -> ca.Function:
 def explicit_system(
     numeric: NumericEquations, signals: Signals, terms: WatchedTerms | None = None, *, implicit: bool = False
 ) -> ExplicitSystem:
-    """Return the system of a run.
+    """Return the system of a run; kept for a mechanism and for inputs of the same structure.
 
     Parameters
     ----------
@@ -111,6 +111,13 @@ def explicit_system(
     implicit : bool
         True for an implicit method, which needs slopes.
     """
+    key = ("explicit system", numeric.light_key, terms is None, implicit)
+    return signals.kept(numeric.eom, key, lambda: _system(numeric, signals, terms, implicit=implicit), bounded=True)
+
+
+def _system(
+    numeric: NumericEquations, signals: Signals, terms: WatchedTerms | None, *, implicit: bool
+) -> ExplicitSystem:
     eom = numeric.eom
 
     def quadrature() -> ca.Function:

@@ -163,8 +163,7 @@ class WholeStepper(Stepper):
         self._end = float(times[-1]), reached.x[-1].copy()
         if again:  # it was sent back to meet something with care
             self._progress.step = 0.0
-        increments = reached.integrals.copy()
-        increments[1:] -= reached.integrals[:-1]
+        increments = np.diff(reached.integrals, axis=0, prepend=0.0) if self._rates else reached.integrals
         return Path(
             np.concatenate([[piece.start], times]),
             np.vstack([x, reached.x]),

@@ -21,7 +21,7 @@ from .canvas import LOWEST, STEP, Canvas
 from .compose import Options, compose
 from .labels import LINE, with_placed_names
 from .sample import Sample
-from .scene import TRACE, Scene, box_of
+from .scene import TRACE, Scene, box_of, diagonal_of
 from .style import LIGHT
 
 if TYPE_CHECKING:
@@ -205,7 +205,7 @@ def room(scene: Scene, poses: np.ndarray, paths: np.ndarray) -> np.ndarray:
     box = box_of(scene.without("loads").marks, poses)
     if len(paths):
         box = np.array([np.minimum(box[0], paths.min(axis=0)), np.maximum(box[1], paths.max(axis=0))])
-    diagonal = float(np.hypot(*(box[1] - box[0])))
+    diagonal = diagonal_of(box)
     loads = [m for m in scene.marks if m.group]
     if loads:
         low, high = box_of(loads, poses)
@@ -253,7 +253,7 @@ def _show_box(axes: Axes, box: np.ndarray) -> None:
 
 def with_scale_room(box: np.ndarray, scale: dict[str, float]) -> np.ndarray:
     """Return the corners with room for the scale of forces above them."""
-    return np.array([box[0], box[1] + [0, len(scale) * ROW * np.hypot(*(box[1] - box[0]))]])
+    return np.array([box[0], box[1] + [0, len(scale) * ROW * diagonal_of(box)]])
 
 
 def draw_scale(axes: Axes, scale: dict[str, float], box: np.ndarray, corner: np.ndarray, least: float = 0.0) -> float:
@@ -277,7 +277,7 @@ def draw_scale(axes: Axes, scale: dict[str, float], box: np.ndarray, corner: np.
     float
         Height of the lowest line, m.
     """
-    diagonal = float(np.hypot(*(box[1] - box[0])))
+    diagonal = diagonal_of(box)
     row = max(ROW * diagonal, least)
     right, lowest = float(corner[0]), float(corner[1]) - len(scale) * row
     place = lowest

@@ -62,8 +62,7 @@ def draw_loads(pen: Pen, loads: Sequence[tuple[Any, Load]]) -> dict[str, float]:
     if not loads:
         return {}
     loads = _gathered(pen, loads)
-    box = pen.box()
-    diagonal = float(np.hypot(*(box[1] - box[0])))
+    diagonal = scene.diagonal_of(pen.box())
     values = pen.sample.sizes(ca.vertcat(*[ca.norm_2(load.value) for _, load in loads]))
     couple = np.array([load.value.numel() == 1 for _, load in loads])
     values[:, ~np.isfinite(values).all(axis=0)] = 0.0  # what is not known, as forces of a current in kinematics
@@ -94,9 +93,8 @@ def draw_velocities(pen: Pen) -> dict[str, float]:
         Scale: metres per second of an arrow of 1 m.
     """
     bodies = pen.sample.mechanism.bodies
-    box = pen.box()
     speeds = pen.over(*[ca.norm_2(body.velocity) for body in bodies])
-    diagonal, largest = float(np.hypot(*(box[1] - box[0]))), _usual_largest(speeds)
+    diagonal, largest = scene.diagonal_of(pen.box()), _usual_largest(speeds)
     # a mechanism at rest may be set in motion: it then passes its own size in a second
     scale = (largest if largest > NOISE * diagonal else diagonal) / (ARROW * diagonal)
     for body in bodies:

@@ -15,20 +15,20 @@ from .pen import Pen
 HALF_WIDTH = 0.95
 
 
+def outlines_of(body: Body) -> list[np.ndarray]:
+    """Outlines of a body's shape in its centroidal frame; a rod as its two ends."""
+    return [np.asarray(outline.points, float) + body.shape_frame for outline in body.shape.outlines()]  # type: ignore[union-attr]
+
+
 def shape_loops(body: Body, unit: float) -> list[np.ndarray]:
-    """Outline of a body's shape in its centroidal frame; rods get a width."""
-    loops = []
-    for outline in body.shape.outlines():  # type: ignore[union-attr]
-        points = np.asarray(outline.points, float) + body.shape_frame
-        loops.append(lines.plate(points, HALF_WIDTH * unit) if len(points) == 2 else points)
-    return loops
+    """Outlines of a body's shape in its centroidal frame; rods get a width."""
+    return [lines.plate(loop, HALF_WIDTH * unit) if len(loop) == 2 else loop for loop in outlines_of(body)]
 
 
 def local_outlines(body: Body, marker: Marker, pen: Pen) -> list[np.ndarray]:
     """Outline of a body's shape in the axes of a marker on it; a rod as its two ends."""
     frame = pen.on(marker)
-    loops = [np.asarray(outline.points, float) + body.shape_frame for outline in body.shape.outlines()]  # type: ignore[union-attr]
-    return [lines.turned(loop - frame.shift, -frame.angle) for loop in loops]
+    return [lines.turned(loop - frame.shift, -frame.angle) for loop in outlines_of(body)]
 
 
 def sections(loops: Sequence[np.ndarray]) -> tuple[float, float, float, float]:
@@ -65,10 +65,19 @@ def on_material(loops: Sequence[np.ndarray], point: np.ndarray) -> np.ndarray:
 
 def points_on(body: Body, elements: Sequence[Any], pen: Pen) -> np.ndarray:
     """Different places of elements on a body (k, 2), in its frame, m."""
-    markers = [m for e in elements for m in getattr(e, "markers", ()) if m.body is body]
-    places: list[np.ndarray] = []
+    return np.array(list(apart(markers_on(body, elements), pen).values())).reshape(-1, 2)
+
+
+def markers_on(body: Body, elements: Sequence[Any]) -> list[Marker]:
+    """Markers of elements on a body."""
+    return [m for e in elements for m in getattr(e, "markers", ()) if m.body is body]
+
+
+def apart(markers: Sequence[Marker], pen: Pen) -> dict[Marker, np.ndarray]:
+    """Markers on one body with their places (2,), m; of those at one place the first."""
+    places: dict[Marker, np.ndarray] = {}
     for marker in markers:
-        place = np.array([pen.number(marker.local[0]), pen.number(marker.local[1])])
-        if all(np.hypot(*(place - other)) > 1e-9 for other in places):
-            places.append(place)
-    return np.array(places).reshape(-1, 2)
+        place = pen.first(marker.local)
+        if all(np.hypot(*(place - other)) > 1e-9 for other in places.values()):
+            places[marker] = place
+    return places

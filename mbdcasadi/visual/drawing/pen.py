@@ -38,6 +38,11 @@ class Frame:
     def __init__(self, pen: Pen, number: int, shift: Any = (0.0, 0.0), angle: float = 0.0, body: Body | None = None):
         self.pen, self.number, self.shift, self.angle, self.body = pen, number, np.asarray(shift, float), angle, body
 
+    @property
+    def solid(self) -> str:
+        """Style of areas of the body that the frame belongs to, or of the ground."""
+        return "ground" if self.body is None else "body"
+
     def local(self, points: Any) -> np.ndarray:
         """Points as they lie in the frame of the scene."""
         points = np.atleast_2d(np.asarray(points, float))
@@ -157,7 +162,7 @@ class Pen:
         """Frame of a marker, fixed in its body."""
         base = self.of_body(marker.body)
         if not (ca.vertcat(marker.local, marker.local_angle).is_constant() or self._is_fixed(marker)):
-            return Frame(self, self.scene.add(MovingFrame(marker.position, marker.angle)), body=base.body)
+            return self._added(MovingFrame(marker.position, marker.angle), base.body)
         x, y, angle = self.first(marker.local, marker.local_angle)
         return Frame(self, base.number, (x, y), angle, base.body)
 
@@ -169,11 +174,11 @@ class Pen:
 
     def at(self, position: Any, angle: Any = 0.0, body: Body | None = None) -> Frame:
         """Frame at a point and an angle that are expressions."""
-        return Frame(self, self.scene.add(MovingFrame(ca.SX(position), ca.SX(angle))), body=body)
+        return self._added(MovingFrame(ca.SX(position), ca.SX(angle)), body)
 
     def along(self, position: Any, direction: Any) -> Frame:
         """Frame at a point whose x axis goes along a vector."""
-        return Frame(self, self.scene.add(MovingFrame(ca.SX(position), vector=ca.vec(ca.SX(direction)))))
+        return self._added(MovingFrame(ca.SX(position), vector=ca.vec(ca.SX(direction))))
 
     def between(self, start: Any, end: Any, body: Body | None = None) -> Frame:
         """Frame whose x axis runs from one point to another, as long as their distance."""
@@ -184,19 +189,20 @@ class Pen:
     def point(self, place: Any) -> Frame:
         """Frame at a marker or a point, with the axes of the ground."""
         position, anchor = self._origin(place)
-        return Frame(self, self.scene.add(MovingFrame(position, anchor=anchor)))
+        return self._added(MovingFrame(position, anchor=anchor))
 
     def vector(self, place: Any, vector: Any, scale: float) -> Frame:
         """Frame at a marker or a point along a vector, as long as the vector times a scale."""
         position, anchor = self._origin(place)
-        return Frame(
-            self, self.scene.add(MovingFrame(position, vector=ca.vec(ca.SX(vector)), scale=scale, anchor=anchor))
-        )
+        return self._added(MovingFrame(position, vector=ca.vec(ca.SX(vector)), scale=scale, anchor=anchor))
 
     def scaled(self, place: Any, value: Any, scale: float) -> Frame:
         """Frame at a marker or a point, as long as a scalar times a scale, and mirrored if that is negative."""
         position, anchor = self._origin(place)
-        return Frame(self, self.scene.add(MovingFrame(position, length=scale * ca.SX(value), anchor=anchor)))
+        return self._added(MovingFrame(position, length=scale * ca.SX(value), anchor=anchor))
+
+    def _added(self, moving: MovingFrame, body: Body | None = None) -> Frame:
+        return Frame(self, self.scene.add(moving), body=body)
 
     def _origin(self, place: Any) -> tuple[ca.SX, tuple[int, float, float] | None]:
         if not isinstance(place, Marker):

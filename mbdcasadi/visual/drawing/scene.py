@@ -188,6 +188,11 @@ def placed(points: np.ndarray, pose: np.ndarray) -> np.ndarray:
     return np.stack([x + c * u - s * v, y + s * u + c * v], axis=-1)
 
 
+def diagonal_of(box: np.ndarray) -> float:
+    """Length of the diagonal of a box with the corners ``[[x, y], [x, y]]``."""
+    return float(np.hypot(*(box[1] - box[0])))
+
+
 def box_of(marks: Sequence[Mark], poses: np.ndarray) -> np.ndarray:
     """Corners ``[[x_low, y_low], [x_high, y_high]]`` of marks over poses (n_t, frames, 4)."""
     some = poses[:: max(1, len(poses) // 60)]

@@ -18,6 +18,12 @@ BODIES_DARK = (
 SERIES_LIGHT = ("#1f5fa8", "#d1495b", "#2e8b6f", "#e0a030", "#7a5195", "#5b6770", "#3aa6c4", "#a0522d")
 SERIES_DARK = ("#7db4f0", "#ff8fa0", "#6fd3a8", "#f0c060", "#c5a1e0", "#b4bfc8", "#7fd4ea", "#dfa07a")
 
+
+def series_colour(k: int) -> str:
+    """Return the colour of a line of a plot, by its number."""
+    return SERIES_LIGHT[k % len(SERIES_LIGHT)]
+
+
 LIGHT = {
     "ink": "#20272e", "paper": "#ffffff", "muted": "#77828c", "ground": "#5b6770", "soil": "#e4e8eb",
     "spring": "#3d4852", "rubber": "#8d7b6c", "force": "#c22f43", "reaction": "#1f6f4a", "weight": "#77828c",

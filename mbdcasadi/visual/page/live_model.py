@@ -146,7 +146,7 @@ class LiveModel:
 
     def _rows(self, conditions: Sequence[Condition], unknowns: ca.SX) -> ca.SX:
         """Values of conditions, those on velocities at rest, and the entries of their slopes."""
-        values = stacked(conditions) if conditions else ca.SX(0, 1)
+        values = stacked(conditions)
         entries = _entries(ca.jacobian(values, unknowns))
         if unknowns is self.eom.v:
             values = ca.substitute(values, unknowns, ca.SX.zeros(unknowns.numel()))
@@ -211,7 +211,7 @@ class LiveModel:
 
     @staticmethod
     def _slopes(conditions: Sequence[Condition], unknowns: ca.SX) -> dict[str, list[int]]:
-        return _triplets(ca.jacobian(stacked(conditions) if conditions else ca.SX(0, 1), unknowns))
+        return _triplets(ca.jacobian(stacked(conditions), unknowns))
 
     def largest_element(self) -> str:
         """Description of the element with the most operations."""

@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..drawing.scene import SLOT, Mark
+from ..drawing.scene import SLOT, Mark, diagonal_of
 from ..drawing.style import BODIES_DARK, BODIES_LIGHT, DARK, LIGHT, SERIES_DARK, SERIES_LIGHT, STYLES
 from ..film import Film
 from .columns import Column, Columns
@@ -40,7 +40,7 @@ def page(film: Film, forces: bool) -> str:
     forces : bool
         True if forces are shown from the start.
     """
-    store = Columns(film.motion, float(np.hypot(*(film.box[1] - film.box[0]))))
+    store = Columns(film.motion, diagonal_of(film.box))
     data = page_data(film, store, forces) | {"count": len(film.t), "t1": float(film.t[-1])}
     return filled(data, film.title, "player.html", _SCRIPTS)
 

@@ -11,7 +11,7 @@ from ...errors import MechanismError
 from ...results.columns import read_expressions, read_lines
 from ..axes import dress, legend, over_time, readable, stacked
 from ..drawing.draw import motion_of
-from ..drawing.style import SERIES_LIGHT
+from ..drawing.style import series_colour
 from .plot import lines_over
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def plot_phase(motions: Any, expressions: Mapping[str, Any]) -> Figure:
     figure = Figure(figsize=(7.2, 4.8), layout="constrained")
     axes, drawn = figure.subplots(), {}
     for k, (name, motion) in enumerate(named.items()):
-        colour = SERIES_LIGHT[k % len(SERIES_LIGHT)]
+        colour = series_colour(k)
         run = motion_of(motion, "plot_phase")
         if run.interpolates and len(run) < SMOOTH:
             run = run.at(np.linspace(run.t[0], run.t[-1], SMOOTH))
@@ -96,12 +96,12 @@ def plot_energy(motion: Any) -> Figure:
     count = 3 if drift else 2
     figure, stack = stacked(7.2, 1.0 + 2.0 * count, count)
     sizes = {"kinetic": energy.kinetic, "potential": energy.potential, "total": energy.total}
-    lines_over(stack[0], run, sizes, "energy, J")
-    lines_over(stack[1], run, {"": change}, "change of total, J")
+    lines_over(stack[0], run.t, sizes, "energy, J")
+    lines_over(stack[1], run.t, {"": change}, "change of total, J")
     if drift:
         held = {name: np.maximum(values, LEAST_VIOLATION) for name, values in drift.items()}
         stack[2].set_yscale("log")
-        lines_over(stack[2], run, held, "violation of constraints")
+        lines_over(stack[2], run.t, held, "violation of constraints")
     return over_time(figure, stack)
 
 
@@ -129,7 +129,7 @@ def plot_path(path: EquilibriumPath, expressions: Mapping[str, Any]) -> Figure:
     for axes, (label, (names, column)) in zip(stack, quantities.items(), strict=True):
         values = path[column].reshape(len(path), -1)
         drawn = {
-            name: _branches(axes, path, line, SERIES_LIGHT[k % len(SERIES_LIGHT)])
+            name: _branches(axes, path, line, series_colour(k))
             for k, (name, line) in enumerate(zip(names, values.T, strict=True))
         }
         for critical in path.critical:

@@ -14,6 +14,7 @@ from ..drawing.canvas import Canvas
 from ..drawing.compose import Options, compose
 from ..drawing.draw import frame_axes, room
 from ..drawing.sample import Sample
+from ..drawing.scene import diagonal_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -78,7 +79,7 @@ def _amplitude(mode: Any) -> float:
     state = mode.model.state
     scene, _ = compose(Sample(state), Options())
     box = room(scene, scene.poses(Sample(state)), np.zeros((0, 2)))
-    diagonal = float(np.hypot(*(box[1] - box[0])))
+    diagonal = diagonal_of(box)
     bodies = state.mechanism.bodies
     shape = np.abs(mode.shape[: 3 * len(bodies)]).reshape(-1, 3)
     moved, turned = float(np.max(shape[:, :2])), float(np.max(shape[:, 2]))

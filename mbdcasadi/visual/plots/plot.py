@@ -15,13 +15,13 @@ from ...results.columns import (
     effort_unit,
     has_multipliers,
     joints_of,
-    reaction_body,
+    reaction_of,
     read_lines,
 )
 from ...results.trajectory import Trajectory
 from ..axes import dress, legend, over_time, readable, stacked
 from ..drawing.draw import motion_of
-from ..drawing.style import SERIES_LIGHT
+from ..drawing.style import SERIES_LIGHT, series_colour
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,7 +64,7 @@ def plot(motion: Any, expressions: Mapping[str, Any]) -> Figure:
     figure, stack = stacked(7.2, 0.8 + 2.0 * len(quantities), len(quantities))
     for axes, (label, (names, column)) in zip(stack, quantities.items(), strict=True):
         values = drawn[column].reshape(len(drawn), -1)
-        lines_over(axes, drawn, dict(zip(names, values.T, strict=True)), label)
+        lines_over(axes, drawn.t, dict(zip(names, values.T, strict=True)), label)
     _mark_events(stack, run)
     return over_time(figure, stack)
 
@@ -99,7 +99,7 @@ def overview(motion: Trajectory) -> Figure:
         for k, (label, lines) in enumerate(panels.items()):
             share = stack[0] if stack else None
             stack.append(figure.add_subplot(grid[k * height : (k + 1) * height, side], sharex=share))
-            lines_over(stack[-1], drawn, lines, label, names=True)
+            lines_over(stack[-1], drawn.t, lines, label, names=True)
             stack[-1].tick_params(labelbottom=k == len(panels) - 1)
         _mark_events(stack, motion)
         over_time(figure, stack)
@@ -138,24 +138,24 @@ def _loads(motion: Trajectory) -> Panels:
 
 def reaction_sizes(motion: Trajectory) -> tuple[dict[str, ca.SX], dict[str, np.ndarray]]:
     """Sizes of joint reactions as expressions, and over time, by joint; without those that never push."""
-    forces = {j.name: norm(j.reaction_on(reaction_body(j)).force) for j in joints_of(motion.mechanism)}
+    forces = {j.name: norm(reaction_of(j).force) for j in joints_of(motion.mechanism)}
     # what never pushes, such as the angle of a slider that is held, would only fill the legend
     sizes = {name: size for name, size in columns(motion, forces).items() if np.any(size > 1e-9)}
     return {name: forces[name] for name in sizes}, sizes
 
 
 def lines_over(
-    axes: Axes, motion: Trajectory, lines: Mapping[str, np.ndarray], label: str, names: bool = False
+    axes: Axes, t: np.ndarray, lines: Mapping[str, np.ndarray], label: str, *, names: bool = False, width: float = 1.5
 ) -> None:
-    """Draw named lines into axes; if `names`, label and legend hold names of the model."""
-    marker, drawn = "o" if len(motion) == 1 else "", {}
+    """Draw named lines over time into axes; if `names`, label and legend hold names of the model."""
+    marker, drawn = "o" if t.size == 1 else "", {}
     for k, (name, values) in enumerate(lines.items()):
-        colour, style = SERIES_LIGHT[k % len(SERIES_LIGHT)], _STYLES[(k // len(SERIES_LIGHT)) % len(_STYLES)]
-        (drawn[name],) = axes.plot(motion.t, values, color=colour, linestyle=style, linewidth=1.5, marker=marker)
+        colour, style = series_colour(k), _STYLES[(k // len(SERIES_LIGHT)) % len(_STYLES)]
+        (drawn[name],) = axes.plot(t, values, color=colour, linestyle=style, linewidth=width, marker=marker)
     dress(axes, label, names)
     legend(axes, drawn, names)
-    if len(motion) > 1:
-        axes.set_xlim(motion.t[0], motion.t[-1])
+    if t.size > 1:
+        axes.set_xlim(t[0], t[-1])
 
 
 def _mark_events(stack: Sequence[Axes], motion: Trajectory) -> None:

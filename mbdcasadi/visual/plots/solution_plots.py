@@ -13,7 +13,7 @@ from ...model.joints.lower_pairs import PointOnLine, Revolute, Translational
 from ...model.rates import time_derivative
 from ...results.columns import columns, read_lines
 from ..axes import dress, legend, over_time, readable, stacked
-from ..drawing.style import SERIES_LIGHT
+from ..drawing.style import SERIES_LIGHT, series_colour
 from .plot import reaction_sizes
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ def _lines(axes: Axes, solution: Solution, fine: Any, expressions: Mapping[str, 
     between, at = columns(fine, dict(expressions)), columns(solution.trajectory, dict(expressions))
     drawn = {}
     for k, (name, values) in enumerate(between.items()):
-        colour = SERIES_LIGHT[k % len(SERIES_LIGHT)]
+        colour = series_colour(k)
         (drawn[name],) = axes.plot(fine.t, values, color=colour, linewidth=1.5)
         axes.plot(solution.trajectory.t, at[name], ".", color=colour, markersize=3)
     dress(axes, label)

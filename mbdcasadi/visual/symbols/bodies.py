@@ -10,7 +10,7 @@ import numpy as np
 
 from ...model.bodies import Body, Marker
 from ..drawing import lines
-from ..drawing.outlines import HALF_WIDTH, points_on, shape_loops
+from ..drawing.outlines import HALF_WIDTH, apart, markers_on, outlines_of, points_on, shape_loops
 from .base import Glyph
 
 
@@ -37,9 +37,9 @@ class BodyGlyph(Glyph, of=Body):
                 frame.area("body", *self._shape(points_on(body, [*mechanism.joints, traced], pen)))
             return
         elements = [*mechanism.joints, *mechanism.forces, traced]
-        markers = [m for e in elements for m in getattr(e, "markers", ()) if m.body is body]
+        markers = markers_on(body, elements)
         if any(pen.sample.varies(marker.local) for marker in markers) and not pen.replaced.get(body):
-            self._bars(markers)
+            self._bars(list(apart(markers, pen)))
             return
         points = points_on(body, elements, pen)
         drawn = pen.replaced.get(body, 0.0)
@@ -51,13 +51,9 @@ class BodyGlyph(Glyph, of=Body):
         elif not drawn:
             frame.area("body", lines.circle((0, 0), 1.5 * u))
 
-    def _bars(self, markers: list[Marker]) -> None:
+    def _bars(self, places: list[Marker]) -> None:
         """Bars between places that move in the body, one after the other."""
         body, pen = self.element, self.pen
-        places: list[Marker] = []
-        for marker in markers:
-            if all(np.hypot(*pen.first(marker.local - other.local)) > 1e-9 for other in places):
-                places.append(marker)
         closed = [*places, places[0]] if len(places) > 2 else places
         pairs = [(a.position, b.position) for a, b in pairwise(closed)] or [(places[0].position, body.position)]
         for start, end in pairs:
@@ -66,10 +62,10 @@ class BodyGlyph(Glyph, of=Body):
     def _shape(self, points: np.ndarray) -> list[np.ndarray]:
         """Outline of the shape; of a single rod a plate, if elements sit beside it."""
         body, u = self.element, self.pen.unit
-        outlines = body.shape.outlines()
+        outlines = outlines_of(body)
         if not body.shape.is_line or len(outlines) > 1 or not len(points):
             return shape_loops(body, u)
-        ends = np.asarray(outlines[0].points, float) + body.shape_frame
+        ends = outlines[0]
         length = np.hypot(*(ends[1] - ends[0]))
         direction = (ends[1] - ends[0]) / length
         off = np.abs((points - ends[0]) @ np.array([-direction[1], direction[0]])) > 1e-6 * length

@@ -25,7 +25,7 @@ def cam(pen: Pen, marker: Marker, outline: Any) -> None:
     places = np.linspace(outline.lower, outline.upper, POINTS, endpoint=False)
     points = pen.curve(outline.point, places)
     frame = pen.on(marker)
-    frame.area("ground" if marker.body.is_ground else "body", points)
+    frame.area(frame.solid, points)
     pen.replaces(marker.body, float(np.max(np.hypot(*points.T))))
 
 
@@ -39,7 +39,7 @@ def flat_follower(joint: CamFlatFollower, pen: Pen) -> None:
     above = float(pen.first(ca.dot(joint.b.y_axis, joint.b.position - joint.a.position))[0]) >= 0
     edge = 1.1 * u if above else -1.1 * u
     frame = pen.on(joint.b)
-    frame.area("body", lines.rectangle((-reach, min(0, edge)), (reach, max(0, edge))), layer=scene.BODY)
+    frame.area("body", lines.rectangle((-reach, min(0, edge)), (reach, max(0, edge))))
 
 
 @glyph.register

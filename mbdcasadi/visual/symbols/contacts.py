@@ -58,7 +58,7 @@ def _segment(outline: Segment, pen: Pen) -> None:
 @edge.register
 def _polygon(outline: PolygonEdges, pen: Pen) -> None:
     frame = pen.on(outline.marker)
-    frame.area("ground" if frame.body is None else "body", outline.points)
+    frame.area(frame.solid, outline.points)
     pen.replaces(outline.marker.body, float(np.max(np.hypot(*outline.points.T))))
 
 

@@ -88,14 +88,13 @@ def _toothed(pen: Pen, wheel: Wheel, count: int, phase: float) -> None:
     """Draw a gear, and remember its teeth."""
     pen.teeth[wheel.key(pen)] = count, phase
     frame, radius, module = pen.on(wheel.marker), wheel.radius, 2 * wheel.radius / count
-    style = "ground" if wheel.marker.body.is_ground else "body"
     outline = lines.teeth(radius, count, phase, wheel.inward)
     if wheel.inward:
         rim = lines.circle((0, 0), radius + 3.2 * module + 0.6 * pen.unit, 120)
-        frame.area(style, rim, outline[::-1])
+        frame.area(frame.solid, rim, outline[::-1])
         pen.replaces(wheel.marker.body, radius + 4 * module)
     else:
-        frame.area(style, outline, *_holes(pen, radius - 1.1 * module))
+        frame.area(frame.solid, outline, *_holes(pen, radius - 1.1 * module))
         pen.replaces(wheel.marker.body, radius + module)
     frame.area("pitch", lines.circle((0, 0), radius, 96))
 
@@ -126,8 +125,7 @@ def rack_and_pinion(joint: RackAndPinion, pen: Pen) -> None:
     top = lines.rack_teeth(low - margin, high + margin, pitch, along - radius * beyond)
     base = -1.1 * pitch / np.pi - 1.3 * u
     frame = pen.on(joint.a)
-    style = "ground" if joint.a.body.is_ground else "body"
-    frame.area(style, np.vstack([top, [top[-1, 0], base], [top[0, 0], base]]))
+    frame.area(frame.solid, np.vstack([top, [top[-1, 0], base], [top[0, 0], base]]))
     pen.replaces(joint.a.body, float(np.max(np.abs(top))))
 
 

@@ -19,7 +19,7 @@ from ....errors import MechanismError, ModelError
 from ....numerics.console import Interruption, interruptible, quiet
 from ....numerics.packed import Packed
 from ....numerics.progress import progress_bar
-from ....numerics.symbolic import LOCK, numeric_work
+from ....numerics.symbolic import LOCK, numeric_work, symbolic
 from ...guess.guess import Guess, Iterate
 from ...refinement.mesh import Mesh
 from ..collocation_program import Bounds, CollocationProgram
@@ -126,8 +126,8 @@ class SolverWatch:
         """True after Ctrl-C."""
         return self.interruption is not None and self.interruption.requested
 
-    def is_unbounded(self, cost: ca.DM) -> bool:
-        """Return True if the scaled cost of the next iterate, and those of the last ones, show no lower bound."""
+    def note_cost(self, cost: ca.DM) -> bool:
+        """Note the scaled cost of the next iterate; True if it and those before show no lower bound."""
         self._unbounded = self._unbounded + 1 if float(cost) < UNBOUNDED_COST else 0
         return self._unbounded >= UNBOUNDED_ITERATES
 
@@ -192,14 +192,17 @@ class NLPSolver(ABC):
     ) -> Result:
         """Solve a program between bounds, from the multipliers of an iterate if there is one.
 
-        `warmth` is the quality of the guess, "cold", "warm" or "hot"; at most `limit` iterations.
+        `warmth` is the quality of the guess, "cold", "warm" or "hot"; at most `limit` iterations, and no more than are
+        set for a guess of that quality.
         """
         arguments: dict[str, Any] = {
             "x0": np.clip(begin.x, bounds.lower, bounds.upper), "p": begin.data,
             "lbx": bounds.lower, "ubx": bounds.upper, "lbg": bounds.rows_lower, "ubg": bounds.rows_upper,
         }  # fmt: skip
         arguments |= {"lam_x0": iterate.lam_x, "lam_g0": iterate.lam_g} if iterate else {}
-        chosen = ({} if limit is None else {f"{self.name}.max_iter": limit}) | self.options
+        most = f"{self.name}.max_iter"
+        own = (self.defaults | self.warm_start[warmth])[most]
+        chosen = ({} if limit is None or limit >= own else {most: limit}) | self.options
         result = self._solve(begin, warmth, chosen, arguments)
         # bounds may be relaxed by the last digits; a mass must not become negative
         result.answer["x"] = np.clip(result.answer["x"], bounds.lower, bounds.upper)
@@ -252,6 +255,7 @@ def _answer(function: ca.Function, arguments: dict[str, Any]) -> dict[str, np.nd
     return {name: value.full().ravel() for name, value in function(**arguments).items()}
 
 
+@symbolic
 def _checked(make: Callable[..., Made], program: CollocationProgram, options: dict[str, Any]) -> Made:
     """Result of a function of a program and options; refuses options that CasADi does not take."""
     try:

@@ -136,4 +136,4 @@ class SolverCallback(SolverWatch, ca.Callback):
         """Show the iterate; 1 asks the solver to stop."""
         if self.is_shown:
             self.show(arg[1], arg[2])
-        return [int(self.is_stopped or self.is_unbounded(arg[1]))]
+        return [int(self.is_stopped or self.note_cost(arg[1]))]

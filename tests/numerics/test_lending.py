@@ -3,10 +3,12 @@
 import threading
 
 import numpy as np
+import pytest
 from linkages import pendulum
+from threads import together
 
 import mbdcasadi as mbd
-from mbdcasadi.integrators.lending import ALIKE, KEPT, Lending
+from mbdcasadi.numerics.lending import ALIKE, KEPT, Lending
 
 
 def test_nobody_gets_what_another_has():
@@ -23,11 +25,7 @@ def test_nobody_gets_what_another_has():
                 taken.remove(thing)
             lending.give_back("key", thing)
 
-    threads = [threading.Thread(target=work) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    together([work] * 8)
     assert not twice
 
 
@@ -41,6 +39,17 @@ def test_the_number_is_bounded():
         for _ in range(3 * ALIKE):
             lending.borrow(key, lambda: made.append(1))
     assert len(made) == 3 * KEPT * 3 * ALIKE - KEPT * ALIKE
+
+
+def test_a_context_gives_back_also_after_an_error():
+    lending = Lending(alike=float("inf"))
+    with lending.lent("key", object) as first, lending.lent("key", object) as second:
+        assert first is not second and lending.idle == 0
+    assert lending.idle == 2
+    with pytest.raises(ZeroDivisionError), lending.lent("key", object) as again:
+        assert again in (first, second) and lending.idle == 1
+        1 / 0  # noqa: B018
+    assert lending.idle == 2
 
 
 def test_a_second_run_compiles_nothing(monkeypatch):
@@ -88,16 +97,11 @@ def test_threads_share_a_mechanism():
     """Eight runs by IDAS at once are those of one thread."""
     f = pendulum(angle=0.2)
     times = np.linspace(0, 1, 31)
-    expected = [mbd.simulate(f.mechanism, times, initial=[f.rod.omega == k]).q for k in range(8)]
-    found = [None] * 8
 
-    def work(k):
-        found[k] = mbd.simulate(f.mechanism, times, initial=[f.rod.omega == k]).q
+    def run(k):
+        return mbd.simulate(f.mechanism, times, initial=[f.rod.omega == k]).q
 
-    threads = [threading.Thread(target=work, args=(k,)) for k in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    expected = [run(k) for k in range(8)]
+    found = together([lambda k=k: run(k) for k in range(8)])
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_array_equal(one, other)
