@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from ..arguments.values import position_in
 from ..assembly.setup import Setup
 from ..errors import FileError, ModelError, warn
 from ..integrators.base import ABSTOL, RELTOL
+from ..integrators.native.build import no_compiler
 from ..model.conditions import read_conditions
 from ..model.mechanism import Mechanism
 from ..model.quantities import listed, refuse_twice
@@ -172,9 +172,7 @@ def _content(unit: Unit) -> tuple[dict[str, bytes], dict[str, str]]:
 def _binaries(unit: Unit, files: Mapping[str, str], path: Any, *, required: bool) -> dict[str, bytes]:
     binaries = binary_of(unit, files)
     if binaries is None:
-        named = os.environ.get("CC", "").strip()
-        reason = f"no C compiler is on the path{f' (CC names {named})' if named else ''}"
-        reason += ", or FMI names no folder for this machine"
+        reason = f"{no_compiler()}, or FMI names no folder for this machine"
         if required:
             raise ModelError(
                 f"export_fmu: {reason}, and binary=True asks for a binary; binary=False writes sources alone"

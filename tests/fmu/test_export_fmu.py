@@ -874,9 +874,9 @@ def test_nothing_is_half_written(linkage, tmp_path, monkeypatch):
     long = mbd.export_fmu(m, tmp_path / f"{'ä' * 120}.fmu", binary=False)
     assert long.exists() and sorted(p.name for p in tmp_path.iterdir()) == sorted([long.name, "scratch", "x.fmu"])
     monkeypatch.setenv("CC", "'no such")
-    refused("no C compiler is on the path (CC names 'no such)", m, path, binary=True)
+    refused('$CC names "\'no such", which is not on the path', m, path, binary=True)
     monkeypatch.setenv("CC", "no-such-compiler")
-    refused("no C compiler is on the path (CC names no-such-compiler)", m, path, binary=True)
+    refused("$CC names 'no-such-compiler', which is not on the path", m, path, binary=True)
     with pytest.warns(mbd.MechanismWarning, match="holds sources and no binary"):
         mbd.export_fmu(m, path)
     with zipfile.ZipFile(path) as archive:

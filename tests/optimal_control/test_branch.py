@@ -73,7 +73,7 @@ def test_a_solution_that_jumps_is_refused():
     jumping = with_a_jump(solution, f, 12)
     jump = branch_jump(jumping)
     assert (jump.begin, jump.end) == pytest.approx((11 * 0.03, 12 * 0.03))
-    said = r"no motion: from t = 0\.33 to 0\.36 s \w+\.phi jumps by .* to another branch"
+    said = r"not a motion of the mechanism: from t = 0\.33 to 0\.36 s \w+\.phi jumps by .* to another branch"
     with pytest.raises(mbd.OptimizationError, match=said) as caught:
         refuse_branch_jump(jumping)
     assert caught.value.partial is jumping and caught.value.time == pytest.approx(0.33)
@@ -105,7 +105,7 @@ def test_an_interval_far_off_the_motion_is_refined_or_refused(monkeypatch):
     assert [stage.description for stage in solution.statistics.stages][-1] == "refined mesh"
     monkeypatch.setattr(coarse_mesh, "COARSE_PASSES", 0)
     with pytest.raises(
-        mbd.OptimizationError, match="no motion: the mesh of 4 intervals is too coarse.* t = "
+        mbd.OptimizationError, match="not a motion of the mechanism: the mesh of 4 intervals is too coarse.* t = "
     ) as caught:
         mbd.optimize(problem, intervals=4)
     assert caught.value.partial.mesh.size == 5 and "transmission" not in str(caught.value)

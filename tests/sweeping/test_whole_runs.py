@@ -58,7 +58,7 @@ def test_the_code_that_ran_is_named(monkeypatch):
     assert notes(method="idas") == []
     monkeypatch.setenv("CC", "no-such-compiler")
     (note,) = notes(method="dop853")
-    assert note == "dop853 ran step by step, without C: no C compiler is on the path"
+    assert note == "dop853 ran step by step, without C: $CC names 'no-such-compiler', which is not on the path"
     swept = mbd.sweep(mechanism, [0, 1], {g: [1.0, 2.0]}, {"y": stone.y}, method="dop853")
     assert repr(swept).endswith(f"note: {note}")
 

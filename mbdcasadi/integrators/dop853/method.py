@@ -18,7 +18,7 @@ class DOP853(NativeMethod):
     The equations are interpreted in C at first, and compiled by the compiler of the
     system once that pays; what was compiled is kept for later (in the folder
     ``$MBDCASADI_CACHE``, or that of the user's platform). Without a compiler the
-    same method runs step by step, 3 to 14 times slower. ``motion.statistics.notes``
+    same method runs step by step, up to 20 times slower. ``motion.statistics.notes``
     names the code that ran.
 
     It needs rows that do not depend on each other, and forces that do not depend on

@@ -66,6 +66,12 @@ def compiler() -> Compiler | None:
     return _compiler(os.environ.get("CC", ""), os.environ.get("PATH", ""))
 
 
+def no_compiler() -> str:
+    """Return the reason for which :func:`compiler` finds none."""
+    named = os.environ.get("CC", "").strip()
+    return f"$CC names {named!r}, which is not on the path" if named else "no C compiler is on the path"
+
+
 @cache
 def _compiler(wanted: str, path: str) -> Compiler | None:
     try:

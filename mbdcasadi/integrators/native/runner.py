@@ -88,7 +88,7 @@ class Runner(ABC):
     # --- what runs ---------------------------------------------------------------------------
     def _made(self, using: build.Compiler | None) -> Run:
         if using is None:
-            return self._without_c("no C compiler is on the path")
+            return self._without_c(build.no_compiler())
         try:
             self._library = engine(self._steps(), using)
             self._codes = self._code(using)

@@ -19,13 +19,13 @@ from .singularity import close_to_singular
 COARSE_MEASURES: tuple[type[Coarseness], ...] = (Coarseness, StateCoarseness)
 #: Largest number of passes, and of intervals of a mesh that is halved.
 COARSE_PASSES, HALVED_INTERVALS = 4, 200
-#: Local error, in rad or sizes of the mechanism, velocities times the duration, from which a solution is no motion, and
+#: Local error, in rad or sizes of the mechanism, velocities times the duration, from which a solution is not a motion, and
 #: largest number of meshes, each twice as fine, on which it is then solved again from its guess.
 LOST_ERROR, FRESH_PASSES = 3.0, 2
 
 
 def refine_or_repeat(solver: ProblemSolver, solution: Solution, guess: Guess) -> tuple[Solution, bool]:
-    """Refine a coarse mesh, or solve again from the guess on a finer one if the solution is no motion at all.
+    """Refine a coarse mesh, or solve again from the guess on a finer one if the solution is not a motion at all.
 
     A solution that owes its cost to the errors of a coarse mesh is a poor guess for a finer one.
 
@@ -45,7 +45,7 @@ def refine_or_repeat(solver: ProblemSolver, solution: Solution, guess: Guess) ->
 
 
 def is_lost(solution: Solution) -> bool:
-    """Return True if the mesh is so coarse that a solution is no motion at all."""
+    """Return True if the mesh is so coarse that a solution is not a motion at all."""
     return Coarseness(solution).largest > LOST_ERROR
 
 

@@ -18,7 +18,7 @@ from .coarse_mesh import refine_if_coarse
 from .local_error import Coarseness, coarse_mesh, projection_steps
 
 #: Step by which the end of an interval is moved onto the constraints, in rad or sizes of the mechanism, from which a
-#: solution is no motion, whatever mesh was asked for.
+#: solution is not a motion, whatever mesh was asked for.
 LARGEST_PROJECTION = 0.1
 #: Error of an interval, as :func:`coarseness` has it, from which it is none either.
 LARGEST_ERROR = 1.0
@@ -108,4 +108,6 @@ def _refuse_far_off(solution: Solution) -> None:
     if measure.largest > LARGEST_ERROR:
         part, k = measure.worst
         text = coarse_mesh(part, measure.errors[part.program.number])
-        raise OptimizationError(f"the solution is no motion: {text}", partial=solution, time=float(part.mesh_times[k]))
+        raise OptimizationError(
+            f"the solution is not a motion of the mechanism: {text}", partial=solution, time=float(part.mesh_times[k])
+        )

@@ -67,7 +67,7 @@ class UnresolvedSwitches(Measure):
 
     def sentences(self) -> list[str]:
         """Times at which limits change."""
-        return [f"the limits that change at t = {switch.time:.6g} s" for of in self.switches for switch in of]
+        return [f"the switching time t = {switch.time:.6g} s of active limits" for of in self.switches for switch in of]
 
     @property
     def moving(self) -> list[set[int]]:

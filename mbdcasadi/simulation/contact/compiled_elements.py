@@ -161,10 +161,7 @@ class RepeatedElements:
         """The functions, compiled; or None; and how they were compiled, or why not."""
         using = build.compiler()
         if using is None:
-            return (
-                None,
-                "no C compiler was found: the contacts are interpreted; a run with this many is faster compiled",
-            )
+            return None, f"{build.no_compiler()}: the contacts are interpreted; a run with this many is faster compiled"
         source = self._source()
         key = build.key_of(FORMAT, using.identity, OPTIMISATION, *build.FLAGS, source)
         began, library = time.perf_counter(), build.find(key)
