@@ -328,6 +328,17 @@ def as_body(value: Any, what: str, argument: str) -> Body:
     return value
 
 
+def bodies_of_couple(body: Any, opposite: Any, what: str) -> tuple[Body, Body]:
+    """Check the body on which a couple acts and the one that takes the reaction, which must differ."""
+    body, opposite = as_body(body, what, "body"), as_body(opposite, what, "opposite")
+    if opposite is body:
+        raise ModelError(
+            f"{what} acts on '{body.name}', which takes the reaction too: it would do nothing; "
+            "body= is the one that moves, opposite= another one"
+        )
+    return body, opposite
+
+
 def as_marker(value: Any, what: str, argument: str) -> Marker:
     """Return the marker; raise an error that names the element if it is something else."""
     if isinstance(value, Marker):

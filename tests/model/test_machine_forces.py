@@ -351,7 +351,7 @@ def test_states_of_these_elements_in_inverse_dynamics():
         (lambda w: mbd.DCMotor("m", w, 1, 1, -1), "motor 'm': resistance must be above 0"),
         (lambda w: mbd.DCMotor("m", w, 1, 1, 1, inductance=-1), "motor 'm': inductance must be at least 0"),
         (lambda w: mbd.DCMotor("m", w, 1, 1, 1, ratio=0), "motor 'm': the ratio is zero"),
-        (lambda w: mbd.DCMotor("m", w, 1, 1, 1, opposite=w), "motor 'm' turns 'wheel', which carries the housing too"),
+        (lambda w: mbd.DCMotor("m", w, 1, 1, 1, opposite=w), "motor 'm' acts on 'wheel', which takes the reaction too"),
         (lambda w: mbd.DCMotor("m", w, 1, 1, 1, current=2.0), "without inductance the current has no start"),
         (lambda w: mbd.DCMotor.from_line("m", w, 0, 1), "motor 'm': stall_torque must be above 0"),
         (lambda w: mbd.FirstOrderLag("l", 1.0, 0), "lag 'l': time_constant must be above 0"),

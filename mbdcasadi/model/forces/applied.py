@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 
 from ...errors import ModelError
-from ..bodies import as_body, as_marker, ground, rotation
+from ..bodies import as_body, as_marker, bodies_of_couple, ground, rotation
 from ..element import BEYOND_COORDINATES, Element, cross, owners, refuse_kinds
 from ..quantities import quantity, vector2
 
@@ -94,13 +94,7 @@ class Torque(Element):
 
     def __init__(self, name: str, body: Any, value: Any, opposite: Any = ground):
         super().__init__(name)
-        self.body = as_body(body, self.description, "body")
-        self.opposite = as_body(opposite, self.description, "opposite")
-        if self.opposite is self.body:
-            raise ModelError(
-                f"{self.description} acts on '{self.body.name}', which takes the reaction too: it would do nothing; "
-                "body= is the one that moves, opposite= another one"
-            )
+        self.body, self.opposite = bodies_of_couple(body, opposite, self.description)
         self.torque = ca.SX(quantity(value, self.description, "value"))
         self.virtual_work = ((self.body.phi - self.opposite.phi, self.torque),)
         self.__dict__["bodies"] = (self.body, self.opposite)

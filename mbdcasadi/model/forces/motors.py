@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 
 from ...errors import ModelError
-from ..bodies import as_body, ground
+from ..bodies import bodies_of_couple, ground
 from ..element import Element
 from ..quantities import known_value, quantity
 from ..symbols import StateVariable, state_of
@@ -72,12 +72,7 @@ class DCMotor(Element):
         current: Any = 0.0,
     ):
         super().__init__(name)
-        self.body = as_body(body, self.description, "body")
-        self.opposite = as_body(opposite, self.description, "opposite")
-        if self.opposite is self.body:
-            raise ModelError(
-                f"{self.description} turns '{self.body.name}', which carries the housing too: it would do nothing"
-            )
+        self.body, self.opposite = bodies_of_couple(body, opposite, self.description)
         self.voltage = ca.SX(quantity(voltage, self.description, "voltage"))
         self.constant = self.read(constant, "constant", above=0.0, fixed=True)
         self.resistance = self.read(resistance, "resistance", above=0.0, fixed=True)

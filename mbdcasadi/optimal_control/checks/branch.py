@@ -48,7 +48,8 @@ def refuse_branch_jump(solution: Solution) -> None:
     jump = branch_jump(solution)
     if jump is not None:
         raise OptimizationError(
-            f"the solution is not a motion of the mechanism: {jump}; take more intervals=, tolerance=, another guess=, or starts=",
+            f"the solution is not a motion of the mechanism: {jump}; take more intervals=, tolerance=, another guess=, "
+            "or starts=",
             partial=solution,
             time=jump.begin,
         )

@@ -19,8 +19,8 @@ from .singularity import close_to_singular
 COARSE_MEASURES: tuple[type[Coarseness], ...] = (Coarseness, StateCoarseness)
 #: Largest number of passes, and of intervals of a mesh that is halved.
 COARSE_PASSES, HALVED_INTERVALS = 4, 200
-#: Local error, in rad or sizes of the mechanism, velocities times the duration, from which a solution is not a motion, and
-#: largest number of meshes, each twice as fine, on which it is then solved again from its guess.
+#: Local error, in rad or sizes of the mechanism, velocities times the duration, from which a solution is not a motion,
+#: and largest number of meshes, each twice as fine, on which it is then solved again from its guess.
 LOST_ERROR, FRESH_PASSES = 3.0, 2
 
 
