@@ -254,11 +254,9 @@ class Run:
             passage = arc.passage_from(path, self._schedule.smooth_until)
         if passage is not None:
             return self._advance_across(piece, path, passage)
-        touch = arc.resolution.first_touch(path) if failure is None else None
-        if touch is not None and touch[0] - piece.start >= NEW_START * piece.length:
-            self._stop_at([touch[0]], touch[1])
-            piece, path, failure = self._integrated(piece.until(touch[0]))
-        elif failure is None:
+        if failure is None:
+            piece, path, failure = self._up_to_touch(piece, path)
+        if failure is None:
             piece, path, failure = self._with_unseen_loads(piece, path)
         return self._finish(piece, path, failure)
 
@@ -270,6 +268,20 @@ class Run:
         self, piece: Piece, comes_near: Callable[[Path], bool] | None = None
     ) -> tuple[Piece, Path, IntegrationFailure | None]:
         return self._arc.integrated(piece, self._x, self._interruption, comes_near)
+
+    def _up_to_touch(self, piece: Piece, path: Path) -> tuple[Piece, Path, IntegrationFailure | None]:
+        """A piece and its path up to the first contact that closes and that its steps did not follow.
+
+        The steps on the way to its end differ, and may not follow a contact that others followed: they are looked at
+        again.
+        """
+        failure, least = None, NEW_START * piece.length
+        touch = self._arc.resolution.first_touch(path)
+        while touch is not None and least <= touch[0] - piece.start < piece.length:
+            self._stop_at([touch[0]], touch[1])
+            piece, path, failure = self._integrated(piece.until(touch[0]))
+            touch = self._arc.resolution.first_touch(path) if failure is None else None
+        return piece, path, failure
 
     def _with_unseen_loads(self, piece: Piece, path: Path) -> tuple[Piece, Path, IntegrationFailure | None]:
         """A piece and its path up to a load that the steps of the integrator passed over, or across it.
