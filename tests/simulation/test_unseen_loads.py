@@ -7,6 +7,7 @@ import warnings
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.special import gamma
 
 import mbdcasadi as mbd
 from mbdcasadi.arguments.inputs import read_signals
@@ -53,6 +54,23 @@ def test_work_of_a_force_in_a_short_range(load, way, method):
     mechanism, body = puck(load)
     motion = mbd.simulate(mechanism, TIMES, initial=[body.vx == SPEED], method=method)
     assert motion[body.vx][-1] == pytest.approx(np.sqrt(SPEED**2 + 2 * PUSH * way), rel=1e-5)
+
+
+@pytest.mark.parametrize(("power", "divides"), [(4, False), (6, False), (4, True), (6, True)])
+@pytest.mark.parametrize("method", METHODS)
+def test_flat_loads_between_two_outputs(power, divides, method):
+    """Far from them their exponents and divisors look like narrower ones than they are, or wider ones."""
+    width = 0.002
+    mechanism, body = puck(
+        lambda b: (
+            PUSH * FACTOR / (1 + ((b.x - 50) / width) ** power)
+            if divides
+            else PUSH * FACTOR * mbd.exp(-(((b.x - 50) / width) ** power))
+        )
+    )
+    way = 2 * width * (np.pi / power / np.sin(np.pi / power) if divides else gamma(1 + 1 / power))
+    motion = mbd.simulate(mechanism, [0, 10], initial=[body.vx == SPEED], method=method)
+    assert motion[body.vx][-1] - SPEED == pytest.approx(np.sqrt(SPEED**2 + 2 * PUSH * way) - SPEED, rel=1e-3)
 
 
 class Multistep(mbd.Integrator):

@@ -30,6 +30,8 @@ from ..stepper import Stepper
 POINTS = 9
 #: Stops around the middle of a transient, in its durations.
 AROUND = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
+#: Doublings or halvings by which the duration of a transient is found, at most.
+MOST_DOUBLINGS = 60
 #: Transients that last longer than this many output intervals are noticed by the steps of a simulation.
 LONG = 8.0
 #: Change of the state that the steps missed, in tolerances, from which a load counts as unseen: errors of a step, of
@@ -222,7 +224,30 @@ class UnseenLoads:
             rows_inside.append(rows[inside])
             at_rows = partial(self._of_rows, path, rows[inside])
             roots_inside.append(narrowed_roots(at_rows, begin[inside], end[inside], at_begin[inside]))
-        return tops[smooth], durations[smooth], np.concatenate(rows_inside), np.concatenate(roots_inside)
+        tops, durations = tops[smooth], self._lasting(path, rows[smooth], tops[smooth], durations[smooth], longest)
+        return tops, durations, np.concatenate(rows_inside), np.concatenate(roots_inside)
+
+    def _lasting(
+        self, path: Path, rows: np.ndarray, tops: np.ndarray, durations: np.ndarray, longest: float
+    ) -> np.ndarray:
+        """Times about extrema in which quantities change by about one, from those of parabolas through far points (k,).
+
+        What is flatter than a parabola lasts longer, a narrow valley in a quantity that hardly changes beside it less.
+        """
+        durations, at_top = durations.copy(), self._of_rows(path, rows, tops)
+        grown, shrunk = (np.zeros(rows.size, bool) for _ in range(2))
+        active = np.arange(rows.size)
+        for _ in range(MOST_DOUBLINGS):
+            beside = tops[active, None] + durations[active, None] * np.array([-1.0, 1.0])
+            change = np.max(np.abs(self._of_rows(path, rows[active], beside) - at_top[active, None]), axis=1)
+            too_short = (change < 0.5) & ~shrunk[active] & (durations[active] < longest)
+            too_long = (change > 2.0) & ~grown[active]
+            grown[active], shrunk[active] = grown[active] | too_short, shrunk[active] | too_long
+            durations[active] *= np.where(too_short, 2.0, np.where(too_long, 0.5, 1.0))
+            active = active[too_short | too_long]
+            if not active.size:
+                break
+        return durations
 
     def _of_rows(self, path: Path, rows: np.ndarray, times: np.ndarray) -> np.ndarray:
         """Quantities, each at one time or at several, of the shape of the times (k,) or (k, m)."""
