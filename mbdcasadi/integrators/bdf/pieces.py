@@ -101,5 +101,5 @@ class NativeIntegrator(CompiledIntegrator):
             tightened(self.integrator.reltol, TIGHTER, TIGHTEST),
             tightened(self.integrator.abstol, TIGHTER, TIGHTEST),
             self.integrator.longest_step(problem.max_step),
-            self._runner.slice(),
+            most_steps=self._runner.slice,
         )

@@ -296,9 +296,8 @@ static void record_up_to_now(run_t* run, stretch_t* task, double began) {
   memcpy(run->y, run->k, (size_t)n_x * sizeof(double));
 }
 
-/* Integrate over a stretch, or for some time; the run continues if it ended where the stretch begins. */
+/* Integrate over a stretch, or for some steps; the run continues if it ended where the stretch begins. */
 int mbd_advance(run_t* run, stretch_t* task) {
-  const double began = seconds_now();
   const size_t state = (size_t)run->n_x * sizeof(double);
   if (!(task->step > 0.0 && run->time == task->start && !memcmp(run->y, task->x, state))) run->order = 0;
   run->task = task;
@@ -323,7 +322,7 @@ int mbd_advance(run_t* run, stretch_t* task) {
     } else adapt(run, task);
     if (task->reached == task->count) break;
     if (*task->halt) task->status = HALTED;
-    else if (seconds_now() - began > task->seconds) task->status = PAUSED;
+    else if (task->most_steps && task->steps >= task->most_steps) task->status = PAUSED;
   }
   if (run->time > task->start && !(task->recorded && task->out_times[task->recorded - 1] >= run->time))
     record(run, task, run->time, run->y, -1);

@@ -231,7 +231,6 @@ static double growth(stretch_t* task, double h, double error) {
 int mbd_advance(run_t* run, stretch_t* task) {
   const system_t* s = run->system;
   const integer n_y = run->n_y;
-  const double began = task->seconds > 0.0 ? seconds_now() : 0.0;
   double t = task->start, *y = run->y;
   run->task = task;
   run->evaluations = 0;
@@ -351,7 +350,6 @@ int mbd_advance(run_t* run, stretch_t* task) {
       if (*task->halt) task->status = HALTED;
       else if (task->capacity - task->recorded < margin + task->count - task->reached) task->status = FULL;
       else if (task->most_steps && task->steps >= task->most_steps) task->status = PAUSED;
-      else if (task->seconds > 0.0 && seconds_now() - began > task->seconds) task->status = PAUSED;
     }
     if (due) record(run, task, arrival, run->next, task->reached++);
     else if (task->every_step || task->status != DONE) record(run, task, arrival, run->next, -1);

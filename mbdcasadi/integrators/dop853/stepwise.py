@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time as clock
 from dataclasses import dataclass
 from functools import partial
 
@@ -336,7 +335,7 @@ class _StretchRun:
     def run(self) -> Reached:
         """Integrate over the stretch, or up to where something must be decided."""
         s, progress, record = self.s, self.progress, self.recording
-        began, t = clock.perf_counter(), s.start
+        t = s.start
         f, times, count = self._f, record.times, s.times.size
         if not self._begin(t):
             return self._returned()
@@ -353,7 +352,7 @@ class _StretchRun:
             h, arrival, step = taken
             self._look_back(t, h, arrival)
             if self.status == Status.DONE:
-                self._look_for_pause(began)
+                self._look_for_pause()
             due = record.arrive(arrival, f.next, keep=s.every_step or self.status != Status.DONE)
             t, f.y[:] = arrival, f.next
             if self.status != Status.DONE:
@@ -383,12 +382,12 @@ class _StretchRun:
         self._now, self._near_steps = self._switches(t, f.y), 0
         return True
 
-    def _look_for_pause(self, began: float) -> None:
+    def _look_for_pause(self) -> None:
         """Take note of a reason to come back between two steps."""
         s = self.s
         if self._halt.is_set():
             self.status = Status.HALTED
-        elif 0.0 < s.seconds < clock.perf_counter() - began or 0 < s.most_steps <= self.steps:
+        elif 0 < s.most_steps <= self.steps:
             self.status = Status.PAUSED
 
     def _step(self, t: float, end: float, step: float) -> tuple[float, float, float] | None:

@@ -50,7 +50,6 @@ typedef struct {
   const double *p, *levels, *weights;
   double reltol, abstol, max_step;
   double accuracy;             /* |Phi| relative to 1 + |q| that is rounding */
-  double seconds;              /* time after which it pauses, or 0 */
   integer most_steps;          /* steps after which it pauses, or 0 */
   const volatile int* halt;
   integer every_step;          /* whether the ends of steps are recorded */
@@ -268,16 +267,6 @@ static void record(run_t* run, stretch_t* task, double t, const double* y, integ
   if (run->system->integrals)
     memcpy(task->out_integrals + r * run->system->integrals, y + run->n_x,
            (size_t)run->system->integrals * sizeof(double));
-}
-
-static double seconds_now(void) {
-  struct timespec now;
-#ifdef CLOCK_MONOTONIC
-  clock_gettime(CLOCK_MONOTONIC, &now);
-#else
-  timespec_get(&now, TIME_UTC);
-#endif
-  return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
 /* Inputs, accelerations and multipliers at states by row. */

@@ -30,18 +30,16 @@ CONSTANTS = ("LEAST", "MOST", "MOST_SAMPLES", "PROJECTIONS", "LOOSE")
 #: Numbers of a system and settings of a stretch, under the names of the engine.
 SIZES = ("coordinates", "states", "multipliers", "inputs", "integrals", "switches")
 SETTINGS = (
-    "start", "reltol", "abstol", "max_step", "seconds", "most_steps", "every_step", "spacing", "keep_samples", "fall",
+    "start", "reltol", "abstol", "max_step", "most_steps", "every_step", "spacing", "keep_samples", "fall",
     "stiff_after",
 )  # fmt: skip
 #: Folder of the C that all methods share.
 FOLDER = Path(__file__).parent
 
 _HEAD = """\
-#define _POSIX_C_SOURCE 200809L
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__gnu_linux__)
 #define CLONES __attribute__((target_clones("avx2", "default")))
 #else

@@ -13,14 +13,16 @@ import numpy as np
 
 from ...model.cache import Cache
 from ...numerics.c_code import UnsupportedOperation
+from ...numerics.lazy import cached_property
 from ...numerics.lending import Lending
 from . import build
 from .code import Code
 from .run import NativeRun, engine
 from .stretch import Cases, ExplicitSystem, Progress, Reached, Stretch, Watched
 
-#: Time after which a run in C comes back, s: for Ctrl-C, progress, and the choice to compile.
-SLICE, FIRST_SLICE = 0.2, 0.02
+#: Operations of equations, once a step, and least number of steps after which a run comes back: for progress, and the
+#: choice to compile.
+SLICE, SHORTEST_SLICE = 10_000_000, 20
 
 
 _R = TypeVar("_R", bound="Run")
@@ -217,6 +219,8 @@ class Runner(ABC):
             self.said += f"; the outputs of each case by CasADi: {error}"
             return None
 
-    def slice(self) -> float:
-        """Time after which the next call is to come back, s."""
-        return FIRST_SLICE if self.is_interpreted else SLICE
+    @cached_property
+    def slice(self) -> int:
+        """Steps after which a call is to come back: not a time, on which results of a busy machine would hang."""
+        size = self.system.dynamics.n_instructions() + self.system.projection.n_instructions()
+        return max(SHORTEST_SLICE, SLICE // max(size, 1))

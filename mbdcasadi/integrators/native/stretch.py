@@ -208,8 +208,6 @@ class Stretch(NamedTuple):
         Tolerances.
     max_step : float
         Longest step, s.
-    seconds : float
-        Time of computing after which it pauses, s; 0 for never.
     most_steps : int
         Steps after which it pauses; 0 for never.
     every_step : bool
@@ -238,7 +236,6 @@ class Stretch(NamedTuple):
     reltol: float
     abstol: float
     max_step: float = np.inf
-    seconds: float = 0.0
     most_steps: int = 0
     every_step: bool = False
     keep_samples: bool = False

@@ -129,7 +129,7 @@ class WholeStepper(Stepper):
             times,
             piece.stops,
             piece.begins,
-            seconds=self._runner.slice(),
+            most_steps=self._runner.slice,
             every_step=bool(offset.size or self._rates or self._may_fold),
             keep_samples=self._keeps_samples,
             spacing=self._spacing if offset.size or self._keeps_samples else np.inf,
