@@ -15,6 +15,8 @@ from .native import build
 
 #: Tolerances unless others are given.
 RELTOL, ABSTOL = 1e-8, 1e-8
+#: Options of CasADi's integrators that are lengths of steps, beside the longest one.
+STEP_LENGTHS = ("min_step_size", "step0", "step_size")
 
 
 class Integrator(Immutable):
@@ -34,7 +36,7 @@ class Integrator(Immutable):
     jit : bool, default False
         Compile the equations with the C compiler of the machine.
     options : mapping, optional
-        Passed on to CasADi's integrator.
+        Passed on to CasADi's integrator, but for ``max_step_size``, which is `max_step`, s.
 
     Attributes
     ----------
@@ -60,7 +62,8 @@ class Integrator(Immutable):
     Raises
     ------
     SimulationError
-        For tolerances and steps that are not positive, and without a compiler for ``jit``.
+        For tolerances and steps that are not positive, options that are lengths of steps, and without a compiler
+        for ``jit``.
     """
 
     name: ClassVar[str]
@@ -83,15 +86,27 @@ class Integrator(Immutable):
     ):
         self.reltol = self._positive(reltol, "reltol")
         self.abstol = self._positive(abstol, "abstol")
-        self.max_step = None if max_step is None else self._positive(max_step, "max_step")
         self.jit = bool(jit)
         if options is not None and not isinstance(options, Mapping):
             raise SimulationError(f"{type(self).__name__}: options= takes a dict for the integrator, got {options!r}")
-        self.options: Mapping[str, Any] = MappingProxyType(dict(options or {}))
+        others = dict(options or {})
+        max_step = others.pop("max_step_size", max_step)
+        self.max_step = None if max_step is None else self._positive(max_step, "max_step")
+        self.options: Mapping[str, Any] = MappingProxyType(others)
         if self.options and not self.plugin:
             raise SimulationError(f"{type(self).__name__} takes no options, got {', '.join(map(repr, self.options))}")
+        self._refuse_lengths_of_steps()
         if self.jit:
             _compiler()
+
+    def _refuse_lengths_of_steps(self) -> None:
+        """Raise for options that would not be in seconds: CasADi's integrator runs over pieces of length 1."""
+        given = [name for name in STEP_LENGTHS if name in self.options]
+        if given:
+            raise SimulationError(
+                f"{type(self).__name__}: option {given[0]!r} would not be in seconds, as a run is integrated piece by "
+                "piece; max_step= takes the longest step, s, and the tolerances decide on the others"
+            )
 
     def _positive(self, value: Any, quantity: str) -> float:
         result = number(value, type(self).__name__, quantity)

@@ -239,7 +239,7 @@ class CompiledIntegrator:
             self._functions.move_to_end(key)
             return self._functions[key]
         options: dict[str, Any] = {"max_num_steps": steps} | self._options
-        if least_steps and "max_step_size" not in self.integrator.options:
+        if least_steps:
             options["max_step_size"] = 1.0 / least_steps
         if groups is not None:
             options["control_group_size"] = list(groups)

@@ -102,8 +102,8 @@ def test_what_passes_through_is_told(monkeypatch):
 
     with pytest.warns(mbd.MechanismWarning, match=r"'hit': the surfaces pass.*0\.04 m deep.*at t = 0\.9") as caught:
         assert discs() == 1.0
-    step = float(re.search(r"'max_step_size': ([0-9.e-]+)", " ".join(str(w.message) for w in caught))[1])
-    assert discs(options={"max_step_size": step}) == pytest.approx(0, abs=1e-4)
+    step = float(re.search(r"mbd\.IDAS\(max_step=([0-9.e-]+)\)", " ".join(str(w.message) for w in caught))[1])
+    assert discs(method=mbd.IDAS(max_step=step)) == pytest.approx(0, abs=1e-4)
 
 
 def test_sensitivities_and_sweeps_meet_short_contacts():

@@ -922,6 +922,17 @@ def test_options_reach_the_integrator():
         mbd.simulate(pendulum().mechanism, [0, 100], options={"max_num_steps": 3})
 
 
+@pytest.mark.parametrize("method", [mbd.IDAS, mbd.RungeKutta, mbd.Rosenbrock])
+def test_options_that_are_lengths_of_steps(method):
+    """The longest step is in seconds; CasADi's integrator itself runs over pieces of length 1."""
+    with pytest.raises(mbd.SimulationError, match=r"option 'step0' would not be in seconds.*max_step="):
+        mbd.simulate(pendulum().mechanism, [0, 100], method=method.name, options={"step0": 0.01})
+    motion = mbd.simulate(pendulum().mechanism, [0, 2], method=method.name, options={"max_step_size": 2e-3})
+    same = mbd.simulate(pendulum().mechanism, [0, 2], method=method(max_step=2e-3))
+    assert motion.statistics.steps == same.statistics.steps > 1000
+    np.testing.assert_array_equal(motion.q, same.q)
+
+
 # --- the trajectory ----------------------------------------------------------------------------------------------
 def test_shapes():
     """Scalars, columns, matrices and constants, each by time."""

@@ -313,8 +313,8 @@ class Resolution:
             sentences.setdefault(
                 owner,
                 f"{owner}: the surfaces pass through each other, {max(finding.sizes):.2g} m deep, between two steps of "
-                f"the integrator, which never found them touching, {finding.when}; limit the steps of IDAS, "
-                f"options={{'max_step_size': {finding.duration / 3:.1g}}}",
+                f"the integrator, which never found them touching, {finding.when}; limit its steps, "
+                f"method=mbd.{type(self._stepper.integrator).__name__}(max_step={finding.duration / 3:.1g})",
             )
         return [*sentences.values(), *self._broken_conditions()]
 
