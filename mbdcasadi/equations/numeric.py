@@ -63,7 +63,7 @@ class NumericEquations:
         eom.mechanism.check_values(self.p)
         self.mass = eom.masses(self.p)
         # of the pose that was looked at last: analyses begin with several questions about one pose
-        self._last: dict[str, tuple[tuple[float, bytes], Any]] = {}
+        self._last: dict[str, tuple[tuple[bytes, ...], Any]] = {}
 
     @cached_property
     def weights(self) -> np.ndarray:

@@ -270,6 +270,8 @@ class CompiledIntegrator:
         stops : numpy.ndarray of bool
             Outputs at which it must stop (count,).
         """
+        if u is None and not self.integrator.stops_by_input and not stops[:-1].any():
+            return {"u": None, "groups": None}
         values = np.zeros((0, count)) if u is None else u
         if self.integrator.stops_by_input:
             parity = np.cumsum(np.append(False, stops[:-1])) % 2

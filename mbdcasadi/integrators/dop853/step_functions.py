@@ -15,6 +15,9 @@ from ..native.stretch import ExplicitSystem, Stretch
 from .coefficients import STAGES, coefficients
 from .constants import QUIET, SLIGHT
 
+#: Components from which a sum is faster than a product with a matrix, into which derivatives are copied.
+LONG = 40
+
 
 class StepFunctions:
     """Parts of a step as functions of ``(t, h, y, k, …)`` with ``y = (q, v, z, integrals)``; made once for a system."""
@@ -59,6 +62,8 @@ class StepFunctions:
     def _combined(self, row: np.ndarray, k: list[ca.MX]) -> ca.MX:
         """Sum of derivatives with the coefficients of a row."""
         used = [j for j in range(len(k)) if row[j]]
+        if self.n_y >= LONG:
+            return sum((float(row[j]) * k[j] for j in used[1:]), float(row[used[0]]) * k[used[0]])
         return ca.horzcat(*[k[j] for j in used]) @ ca.DM([float(row[j]) for j in used])
 
     def _make_attempt(self) -> ca.Function:
