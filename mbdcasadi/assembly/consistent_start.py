@@ -72,6 +72,10 @@ def consistent_start(
 
 def refuse_inconsistent(numeric: NumericEquations, state: State, time: float, q: np.ndarray, v: np.ndarray) -> None:
     """Raise for a pose and velocity, given as a state, that break the constraints."""
+    numeric.of_state("consistent", (time, q, v), lambda: _refuse_inconsistent(numeric, state, time, q, v))
+
+
+def _refuse_inconsistent(numeric: NumericEquations, state: State, time: float, q: np.ndarray, v: np.ndarray) -> None:
     eom = numeric.eom
     phi, _ = numeric.position(time, q)
     jacobian, nu = numeric.velocity(time, q)
@@ -139,6 +143,8 @@ def carried_by(initial: Any, mechanism: Mechanism) -> dict[str, dict]:
     if not isinstance(initial, State):
         return {"parameters": {}, "inputs": {}}
     theirs = initial.mechanism
+    if theirs is mechanism and not (theirs.parameters or theirs.inputs):
+        return {"parameters": {}, "inputs": {}}
     carried = {}
     for name, symbols, values, symbols_here in (
         ("parameters", theirs.parameters, initial.parameters, mechanism.parameters),

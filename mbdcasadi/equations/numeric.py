@@ -63,7 +63,7 @@ class NumericEquations:
         eom.mechanism.check_values(self.p)
         self.mass = eom.masses(self.p)
         # of the pose that was looked at last: analyses begin with several questions about one pose
-        self._last: dict[str, tuple[tuple[float, bytes], Any]] = {}
+        self._last: dict[str, tuple[tuple[bytes, ...], Any]] = {}
 
     @cached_property
     def weights(self) -> np.ndarray:
@@ -194,10 +194,20 @@ class NumericEquations:
 
     def _of_pose(self, question: str, t: float, q: np.ndarray, answer: Callable[[], T]) -> T:
         """Return the answer to a question about a pose, which is kept until another pose is asked about."""
-        pose = float(t), np.asarray(q, float).tobytes()
+        return self.of_state(question, (t, q), answer)
+
+    def of_state(self, question: str, parts: tuple[Any, ...], answer: Callable[[], T]) -> T:
+        """Return the answer to a question about a state, which is kept until another state is asked about.
+
+        Parameters
+        ----------
+        parts : tuple of array_like
+            The time and what else of the state the answer depends on.
+        """
+        state = tuple([np.asarray(part, float).tobytes() for part in parts])
         last = self._last.get(question)
-        if last is None or last[0] != pose:
-            last = self._last[question] = pose, answer()
+        if last is None or last[0] != state:
+            last = self._last[question] = state, answer()
         answered: T = last[1]
         return answered
 
@@ -289,6 +299,15 @@ class NumericEquations:
         SingularityError
             If mass is missing, or no acceleration meets the constraints (lock-up).
         """
+        a, lam = self.of_state(
+            "accelerations", (t, q, v, z, u, redundant), lambda: self._accelerations(t, q, v, z, u, redundant=redundant)
+        )
+        return a.copy(), lam.copy()
+
+    def _accelerations(
+        self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray, *, redundant: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The same, evaluated."""
         missing = self.motion_without_mass(t, q)
         if missing:
             bodies = list(dict.fromkeys(name.rsplit(".", 1)[0] for name in missing))

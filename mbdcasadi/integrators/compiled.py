@@ -98,7 +98,15 @@ class Dae:
 
 
 class IntegrationFailure(Exception):
-    """An integrator stopped; carries what it had reached and the integrator's message."""
+    """An integrator stopped; carries what it had reached and the integrator's message.
+
+    Attributes
+    ----------
+    is_overcome : bool
+        True if the repetition in parts reached all outputs.
+    """
+
+    is_overcome = False
 
     def __init__(
         self, flag: str, x: np.ndarray, z: np.ndarray, last: float | None = None, last_x: np.ndarray | None = None
@@ -145,9 +153,9 @@ class InitialValueProblem:
             object.__setattr__(self, "stops", np.zeros(self.times.size, bool))
 
     def after(self, x: np.ndarray, z: np.ndarray, start: float, part: slice) -> InitialValueProblem:
-        """The problem from a later state over some of its intervals, without stops."""
+        """The problem from a later state over some of its intervals."""
         u = None if self.u is None else self.u[:, part]
-        return InitialValueProblem(x, z, start, self.times[part], self.p, u, max_step=self.max_step)
+        return InitialValueProblem(x, z, start, self.times[part], self.p, u, self.stops[part], self.max_step)
 
 
 class CompiledIntegrator:
@@ -262,6 +270,8 @@ class CompiledIntegrator:
         stops : numpy.ndarray of bool
             Outputs at which it must stop (count,).
         """
+        if u is None and not self.integrator.stops_by_input and not stops[:-1].any():
+            return {"u": None, "groups": None}
         values = np.zeros((0, count)) if u is None else u
         if self.integrator.stops_by_input:
             parity = np.cumsum(np.append(False, stops[:-1])) % 2
@@ -331,9 +341,13 @@ class CompiledIntegrator:
         return found, result["zf"].full().T
 
     def reach(self, problem: InitialValueProblem, flag: str) -> IntegrationFailure:
-        """Repeat a piece that failed in parts of it, halved where they fail: the failure with the outputs reached."""
+        """Repeat a piece that failed in parts of it, halved where they fail: the failure with the outputs reached.
+
+        The integrals are those of all parts.
+        """
         x, z, start, times = problem.x, problem.z, problem.start, problem.times
         states, algebraic = np.zeros((0, x.size)), np.zeros((0, z.size))
+        integrals: list[np.ndarray] = []
         first, count = 0, max(times.size // 2, 1)
         while first < times.size:
             part = slice(first, first + count)
@@ -345,13 +359,19 @@ class CompiledIntegrator:
                 count //= 2
                 continue
             states, algebraic = np.vstack([states, outcome[0]]), np.vstack([algebraic, outcome[1]])
+            integrals.append(self.integrals + (integrals[-1][-1] if integrals else 0.0))
             x, z, start = states[-1], algebraic[-1], float(times[part][-1])
             first += times[part].size
-        return IntegrationFailure(flag, states, algebraic)
+        failure = IntegrationFailure(flag, states, algebraic)
+        failure.is_overcome = first == times.size
+        self.integrals = np.vstack(integrals) if integrals else np.zeros((0, 0))
+        return failure
 
     def rescue(self, problem: InitialValueProblem, flag: str) -> IntegrationFailure:
         """Repeat a piece that failed: the failure with the outputs reached, and the last state before it."""
         failure = self.reach(problem, flag)
+        if failure.is_overcome:
+            return failure
         k = min(len(failure.x), problem.times.size - 1)
         last = problem.x, problem.z, problem.start
         if len(failure.x):

@@ -72,6 +72,8 @@ def check_name(name: Any, what: str) -> str:
 
 def number(value: Any, what: str, quantity: str, *, infinite: bool = False) -> float:
     """Return a finite float, or raise an error that names the owner, the quantity and the value."""
+    if type(value) is float and math.isfinite(value):
+        return value
     if hasattr(value, "__SX__") and not isinstance(value, ca.SX):
         # CasADi's type that behaves as an array: NumPy's functions return it after GlobalOptions.setNumpyMode(1)
         raise ModelError(f"{what}: {quantity} is {value!r}, which NumPy made of an expression; use mbd.sin, … instead")

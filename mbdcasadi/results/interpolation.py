@@ -34,9 +34,24 @@ def cubic(t: np.ndarray, values: np.ndarray, rates: np.ndarray, wanted: np.ndarr
     k, h, s = _bracket(t, wanted)
     if t.size == 1 or values.shape[1] == 0:
         return values[k], rates[k]
-    rise, r0, r1 = values[k + 1] - values[k], h * rates[k], h * rates[k + 1]
-    second, third = 3 * rise - 2 * r0 - r1, r0 + r1 - 2 * rise
-    return values[k] + s * (r0 + s * (second + s * third)), (r0 + s * (2 * second + 3 * s * third)) / h
+    first, r0, second, third = _terms(k, h, values, rates)
+    return first + s * (r0 + s * (second + s * third)), (r0 + s * (2 * second + 3 * s * third)) / h
+
+
+def cubic_values(t: np.ndarray, values: np.ndarray, rates: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """The same as :func:`cubic` without the derivative."""
+    k, h, s = _bracket(t, wanted)
+    if t.size == 1 or values.shape[1] == 0:
+        return values[k]
+    first, r0, second, third = _terms(k, h, values, rates)
+    return first + s * (r0 + s * (second + s * third))
+
+
+def _terms(k: np.ndarray, h: np.ndarray, values: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Coefficients of cubic polynomials by rising powers of the fraction that has passed."""
+    first, r0, r1 = values[k], h * rates[k], h * rates[k + 1]
+    rise = values[k + 1] - first
+    return first, r0, 3 * rise - 2 * r0 - r1, r0 + r1 - 2 * rise
 
 
 def linear(t: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:

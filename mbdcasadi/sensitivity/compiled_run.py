@@ -23,7 +23,7 @@ from ..results.state import State
 from ..simulation.changes.modes import SingleMode
 from ..simulation.checks.accuracy import range_near_rounding, ranges, tolerance_for, unresolved_range
 from ..simulation.contact.watched_terms import has_gaps
-from ..simulation.path import Path, hermite_states
+from ..simulation.path import Path, hermite_poses
 from ..simulation.simulate import chosen_integrator, suited_to_friction
 from ..simulation.singular.regularity import singular_time
 from .cuts import Cuts
@@ -223,7 +223,7 @@ class CompiledRun:
         numeric = NumericEquations(eom, self.design.parameters(d))
         time = singular_time(numeric, path)
         if time is not None:
-            pose = hermite_states(path, np.array([time]), n)[0, :n]
+            pose = hermite_poses(path, np.array([time]), n)[0]
             rows = describe_singularity(numeric, time, pose).rows
             why += (
                 f", beside a pose near t = {time:.3g} s in which {', '.join(rows)} depend on each other and the "

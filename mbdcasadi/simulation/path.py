@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..results.interpolation import cubic, linear
+from ..results.interpolation import cubic, cubic_values, linear
 
 #: ``times -> states``: a short integration from a state to later times (k,), with the states (k, n_x).
 StatesAt = Callable[[np.ndarray], np.ndarray]
@@ -65,6 +65,11 @@ def hermite_states(path: Path, times: np.ndarray, n: int) -> np.ndarray:
     """
     q, v = cubic(path.times, path.x[:, :n], path.x[:, n : 2 * n], times)
     return np.hstack([q, v, linear(path.times, path.x[:, 2 * n :], times)])
+
+
+def hermite_poses(path: Path, times: np.ndarray, n: int) -> np.ndarray:
+    """Coordinates (k, n) of :func:`hermite_states` alone."""
+    return cubic_values(path.times, path.x[:, :n], path.x[:, n : 2 * n], times)
 
 
 def states_from_start(start: float, x: np.ndarray, integrated: StatesAt) -> StatesAt:

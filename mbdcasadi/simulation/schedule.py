@@ -86,7 +86,7 @@ class Piece:
         times : numpy.ndarray
             Increasing; its own ones up to the last of them, and others in between.
         """
-        if np.array_equal(times, self.times):
+        if times.size == self.times.size and (times == self.times).all():
             return self
         place = np.minimum(np.searchsorted(self.times, times), self.times.size - 1)
         known = self.times[place] == times
@@ -199,8 +199,9 @@ class Schedule:
 
     def next_break(self, first: int) -> int:
         """Index of the next time, from one on, at which the integrator must restart, or of the last one."""
-        breaks = np.flatnonzero(self._breaks[first:])
-        return first + int(breaks[0]) if breaks.size else self.size - 1
+        breaks = self._breaks[first:]
+        place = int(breaks.argmax())
+        return first + place if breaks[place] else self.size - 1
 
     def joined(self, size: int, first: int, steps: int) -> int:
         """Return the number of times in the pieces from an index on: more than before, of equal length, if few steps.

@@ -67,3 +67,27 @@ def test_a_welded_body_keeps_its_coordinates():
     assert not tree_coordinates(mbd.equations(welded)).dependent
     motion = mbd.simulate(welded, duration=0.1)
     np.testing.assert_allclose(motion.q[-1], [1, 2, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 4, 5, 6, 7, 8, 11])
+def test_accelerations_by_the_inertia_of_the_tree(seed):
+    """Those of the equations of motion of all bodies and rows, solved densely, also with loops that are not closed."""
+    mechanism = random_mechanism(seed)
+    eom, rng = mbd.equations(mechanism), np.random.default_rng(seed)
+    tree, p = tree_coordinates(eom), eom.parameter_values
+    free, z, u = rng.uniform(-1, 1, (2, eom.q.numel())), rng.normal(size=eom.z.numel()), rng.normal(size=eom.u.numel())
+    known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
+    whole = ca.Function("whole", known, [tree.q, tree.v, tree.accelerations(eom.t, eom.z, eom.u, eom.p)])
+    q, v, a = (x.full().ravel() for x in whole(0.3, *free, z, u, p))
+    parts = ca.Function("parts", known, [eom.mass_diagonal, eom.Phi_q, eom.Q, eom.gamma])
+    mass, jacobian, force, gamma = (x.full() for x in parts(0.3, q, v, z, u, p))
+    rows = len(jacobian)
+    system = np.block([[np.diag(mass.ravel()), jacobian.T], [jacobian, np.zeros((rows, rows))]])
+    exact = np.linalg.solve(system, np.vstack([force, gamma])).ravel()[: q.size]
+    np.testing.assert_allclose(a, exact, atol=1e-8 * (1 + np.max(np.abs(exact))))
+
+
+def test_long_chains_are_no_light_trees():
+    """The inertia of a tree couples all angles of a chain, of a tree of short branches few of them."""
+    assert tree_coordinates(mbd.equations(chain(3))).is_light
+    assert not tree_coordinates(mbd.equations(chain(8))).is_light

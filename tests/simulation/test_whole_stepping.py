@@ -3,6 +3,7 @@
 import gc
 import os
 import warnings
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -76,6 +77,18 @@ def test_drift_of_constraints(way):
     assert motion.drift.position < 1e-12
     assert motion.drift.velocity < 1e-10
     assert np.ptp(motion.energy.total) < 1e-6 * np.abs(motion.energy.kinetic).max()
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
+def test_drift_of_chains_at_loose_tolerances(way, tolerance):
+    """One correction of the velocities is enough, or is repeated."""
+    bodies = [mbd.Body(f"link {k}", mass=0.1, inertia=1e-4, pose=(0.1 * k + 0.05, 0, 0)) for k in range(10)]
+    pins = [mbd.Revolute("pin 0", mbd.ground.at(0, 0), bodies[0].at(-0.05, 0))]
+    pins += [mbd.Revolute(f"pin {k + 1}", a.at(0.05, 0), b.at(-0.05, 0)) for k, (a, b) in enumerate(pairwise(bodies))]
+    mechanism = mbd.Mechanism(bodies=bodies, joints=pins, forces=[mbd.Gravity()])
+    motion = mbd.simulate(mechanism, duration=1.0, method="dop853", reltol=tolerance, abstol=tolerance)
+    assert motion.drift.position < 1e-12
+    assert motion.drift.velocity < 1e-12
 
 
 @pytest.mark.slow

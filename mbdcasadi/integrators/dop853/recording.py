@@ -1,34 +1,36 @@
-"""States that a stretch returns: the ends of steps, and outputs inside them, which are evaluated all at once."""
+"""States that a stretch returns: the ends of steps, and outputs inside them, which are projected all at once."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ..native.stretch import ACCURACY, LOOSE, PROJECTIONS, ExplicitSystem, Stretch
-from .step_functions import Steps, interpolated
+from .step_functions import Steps
 
 
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """The end of a step, or outputs inside it that are still to be evaluated.
+class _Part(NamedTuple):
+    """The end of a step, or outputs inside it, which are still to be brought onto the constraints.
 
     Attributes
     ----------
-    times, index : numpy.ndarray
+    times, places : numpy.ndarray
         Times and their places among those of the stretch, or -1 (k,).
-    y : numpy.ndarray
-        The end; or the start, from which the dense output counts (n_y,).
-    coefficients, parts : numpy.ndarray or None
-        Of the dense output (7, n_y), and at which parts of the step (k,).
+    rows : numpy.ndarray
+        States and integrals (k, n_y).
+    inside : bool
+        True for outputs inside a step.
     """
 
     times: np.ndarray
-    index: np.ndarray
-    y: np.ndarray
-    coefficients: np.ndarray | None = None
-    parts: np.ndarray | None = None
+    places: np.ndarray
+    rows: np.ndarray
+    inside: bool
+
+
+#: What is joined of the parts.
+_PARTS = ("rows", "times", "places")
 
 
 class Recording:
@@ -68,7 +70,7 @@ class Recording:
 
     def add(self, t: float, y: np.ndarray, index: int) -> None:
         """Keep the end of a step."""
-        self._parts.append(_Part(np.array([t]), np.array([index]), y.copy()))
+        self._parts.append(_Part(np.array([t]), np.array([index]), y[None].copy(), inside=False))
 
     def arrive(self, t: float, y: np.ndarray, *, keep: bool) -> bool:
         """Keep the end of a step if a time of the stretch is due there, or in any case; return True if one is."""
@@ -90,8 +92,7 @@ class Recording:
             inside, index = np.r_[inside, between], np.r_[index, np.full(between.size, -1)]
             order = np.argsort(inside, kind="stable")
             inside, index = inside[order], index[order]
-        f = self._f
-        self._parts.append(_Part(inside, index, f.y.copy(), f.coefficients.copy(), (inside - t) / h))
+        self._parts.append(_Part(inside, index, self._f.inside((inside - t) / h), inside=True))
 
     def states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
         """Return times, their places among those of the stretch, states on the constraints, and if these are all.
@@ -107,16 +108,8 @@ class Recording:
         kept = self._parts
         if not kept:
             return np.zeros(0), np.zeros(0, np.int64), np.zeros((0, self._f.functions.n_y)), np.zeros(0, bool)
-        counts = [part.times.size for part in kept]
-        owner, inner = np.repeat(np.arange(len(kept)), counts), [part.coefficients is not None for part in kept]
-        rows = np.array([part.y for part in kept])[owner]
-        inside = np.array(inner)[owner]
-        if np.any(inside):
-            place = (np.cumsum(inner) - 1)[owner[inside]]
-            coefficients = np.array([part.coefficients for part in kept if part.coefficients is not None])[place]
-            parts = np.concatenate([part.parts for part in kept if part.parts is not None])[:, None]
-            rows[inside] = interpolated(rows[inside], coefficients.transpose(1, 0, 2), parts)
-        times, index = (np.concatenate([getattr(part, name) for part in kept]) for name in ("times", "index"))
+        rows, times, index = (np.concatenate([getattr(part, name) for part in kept]) for name in _PARTS)
+        inside = np.repeat([part.inside for part in kept], [part.times.size for part in kept])
         return times, index.astype(np.int64), rows, inside
 
     def _brought_onto_constraints(self, times: np.ndarray, rows: np.ndarray, inside: np.ndarray) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -13,6 +14,9 @@ from ...numerics.evaluation import Evaluator
 from ..native.stretch import ExplicitSystem, Stretch
 from .coefficients import STAGES, coefficients
 from .constants import QUIET, SLIGHT
+
+#: Components from which a sum is faster than a product with a matrix, into which derivatives are copied.
+LONG = 40
 
 
 class StepFunctions:
@@ -58,6 +62,8 @@ class StepFunctions:
     def _combined(self, row: np.ndarray, k: list[ca.MX]) -> ca.MX:
         """Sum of derivatives with the coefficients of a row."""
         used = [j for j in range(len(k)) if row[j]]
+        if self.n_y >= LONG:
+            return sum((float(row[j]) * k[j] for j in used[1:]), float(row[used[0]]) * k[used[0]])
         return ca.horzcat(*[k[j] for j in used]) @ ca.DM([float(row[j]) for j in used])
 
     def _make_attempt(self) -> ca.Function:
@@ -109,17 +115,14 @@ class StepFunctions:
         return ca.sqrt(ca.sumsqr(x) / max(self.n_x, 1))
 
     def _make_dense(self) -> ca.Function:
-        """``(t, h, y, end, derivatives with that at the end, …) -> (n_y, 7)``: coefficients of the dense output."""
+        """``(t, h, y, derivatives with that at the end, …) ->`` derivatives of the stages for dense output."""
         c = coefficients()
-        t, h, y, end = (ca.MX.sym(*g) for g in _symbols("t h y end", self.n_y))
+        t, h, y = (ca.MX.sym(*g) for g in _symbols("t h y", self.n_y))
         known = ca.MX.sym("k", self.n_y, STAGES + 1)
         k = ca.horzsplit(known)
         for s in range(STAGES + 1, len(c.C)):
             k.append(self._rate(t + float(c.C[s]) * h, y + h * self._combined(c.A[s], k))[0])
-        change, begin, last = end - y, h * k[0], h * k[STAGES]
-        columns = [change, begin - change, 2.0 * change - (last + begin)]
-        columns += [h * self._combined(row, k) for row in c.D]
-        return ca.Function("dense", [t, h, y, end, known, *self._held], [ca.horzcat(*columns)])
+        return ca.Function("dense", [t, h, y, known, *self._held], [ca.horzcat(*k[STAGES + 1 :])])
 
 
 def _symbols(names: str, size: int) -> list[tuple[str, int]]:
@@ -176,6 +179,8 @@ class Steps:
         Its end on the constraints (n_y,).
     k : numpy.ndarray
         Derivatives of the stages and at the end (STAGES + 1, n_y).
+    known : numpy.ndarray
+        Start, end on the constraints, and all derivatives, with those for dense output (3 + STAGES + 3, n_y).
     k0, stage, scale : numpy.ndarray
         Derivative at the start, last stage, sizes by which errors are measured.
     error, stage_hint : numpy.ndarray
@@ -183,18 +188,18 @@ class Steps:
     left, size, correction, hint, eigenvalue : numpy.ndarray
         Constraint residual after one projection, size of the coordinates, correction in tolerances, regularity at
         the end, and ``|lambda|`` (1,).
-    coefficients : numpy.ndarray
-        Of the dense output (7, n_y).
     """
 
     def __init__(self, functions: StepFunctions):
         self.functions = f = functions
         n_y = f.n_y
         self.t, self.h, self.arrival, self.reltol, self.abstol = (np.zeros(1) for _ in range(5))
-        self.y, self.k0, self.end, self.next, self.stage = (np.zeros(n_y) for _ in range(5))
-        self.k, self.scale, self.weights = np.zeros((STAGES + 1, n_y)), np.zeros(f.n_x), np.zeros(f.n)
+        self.k0, self.end, self.stage = (np.zeros(n_y) for _ in range(3))
+        self.known = np.zeros((2 + len(coefficients().C), n_y))
+        self.y, self.next, self.k = self.known[0], self.known[1], self.known[2 : 3 + STAGES]
+        self.scale, self.weights = np.zeros(f.n_x), np.zeros(f.n)
         self.error, self.stage_hint, self.left, self.size, self.correction = (np.zeros(1) for _ in range(5))
-        self.hint, self.eigenvalue, self.coefficients = np.zeros(1), np.zeros(1), np.zeros((7, n_y))
+        self.hint, self.eigenvalue = np.zeros(1), np.zeros(1)
         self.held = [np.zeros(f.attempt.nnz_in(k)) for k in range(6, 9)]
         stages = self.k[:STAGES].reshape(-1)
         self.attempt = BufferedFunction(
@@ -209,8 +214,8 @@ class Steps:
         )
         self.dense = BufferedFunction(
             f.dense,
-            [self.t, self.h, self.y, self.next, self.k.reshape(-1), *self.held],
-            [self.coefficients.reshape(-1)],
+            [self.t, self.h, self.y, self.k.reshape(-1), *self.held],
+            [self.known[3 + STAGES :].reshape(-1)],
         )
         self.rate, self.complete, self.projection = (
             BufferedFunction(f.rate),
@@ -228,9 +233,31 @@ class Steps:
         """Take the channels of an interval."""
         self.held[2][:] = channel
 
+    def inside(self, parts: np.ndarray) -> np.ndarray:
+        """Dense output at parts of the step (k, n_y), once the function `dense` was evaluated."""
+        weights = parts[:, None] ** POWERS @ dense_weights()
+        weights[:, 2:] *= self.h
+        states: np.ndarray = weights @ self.known
+        return states
 
-def interpolated(y: np.ndarray, f: np.ndarray, part: Any) -> np.ndarray:
-    """Dense output at a part of a step, from its start and its coefficients (7, …)."""
-    r = 1.0 - part
-    inner = f[3] + part * (f[4] + r * (f[5] + part * f[6]))
-    return y + part * (f[0] + r * (f[1] + part * (f[2] + r * inner)))
+
+#: Powers of the part of a step in dense output.
+POWERS = np.arange(8)
+
+
+@cache
+def dense_weights() -> np.ndarray:
+    """Weights (8, 2 + stages), by power of the part of a step, of its start, its end and its derivatives by length."""
+    c, part, rest = coefficients(), np.polynomial.Polynomial([0, 1]), np.polynomial.Polynomial([1, -1])
+    terms = [part, part * rest]
+    while len(terms) < 7:
+        terms.append(terms[-1] * (part if len(terms) % 2 == 0 else rest))
+    of_term = np.zeros((8, 7))
+    for k, term in enumerate(terms):
+        of_term[: term.coef.size, k] = term.coef
+    of_end = of_term[:, 0] - of_term[:, 1] + 2.0 * of_term[:, 2]
+    weights = np.column_stack([-of_end, of_end, of_term[:, 3:] @ c.D])
+    weights[0, 0] += 1.0
+    weights[:, 2] += of_term[:, 1] - of_term[:, 2]
+    weights[:, 2 + STAGES] -= of_term[:, 2]
+    return weights

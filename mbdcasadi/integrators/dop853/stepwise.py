@@ -48,7 +48,7 @@ from .constants import (
     STABLE,
 )
 from .recording import Recording
-from .step_functions import BufferedFunction, StepFunctions, Steps, interpolated
+from .step_functions import BufferedFunction, StepFunctions, Steps
 
 
 class StepwiseRun:
@@ -308,12 +308,9 @@ class _StretchRun:
 
     def _found_in_step(self, t: float, h: float, arrival: float, samples: int) -> int:
         """Look at the events in a step."""
-        events = 0
-        for k in range(1, samples + 2):
-            part = k / (samples + 1)
-            time, state = arrival, self._f.next
-            if k <= samples:
-                time, state = t + part * h, interpolated(self._f.y, self._f.coefficients, part)
+        events, parts = 0, np.arange(1, samples + 1) / (samples + 1)
+        times, states = [*(t + parts * h).tolist(), arrival], [*self._f.inside(parts), self._f.next]
+        for time, state in zip(times, states, strict=True):
             events |= self._look(time, self._values(time, state))
         return events
 

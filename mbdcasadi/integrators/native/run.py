@@ -35,6 +35,8 @@ SETTINGS = (
 )  # fmt: skip
 #: Folder of the C that all methods share.
 FOLDER = Path(__file__).parent
+#: By their numbers in C.
+_STATUS = tuple(Status)
 
 _HEAD = """\
 #include <math.h>
@@ -197,18 +199,14 @@ class NativeRun:
         return Reached(
             **{name: array[: task.recorded].copy() for name, array in vars(rows).items()},
             **{name: getattr(task, name) for name in ("steps", "rejected", "evaluations", "least_regularity")},
-            status=Status(task.status),
+            status=_STATUS[task.status],
         )
 
     def _task(self, s: Stretch, progress: Progress, rows: _Rows, arrays: _Arrays) -> Any:
         """A stretch for the engine, which reads arrays that are kept in `arrays` and writes into the rows."""
-        watched = self.watched
-        none = np.zeros(0 if watched is None else watched.size)
-        of_events = {name: getattr(s, name) for name in ("offset", "band", "side")}
-        return _structure("stretch_t")(
+        task = _structure("stretch_t")(
             **{name: getattr(s, name) for name in SETTINGS},
             **{name: arrays.doubles(getattr(s, name)) for name in ("x", "times", "channels", "p", "levels", "weights")},
-            **{name: arrays.doubles(values if values.size else none) for name, values in of_events.items()},
             **vars(progress),
             **{f"out_{name}": arrays.address(array) for name, array in vars(rows).items()},
             count=s.times.size,
@@ -217,10 +215,15 @@ class NativeRun:
             accuracy=ACCURACY,
             halt=self._halt_address,
             samples=SAMPLES,
-            direction=arrays.ints(none if watched is None else watched.direction),
-            decides=arrays.ints(none if watched is None else watched.decides),
             capacity=rows.times.size,
         )
+        watched = self.watched
+        if watched is not None:
+            for name in ("offset", "band", "side"):
+                values = getattr(s, name)
+                setattr(task, name, arrays.doubles(values if values.size else np.zeros(watched.size)))
+            task.direction, task.decides = arrays.ints(watched.direction), arrays.ints(watched.decides)
+        return task
 
     def complete(
         self, times: np.ndarray, x: np.ndarray, channels: np.ndarray, p: np.ndarray, levels: np.ndarray

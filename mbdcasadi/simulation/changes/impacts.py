@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -285,4 +286,5 @@ def jump_to(numeric: NumericEquations, state: State, targets: ca.SX, wanted: np.
 
 def instant_of(grid: np.ndarray) -> float:
     """Return the time that counts as one instant of a run over a grid, s."""
-    return max(INSTANT * float(grid[-1] - grid[0]), 4 * float(np.spacing(np.max(np.abs(grid[[0, -1]])))))
+    start, end = float(grid[0]), float(grid[-1])
+    return max(INSTANT * (end - start), 4 * math.ulp(max(abs(start), abs(end))))

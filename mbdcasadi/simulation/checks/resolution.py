@@ -320,6 +320,8 @@ class Resolution:
 
     def _broken_conditions(self) -> Iterator[str]:
         """Messages of validity conditions that the steps of the integrator found broken, with time and size."""
+        if not self._validity:
+            return
         broken = np.zeros(len(self._validity), bool)
         for _, excesses, _ in self._excesses:
             broken |= np.any(excesses > 0, axis=0)

@@ -80,6 +80,18 @@ class Formulation(ABC):
         """Return True if the coordinates that a tree of joints gives are better left out of the states."""
         return False
 
+    def accelerations_in_tree(
+        self, numeric: NumericEquations, tree: TreeCoordinates, arguments: Arguments
+    ) -> ca.SX | None:
+        """Return the accelerations by the inertia of a tree of joints; None if they are better found otherwise.
+
+        Parameters
+        ----------
+        arguments : tuple
+            With the coordinates and velocities of the tree.
+        """
+        return None
+
     def dae(
         self,
         numeric: NumericEquations,
@@ -117,7 +129,11 @@ class Formulation(ABC):
             q, v = tree.q, tree.v
         u = signals.function(eom)(clock.t, q, v, z, p, levels, channel)
         arguments = clock.t, q, v, z, u, p, rate
-        if elements is None:
+        in_terms_of_lam = ca.depends_on(ca.vertcat(eom.z_rate, integrands, quadratures), eom.lam)
+        light = None if tree is None or in_terms_of_lam else self.accelerations_in_tree(numeric, tree, arguments)
+        if light is not None:
+            a, lam, residual = light, ca.SX.zeros(eom.lam.numel()), none
+        elif elements is None:
             a, lam, residual = self.accelerations(numeric, arguments, unknown)
         else:
             a, lam, residual = self._among_elements(numeric, elements, arguments, unknown)

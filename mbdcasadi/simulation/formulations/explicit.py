@@ -34,6 +34,14 @@ class Explicit(Formulation):
     def takes_tree(self, numeric: NumericEquations, tree: TreeCoordinates) -> bool:
         return True
 
+    def accelerations_in_tree(
+        self, numeric: NumericEquations, tree: TreeCoordinates, arguments: Arguments
+    ) -> ca.SX | None:
+        if numeric.augmentation is not None or not tree.is_light:
+            return None
+        t, _, _, z, u, p, _ = arguments
+        return tree.accelerations(t, z, u, p)
+
     def accelerations(
         self, numeric: NumericEquations, arguments: Arguments, unknown: Sequence[ca.SX]
     ) -> tuple[ca.SX, ca.SX, ca.SX]:

@@ -19,7 +19,7 @@ import numpy as np
 from ...integrators.compiled import IntegrationFailure
 from ...numerics.least_squares import largest
 from ..outputs import Outputs
-from ..path import Path, StatesAt, hermite_states
+from ..path import Path, StatesAt, hermite_poses
 from .regularity import ENTRY, Regularity, finer_times
 
 #: States of a regular path at which its pivot is evaluated.
@@ -117,7 +117,7 @@ class SingularPassage:
         # between two times of a coarse path the pose may be almost reached
         k, n = int(entries[0]), self._numeric.eom.q.numel()
         closer = np.linspace(times[max(k - 1, 0)], times[k], CLOSE)
-        values = self._regularity.at(closer, hermite_states(path, closer, n)[:, :n])
+        values = self._regularity.at(closer, hermite_poses(path, closer, n))
         near = np.flatnonzero((values < ENTRY * self._largest) & (closer > times[0]))
         return float(closer[near[0]] if near.size else times[k])
 
@@ -161,7 +161,7 @@ class SingularPassage:
         self._take_regular()
         n, times, values = self._numeric.eom.q.numel(), finer_times(path, self._numeric.eom), np.zeros(0)
         for _ in range(2):  # first everywhere, then about the lowest
-            values = self._regularity.at(times, hermite_states(path, times, n)[:, :n])
+            values = self._regularity.at(times, hermite_poses(path, times, n))
             k = int(np.argmin(values))
             around = times[max(k - 1, 0)], times[min(k + 1, times.size - 1)]
             times = np.linspace(*around, CLOSE)

@@ -9,7 +9,7 @@ from ...equations.derivation import Equations
 from ...equations.numeric import NumericEquations
 from ...numerics.evaluation import Evaluator
 from ...numerics.rank import dependent_rows
-from ..path import Path, hermite_states
+from ..path import Path, hermite_poses
 
 #: Fall of the smallest pivot of ``Phi_q W⁻¹ Phi_q^T``, relative to the largest one seen, at which the passage begins.
 #: The pivot falls with the square of the distance from the pose: of a parallelogram it is 0.1 rad.
@@ -70,7 +70,7 @@ class Regularity:
         times, values = np.zeros(0), np.zeros(0)
         for look in (coarse_times, finer_times) if np.isfinite(largest) else (finer_times,):
             times = look(path, self.numeric.eom)
-            values = self.at(times, hermite_states(path, times, n)[:, :n])
+            values = self.at(times, hermite_poses(path, times, n))
             if np.min(values) > FALL * max(largest, float(np.max(values))):
                 break
         return times, values

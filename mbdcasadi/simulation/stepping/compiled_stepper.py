@@ -33,6 +33,8 @@ from .explicit_system import explicit_system
 
 #: Rate at which drift decays in the regularised form, by piece, and by radian that a body turns.
 DECAY, DECAY_PER_RADIAN = 20.0, 5.0
+#: Message of IDAS where it cannot go on over a stop at which an input bends; started anew there it can.
+KINK = "IDA_ERR_FAIL"
 #: Relative distance from consistent unknowns from which the search of IDAS for them succeeds.
 PERTURBATION = 1e-6
 
@@ -154,9 +156,7 @@ class CompiledStepper(Stepper):
                 if interruption.requested:  # inside an integrator Ctrl-C comes back as a failure like others
                     raise KeyboardInterrupt from None
                 return failure
-            since = compiled.integrals
-            increments = np.diff(since, axis=0, prepend=np.zeros((1, since.shape[1])))
-            return Path(np.append(piece.start, piece.times), np.vstack([x, states]), increments)
+            return _path(piece, x, states, compiled.integrals)
 
         outcome = attempt(usual, FEW_STEPS)
         if isinstance(outcome, IntegrationFailure) and outcome.flag == "IDA_LINESEARCH_FAIL":
@@ -178,6 +178,8 @@ class CompiledStepper(Stepper):
         stopped = self._of(usual).rescue(self._problem(usual, piece, x), outcome.flag)
         if interruption.requested:
             raise KeyboardInterrupt
+        if stopped.is_overcome and outcome.flag == KINK:
+            return _path(piece, x, stopped.x, self._of(usual).integrals)
         raise stopped
 
     def _problem(self, form: Formulation, piece: Piece, x: np.ndarray) -> InitialValueProblem:
@@ -249,6 +251,12 @@ class CompiledStepper(Stepper):
         n = self.numeric.eom.q.numel()
         turning = x[:, n + 2 : n + 3 * len(self.numeric.eom.mechanism.bodies) : 3]
         self._fastest = max(self._fastest, largest(turning))
+
+
+def _path(piece: Piece, x: np.ndarray, states: np.ndarray, since: np.ndarray) -> Path:
+    """Path from a state through those at all times of a piece, with the integrals since its start."""
+    increments = np.diff(since, axis=0, prepend=np.zeros((1, since.shape[1])))
+    return Path(np.append(piece.start, piece.times), np.vstack([x, states]), increments)
 
 
 def lending_of(numeric: NumericEquations) -> Lending:

@@ -20,6 +20,8 @@ from ..contact.watched_terms import WatchedTerms, has_gap
 
 #: Comparisons at which steps end, at most: more are those of tables, whose pieces join smoothly.
 MOST_COMPARED = 16
+#: Share of a correction of the velocities that rounding may leave, as rows may be nearly dependent.
+LEFT_BY_ROUNDING = 1e-9
 
 
 def dynamics_of(numeric: NumericEquations, *, redundant: bool = False) -> ca.Function:
@@ -64,8 +66,8 @@ def _regularity(numeric: NumericEquations) -> ca.SX:
 def projection_of(eom: Equations) -> ca.Function:
     """``(t, q, v, p, weights) -> (q, v, |Phi|)``: one step onto the constraints; made once for a mechanism.
 
-    One factorisation serves positions and velocities: the residual of the velocities is that
-    of the new pose, and repeated.
+    One factorisation serves positions and velocities, whose residual is that of the new pose. Where the factors are
+    shifted it is taken away twice; else what the turn of the rows and rounding leave of it counts as a residual.
     """
     return eom.mechanism.cache.get_or_create("explicit projection", lambda: _projection(eom))
 
@@ -92,11 +94,25 @@ def _projection(eom: Equations) -> ca.Function:
     if eom.lam.numel():
         there = ca.Function("there", [eom.t, eom.q, eom.p], [eom.Phi, eom.Phi_q, eom.nu])
         phi, jacobian, nu = there(eom.t, q, eom.p)
-        for _ in range(2):  # the second removes the rounding of the first
+        for _ in range(2 if eom.has_loops else 1):
             v = v - inverse @ (jacobian.T @ ca.ldl_solve(ca.densify(jacobian @ v - nu), *factors))
         left = ca.norm_inf(ca.densify(phi)) if rows else left
+        left = left if eom.has_loops else ca.fmax(left, _left_by_turn(eom, q - eom.q, v - eom.v))
     results = [ca.densify(q), ca.densify(v), left]
     return ca.Function("projection", [eom.t, eom.q, eom.v, eom.p, weights], results)
+
+
+def _left_by_turn(eom: Equations, moved: ca.SX, corrected: ca.SX) -> ca.SX:
+    """Estimate of the residual that one correction of the velocities leaves, by rows of an earlier pose."""
+    slopes = ca.vertcat(*eom.Phi_q.nonzeros())
+    bends = np.array([not ca.SX(slope).is_constant() for slope in eom.Phi_q.nonzeros()], bool)
+    turning = np.flatnonzero(ca.which_depends(slopes, eom.q, 1, False))
+    _, columns = eom.Phi_q.sparsity().get_triplet()
+    bent = np.unique(np.array(columns, int)[bends])
+    if not turning.size or not bent.size:
+        return ca.SX(0)
+    turn, change = (ca.norm_inf(ca.densify(part)) for part in (moved[turning.tolist()], corrected[bent.tolist()]))
+    return change * (turn + LEFT_BY_ROUNDING)
 
 
 def explicit_system(
