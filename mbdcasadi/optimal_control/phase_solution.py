@@ -19,7 +19,7 @@ from .nlp.limit_excess import POINTS, Excess, excess_of_motion
 from .nlp.phase_program import PhaseProgram
 from .phase import Phase
 from .refinement.mesh import Mesh
-from .refinement.reintegration import end_errors
+from .refinement.reintegration import end_errors, inner_errors
 from .transcription.motion import OptimalMotion, Polynomials
 
 
@@ -62,8 +62,9 @@ class PhaseSolution:
             mesh_times[program.stated_knots] if program.time_count else np.asarray(segment_times, float)
         )
         self.mesh_times = self.mesh.times(self.segment_times)
-        points = np.array([x[program.point_index(k)[: program.scheme.point_size]] for k in range(mesh.count + 1)])
-        intervals = np.array([x[program.inner_index(i)] for i in range(mesh.count)])
+        numbers = np.arange(mesh.count + 1)[:, None]
+        points = x[program.point_index(numbers)[:, : program.scheme.point_size]]
+        intervals = x[program.inner_index(numbers[:-1])]
         self.polynomials = Polynomials(program.scheme, self.mesh_times, points, intervals, self.numeric)
 
     def by_polynomials(self, expressions: Sequence[ca.SX], intervals: np.ndarray, taus: np.ndarray) -> list[np.ndarray]:
@@ -134,6 +135,12 @@ class PhaseSolution:
     def end_errors(self) -> np.ndarray:
         """Misses of the next mesh point by each interval, integrated again, in q, v and z (N, 2 n + k)."""
         return end_errors(self.polynomials)
+
+    @cached_property
+    @symbolic
+    def inner_errors(self) -> np.ndarray:
+        """Largest errors of q and v inside the intervals to first order (N, 2 n)."""
+        return inner_errors(self.polynomials)
 
     @property
     def state_errors(self) -> np.ndarray:

@@ -49,6 +49,8 @@ INTERVALS = 40
 #: Iterations of a first solve, if a search follows should it fail: most programs take far fewer, and one that takes
 #: more is often solved sooner from elsewhere.
 FIRST_ITERATIONS = 300
+#: Iterations of another start of an open chain once one has succeeded; those that take more seldom end at lower costs.
+FURTHER_ITERATIONS = 150
 #: Random detours from which a solution that jumps is solved again.
 DETOURS = 3
 
@@ -143,22 +145,27 @@ class Search:
     def _attempt(self, settings: Settings, parameters: Any, guess: Any, starts: Any, *, refined: bool) -> _Attempt:
         solver = ProblemSolver(self.problem, settings, parameters, self.initial, self.best)
         meshes = self._meshes(solver.setups, guess.solution if isinstance(guess, Shifted) else guess)
-        return _Attempt(solver, meshes, guesses(solver, starts, guess), refined)
+        further = FURTHER_ITERATIONS if starts is None else None
+        return _Attempt(solver, meshes, guesses(solver, starts, guess), refined, further)
 
 
 @dataclass
 class _Attempt:
-    """One choice of coordinates: solver, meshes and guesses, and whether coarse meshes are refined."""
+    """One choice of coordinates: solver, meshes and guesses, and whether coarse meshes are refined.
+
+    Once one guess has led to a solution, the others take at most `further` iterations.
+    """
 
     solver: ProblemSolver
     meshes: list[Mesh]
     candidates: list[Guess]
     refined: bool
+    further: int | None
 
     def solve(self, *, warm: bool, executor: Executor | None, limit: int | None) -> Solution:
         """Return the best solution of all guesses; each solve takes at most `limit` iterations."""
         settle = partial(refine_or_repeat, self.solver) if self.refined else None
-        more: dict[str, Any] = {"executor": executor, "settle": settle, "limit": limit}
+        more: dict[str, Any] = {"executor": executor, "settle": settle, "limit": limit, "further": self.further}
         return best_of(self.solver, self.meshes, self.candidates, warm=warm, **more)
 
     def go_on(self, failure: OptimizationError) -> Solution:

@@ -49,6 +49,14 @@ def test_swing_ups(driven, duration, best):
     np.testing.assert_allclose(motion[lower.acceleration], force + gravity, atol=1e-6 * np.abs(force).max())
 
 
+def test_another_start_is_given_up_once_one_has_succeeded(monkeypatch):
+    """The kinematic start, which is solved second, has the iterations that are left to it, and the first one counts."""
+    monkeypatch.setattr("mbdcasadi.optimal_control.search.FURTHER_ITERATIONS", 3)
+    kinematic, at_rest = mbd.optimize(two_links("shoulder", 2.5)[0], intervals=80).statistics.starts
+    assert kinematic.iterations == 3 and np.isnan(kinematic.cost)
+    assert at_rest.iterations > 3 and at_rest.cost > 0
+
+
 @pytest.mark.slow
 def test_results_of_both_forms_are_the_same():
     """The same optimum in angles and, from it as a trajectory, in all coordinates; reactions with the same labels."""

@@ -57,6 +57,9 @@ def test_the_solution_of_a_phase():
     assert solution.mesh_error == part.mesh_error > 0
     labels = [limit.label for limit in part.limits]
     assert labels == ["-4 <= tau", "tau <= 4", "tau >= -20", "tau <= 20"]
+    program = solution.program
+    np.testing.assert_array_equal(program.lower, [row.lower for row in program.rows])
+    assert np.any(np.isfinite(program.lower) & (program.lower < 0)), "limits of both sides are one row"
 
 
 def test_a_program_of_two_phases():

@@ -16,6 +16,7 @@ from ..nlp.collocation_program import CollocationProgram
 from ..nlp.phase_program import PhaseProgram
 from ..phase import Phase
 from ..refinement.mesh import Mesh
+from ..transcription.controls import InputBasis
 from .kinematic_guess import KinematicPath
 from .least_squares_loads import LeastSquaresLoads
 
@@ -53,32 +54,32 @@ class PhaseGuess:
         sampled = self.sample(times)
         names = [name for name, size in scheme.point_variables.items() if size]
         values = np.hstack([scheme.unknown_columns(name, sampled[name]) for name in names])
-        for k in range(times.size):
-            x[program.point_index(k)[: values.shape[1]]] = values[k]
-        lengths = np.diff(times)
-        inside: dict[bytes, dict[str, np.ndarray]] = {}
+        x[program.point_index(np.arange(times.size)[:, None])[:, : values.shape[1]]] = values
+        intervals = np.arange(times.size - 1)[:, None]
+        known: dict[bytes, dict[str, np.ndarray]] = {}
+
+        def inside(taus: np.ndarray) -> dict[str, np.ndarray]:
+            """Values at points of all intervals."""
+            if taus.tobytes() not in known:
+                wanted = times[:-1, None] + np.diff(times)[:, None] * taus
+                known[taus.tobytes()] = self.sample(wanted.ravel())
+            return known[taus.tobytes()]
+
         for name, (size, taus) in scheme.interval_variables.items():
-            if size and taus.size and np.all(np.isfinite(taus)):
-                key = taus.tobytes()
-                if key not in inside:
-                    inside[key] = self.sample((times[:-1, None] + lengths[:, None] * taus[None, :]).ravel())
-                if name not in inside[key]:  # a variable of the scheme alone begins with zero
-                    continue
-                values = self._inputs(program, times) if name == "u" else inside[key][name]
-                columns = scheme.unknown_columns(name, values).reshape(lengths.size, -1)
-                part = scheme.interval_slice(name)
-                for i in range(lengths.size):
-                    x[program.inner_index(i)[part]] = columns[i]
+            # a variable of the scheme alone begins with zero
+            if size and taus.size and np.all(np.isfinite(taus)) and name in sampled:
+                values = _input_unknowns(scheme.inputs, inside) if name == "u" else inside(taus)[name]
+                columns = scheme.unknown_columns(name, values).reshape(intervals.size, -1)
+                x[program.inner_index(intervals)[:, scheme.interval_slice(name)]] = columns
         x[program.time_index] = times[mesh.knots][: program.time_count]
 
-    def _inputs(self, program: PhaseProgram, times: np.ndarray) -> np.ndarray:
-        """Unknowns of the inputs that belong to the intervals alone (N k, n_u)."""
-        basis = program.scheme.inputs
-        wanted = times[:-1, None] + np.diff(times)[:, None] * basis.taus
-        values = self.sample(wanted.ravel())["u"]
-        unknowns = basis.unknowns(values.reshape(times.size - 1, basis.taus.size, -1))
-        inner = unknowns[:, 1:-1] if basis.joined else unknowns
-        return inner.reshape(-1, values.shape[1])
+
+def _input_unknowns(basis: InputBasis, inside: Callable[[np.ndarray], dict[str, np.ndarray]]) -> np.ndarray:
+    """Unknowns of the inputs that belong to the intervals alone (N k, n_u), from values at points of the intervals."""
+    values = inside(basis.taus)["u"]
+    unknowns = basis.unknowns(values.reshape(-1, basis.taus.size, values.shape[1]))
+    inner = unknowns[:, 1:-1] if basis.joined else unknowns
+    return inner.reshape(-1, values.shape[1])
 
 
 @dataclass(frozen=True)

@@ -247,21 +247,25 @@ def best_of(
     executor: Executor | None = None,
     settle: Callable[[Solution, Guess], tuple[Solution, bool]] | None = None,
     limit: int | None = None,
+    further: int | None = None,
 ) -> Solution:
     """Solve from every guess and return the best solution; all are reported in its statistics.
 
     A guess that is another solution is tried with the settings of a warm start first, and if these fail at once without
     them. `warm` if the guesses are solutions of nearly the same problem. `settle` returns a solution from a solution
     and its guess on a finer mesh, and whether this holds: the cost on a coarse mesh may be false, and the best is
-    chosen by what it is on a mesh that holds. Each solve takes at most `limit` iterations. If none succeeds, the error
-    of the last is raised.
+    chosen by what it is on a mesh that holds. Each solve takes at most `limit` iterations. With `further` the last
+    guess is the first to be solved from, and once one has succeeded the others take at most so many. If none succeeds,
+    the error of the last is raised.
     """
     solver.best.new_stage()
-    tries = partial(_tried, meshes=meshes, warm=warm, limit=limit)
-    if executor is None:
-        outcomes = [tries(solver, guess) for guess in candidates]
+    tries = partial(_tried, meshes=meshes, warm=warm)
+    if executor is not None:
+        outcomes = _side_by_side(partial(tries, limit=limit), solver, candidates, executor)
+    elif further is not None:
+        outcomes = _from_last_to_first(partial(tries, solver), candidates, limit, further)
     else:
-        outcomes = _side_by_side(tries, solver, candidates, executor)
+        outcomes = [tries(solver, guess, limit=limit) for guess in candidates]
     reports = [report for outcome in outcomes for report in outcome[0]]
     results = zip(candidates, outcomes, strict=True)
     solutions = [(result, guess) for guess, (_, result) in results if isinstance(result, Solution)]
@@ -290,6 +294,18 @@ def _tried(solver: ProblemSolver, guess: Guess, meshes: list[Mesh], warm: bool, 
         if isinstance(result, Solution):
             break
     return reports, result
+
+
+def _from_last_to_first(
+    tries: Callable[..., Outcome], candidates: list[Guess], limit: int | None, further: int
+) -> list[Outcome]:
+    """Outcomes of all guesses in their order; once one has succeeded, solves take at most `further` iterations."""
+    outcomes: list[Outcome] = []
+    for guess in reversed(candidates):
+        if any(isinstance(result, Solution) for _, result in outcomes):
+            limit = further if limit is None else min(limit, further)
+        outcomes.append(tries(guess, limit=limit))
+    return outcomes[::-1]
 
 
 def _side_by_side(

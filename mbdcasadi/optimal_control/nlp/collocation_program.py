@@ -246,7 +246,9 @@ class CollocationProgram:
     @cached_property
     def lower(self) -> np.ndarray:
         """Lower bounds of the rows, scaled: zero for equalities; the upper ones are zero."""
-        return np.array([row.lower for row in self.rows])
+        by_block = [np.concatenate([np.zeros(0), *[g.lower for g in block.groups]]) for block in self.blocks]
+        lower = [np.tile(x, len(block.copies)) for x, block in zip(by_block, self.blocks, strict=True)]
+        return np.concatenate([np.zeros(0), *lower])
 
     @property
     def has_integrals(self) -> bool:

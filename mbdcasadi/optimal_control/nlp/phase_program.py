@@ -116,12 +116,12 @@ class PhaseProgram:
         """Number of variables of a mesh point and the interval after it."""
         return self.point_size + self.scheme.interval_size
 
-    def point_index(self, k: int) -> np.ndarray:
-        """Places of the variables of a mesh point."""
+    def point_index(self, k: int | np.ndarray) -> np.ndarray:
+        """Places of the variables of a mesh point, or of several (k, 1), a row for each."""
         return self._first + np.arange(self.point_size) + k * self.stride
 
-    def inner_index(self, i: int) -> np.ndarray:
-        """Places of the variables of an interval alone."""
+    def inner_index(self, i: int | np.ndarray) -> np.ndarray:
+        """Places of the variables of an interval alone, or of several (k, 1), a row for each."""
         return self._first + np.arange(self.scheme.interval_size) + i * self.stride + self.point_size
 
     @property

@@ -139,12 +139,14 @@ class SparseProgram:
             values.append(ca.vec(nonzeros))
             first += count * copies
         row, column, nonzeros = np.concatenate(rows), np.concatenate(columns), ca.vertcat(*values)
-        entries, entry = np.unique(column * max(self.row_count, 1) + row, return_inverse=True)
-        if entries.size < row.size:  # a piece that sees a variable twice, as the ends of a phase see its times
-            sparsity, _ = _pattern(self.row_count, self.size, entries % self.row_count, entries // self.row_count)
-            return ca.MX(sparsity, ca.mtimes(_summing(entry, entries.size), nonzeros))
-        sparsity, order = _pattern(self.row_count, self.size, row, column)
-        return ca.MX(sparsity, nonzeros[order.tolist()])
+        place = column * max(self.row_count, 1) + row
+        order = np.argsort(place)
+        if np.all(np.diff(place[order])):
+            return ca.MX(_pattern(self.row_count, self.size, row[order], column[order]), nonzeros[order.tolist()])
+        # a piece that sees a variable twice, as the ends of a phase see its times
+        entries, entry = np.unique(place, return_inverse=True)
+        sparsity = _pattern(self.row_count, self.size, entries % self.row_count, entries // self.row_count)
+        return ca.MX(sparsity, ca.mtimes(_summing(entry, entries.size), nonzeros))
 
     def _hessian(self, lam_f: ca.MX, lam_g: ca.MX) -> ca.MX:
         rows, columns, values = [], [], []
@@ -159,7 +161,7 @@ class SparseProgram:
             values.append(ca.vec(nonzeros))
         row, column = np.concatenate(rows), np.concatenate(columns)
         entries, entry = np.unique(column * self.size + row, return_inverse=True)
-        sparsity, _ = _pattern(self.size, self.size, entries % self.size, entries // self.size)
+        sparsity = _pattern(self.size, self.size, entries % self.size, entries // self.size)
         return ca.MX(sparsity, ca.mtimes(_summing(entry, entries.size), ca.vertcat(*values)))
 
 
@@ -179,14 +181,12 @@ def derivatives_for_ipopt(
     }
 
 
-def _pattern(rows: int, columns: int, row: np.ndarray, column: np.ndarray) -> tuple[ca.Sparsity, np.ndarray]:
-    """Sparsity of distinct entries and the order in which their values go into it."""
-    order = np.lexsort((row, column))
-    starts = np.searchsorted(column[order], np.arange(columns + 1))
-    return ca.Sparsity(rows, columns, starts.tolist(), row[order].tolist()), order
+def _pattern(rows: int, columns: int, row: np.ndarray, column: np.ndarray) -> ca.Sparsity:
+    """Sparsity of distinct entries, which stand column by column, and in each from the first row to the last."""
+    starts = np.searchsorted(column, np.arange(columns + 1))
+    return ca.Sparsity(rows, columns, starts.tolist(), row.tolist())
 
 
 def _summing(places: np.ndarray, size: int) -> ca.DM:
     """Constant sparse matrix that adds up values by their place."""
-    sparsity, _ = _pattern(size, places.size, places, np.arange(places.size))
-    return ca.DM(sparsity, np.ones(places.size))
+    return ca.DM(_pattern(size, places.size, places, np.arange(places.size)), np.ones(places.size))

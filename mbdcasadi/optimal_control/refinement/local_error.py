@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from ...errors import warn
-from ...numerics.collocation import gauss
 from ..phase_solution import PhaseSolution
 from ..solved_motion import SolvedMotion
 from .measure import Measure
@@ -106,7 +105,7 @@ def coarseness(part: PhaseSolution) -> np.ndarray:
     """
     sizes = np.r_[part.program.scales.q, part.program.scales.q / part.duration]
     steps = projection_steps(part) / sizes
-    fine = max(np.max(inner_errors(part) / sizes), np.max(steps)) <= FINE_ERROR  # nan is not
+    fine = max(np.max(part.inner_errors / sizes), np.max(steps)) <= FINE_ERROR  # nan is not
     if fine and not part.phase.mechanism.states:
         return np.zeros(part.mesh.count)
     try:
@@ -137,23 +136,3 @@ def projection_steps(part: PhaseSolution) -> np.ndarray:
     n = part.phase.equations.q.numel()
     steps: np.ndarray = np.abs(part.mesh_states[1:, : 2 * n] - np.hstack([q, v]))
     return steps
-
-
-def inner_errors(part: PhaseSolution) -> np.ndarray:
-    """Largest errors inside the intervals to first order (N, 2 n), by the accelerations that the forces do not give.
-
-    With the difference r at a point s of an interval of length h: ``h ∫ r ds`` in
-    the velocities and ``h² ∫∫ r ds ds`` in the coordinates. At the ends of the
-    intervals these may vanish by the choice of the stages, whatever the errors
-    there; inside they do not, and are larger than those that remain at the ends.
-    """
-    rule, numeric = gauss(part.program.scheme.stages.size + 2), part.numeric
-    count, size = part.mesh.count, rule.degree
-    intervals = np.repeat(np.arange(count), size)
-    t, q, v, a, z, _, u, _ = (x.T for x in part.polynomials.at(intervals, np.tile(rule.points, count)))
-    forced = numeric.forward_dynamics(redundant=part.redundant)(t, q, v, z, u, numeric.p)[0].full()
-    differences = (forced - a).T.reshape(count, size, -1)
-    _, once, twice = rule.basis(np.r_[rule.points, 1.0])
-    h = np.diff(part.mesh_times)[:, None]
-    errors = [np.max(np.abs(np.einsum("js,ijn->isn", w, differences)), axis=1) for w in (twice, once)]
-    return np.hstack([h**2 * errors[0], h * errors[1]])

@@ -1,4 +1,4 @@
-"""Intervals of a motion, each integrated again from its own mesh point."""
+"""Errors of the intervals of a motion: inside them, and at their ends if each is integrated again from its start."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from ...equations.numeric import NumericEquations
 from ...equations.recovery import Recovery
+from ...numerics.collocation import gauss
 from ...numerics.console import call
 from ..transcription.motion import Polynomials
 
@@ -41,6 +42,27 @@ def end_errors(motion: Polynomials) -> np.ndarray:
     q = recovery.positions(times, reached[:, :n])
     v = recovery.velocities(times, q, reached[:, n : 2 * n])
     return np.abs(np.hstack([q, v, reached[:, 2 * n :]]) - states[1:])
+
+
+def inner_errors(motion: Polynomials) -> np.ndarray:
+    """Return the largest errors inside all intervals to first order, by accelerations that forces do not give (N, 2 n).
+
+    With the difference r at a point s of an interval of length h: ``h ∫ r ds`` in
+    the velocities and ``h² ∫∫ r ds ds`` in the coordinates. At the ends of the
+    intervals these may vanish by the choice of the stages, whatever the errors
+    there; inside they do not, and are larger than those that remain at the ends.
+    """
+    scheme, numeric, count = motion.scheme, motion.numeric, len(motion.intervals)
+    rule = gauss(scheme.stages.size + 2)
+    size = rule.degree
+    intervals = np.repeat(np.arange(count), size)
+    t, q, v, a, z, _, u, _ = (x.T for x in motion.at(intervals, np.tile(rule.points, count)))
+    forced = numeric.forward_dynamics(redundant=scheme.redundant)(t, q, v, z, u, numeric.p)[0].full()
+    differences = (forced - a).T.reshape(count, size, -1)
+    _, once, twice = rule.basis(np.r_[rule.points, 1.0])
+    h = np.diff(motion.times)[:, None]
+    errors = [np.max(np.abs(np.einsum("js,ijn->isn", w, differences)), axis=1) for w in (twice, once)]
+    return np.hstack([h**2 * errors[0], h * errors[1]])
 
 
 def _integrator(numeric: NumericEquations, degree: int, *, redundant: bool) -> ca.Function:

@@ -26,6 +26,9 @@ DEFAULTS = {
     "ipopt.max_iter": 1000,
     "ipopt.mumps_permuting_scaling": 0,
     "ipopt.mumps_pivot_order": 0,
+    # workspace beyond the estimate, in per cent, which MUMPS is given anew if it is too small: with the default of 1000
+    # a twentieth to a seventh of the time of a solve was spent on memory
+    "ipopt.mumps_mem_percent": 20,
     "ipopt.mu_strategy": "adaptive",
     # progress by the residual of the optimality conditions, and no barrier above the scale of the program: of the
     # programs of the examples some needed half the iterations, and none failed by rounding of its data any more
