@@ -77,7 +77,8 @@ class Violation:
         return self.tau
 
     def __str__(self) -> str:
-        return f"{self.label} by {self.violation:.3g} {self.unit} at t = {self.time:.6g} s"
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.label} by {self.violation:.3g}{unit} at t = {self.time:.6g} s"
 
 
 class OptimizationError(MechanismError):
@@ -87,8 +88,8 @@ class OptimizationError(MechanismError):
     ----------
     largest_violations : list of Violation
         The largest first.
-    partial : Solution
-        The last iterate; it is not a solution.
+    partial : Solution or None
+        The last iterate; it is not a solution. None if a place is out of reach, and nothing was solved.
     reached : Solution or None
         The last solution of a continuation, or of a refinement of the mesh, that did not reach its end.
     conflict : tuple of Violation
@@ -158,7 +159,7 @@ def infeasible(
     """
     least = max(tolerance, SMALL_SHARE * max(slacks.values()))
     conflict = tuple(_conflicts(solution, {label: x for label, x in slacks.items() if x > least}))
-    listed = ", ".join(map(str, conflict[:3])) + ("" if len(conflict) <= 3 else f" and {len(conflict) - 3} more")
+    listed = _listed(list(map(str, conflict)), 3)
     text = (
         f"the problem seems infeasible: the least violation of its demands, from {starts} starts, is not zero; "
         f"violated then: {listed}; {_without_message(failure)}"
@@ -166,6 +167,30 @@ def infeasible(
     error = _instead_of(failure, text)
     error.conflict = conflict
     return error
+
+
+def out_of_reach(place: str, missed: Sequence[Violation], held_by: Sequence[str], starts: int) -> OptimizationError:
+    """Return the error for a place that the linkage seems not to reach, before anything was solved.
+
+    `missed` are the conditions that are not met in the pose that comes nearest to the place, of those found from so
+    many starts, and `held_by` the joints and limits that keep it from going on.
+    """
+    held = f", held back by {_listed(held_by)}" if held_by else ""
+    error = OptimizationError(
+        f"the problem seems infeasible: {place} is out of reach; in the pose that comes nearest, of those found from "
+        f"{starts} starts, violated are: {_listed(list(map(str, missed)))}{held}; change the target, dimensions or "
+        "limits (nothing was solved yet)",
+        largest_violations=missed,
+        partial=None,
+        time=missed[0].time,
+    )
+    error.conflict = tuple(missed)
+    return error
+
+
+def _listed(names: Sequence[str], most: int = 4) -> str:
+    """Names in a row, of many the first ones."""
+    return ", ".join(names[:most]) + ("" if len(names) <= most else f" and {len(names) - most} more")
 
 
 def not_found(failure: OptimizationError, stages: list[str]) -> OptimizationError:

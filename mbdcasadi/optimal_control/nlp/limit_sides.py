@@ -10,7 +10,6 @@ import numpy as np
 from ...model.symbols import Symbol, place_of
 from .collocation_program import Bounds, CollocationProgram
 from .phase_program import PhaseProgram
-from .rows import OWN_UNIT
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ def sides_of(program: CollocationProgram) -> Iterator[Side]:
             limit = symbol.upper if sign > 0 else symbol.lower
             for place, intervals in _variables_of(phase, symbol):
                 size = float(program.scale[place])
-                stands = size, OWN_UNIT, phase.number, intervals, 0.0, True
+                stands = size, condition.unit, phase.number, intervals, 0.0, True
                 yield Side(condition.label, sign, program.lower.size + place, limit / size, *stands, is_row=False)
 
 
