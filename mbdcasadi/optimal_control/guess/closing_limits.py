@@ -152,7 +152,7 @@ class LimitSearch:
             self._by_detours,
         ]
         # without a solution without limits, what is said to be in conflict comes before detours and more iterations
-        searches.insert(2 if free is None else 4, partial(self._by_violation, failure))
+        searches.insert(2 if free is None else 4, partial(self._by_violation, failure, free))
         solutions = (search() for search in searches)
         closed = next((solution for solution in solutions if solution is not None), None)
         if closed is None:
@@ -269,7 +269,7 @@ class LimitSearch:
         return solution if branch_jump(solution) is None else None
 
     # --- the least violation --------------------------------------------------------------------
-    def _by_violation(self, failure: OptimizationError) -> Solution | None:
+    def _by_violation(self, failure: OptimizationError, free: Solution | None) -> Solution | None:
         """Solution from a motion that meets all demands; None if no such motion was found.
 
         Raises
@@ -304,20 +304,32 @@ class LimitSearch:
         agreeing = sum(total <= (1 + SAME_VIOLATION) * least[0] for total, *_ in conflicting)
         if self._least < (1 - SAME_VIOLATION) * least[0]:
             return None
-        if agreeing >= STARTS + (agreeing < len(conflicting)):
-            raise infeasible(failure, *least[1:], agreeing, FEASIBLE) from None
-        return None
+        if agreeing < STARTS + (agreeing < len(conflicting)):
+            return None
+        solution, slacks, met = self._widened(least[1] if free is None else free)
+        if met and sum(slacks.values()) <= FEASIBLE:
+            return self._solved(self._guess_of(solution), "all limits, from a motion that meets them", CLOSING_ITERATIONS)
+        widened = (solution, slacks) if met else None
+        raise infeasible(failure, least[1:], widened, agreeing, FEASIBLE) from None
 
-    def _least_violation(self, near: Guess, weights: Sequence[float]) -> tuple[Solution, dict[str, float], bool]:
+    def _widened(self, solution: Solution) -> tuple[Solution, dict[str, float], bool]:
+        """Least violation of limits alone, near to a motion, with all conditions met; whether it was found."""
+        return self._least_violation(self._guess_of(solution), NEARNESS, limits_alone=True)
+
+    def _least_violation(
+        self, near: Guess, weights: Sequence[float], *, limits_alone: bool = False
+    ) -> tuple[Solution, dict[str, float], bool]:
         """Least violation from a guess, less and less near to it; as :meth:`ProblemSolver.least_violation`."""
         for weight in weights:
-            result = self._solver.least_violation(self._meshes, near, VIOLATION_ITERATIONS, weight)
+            result = self._solver.least_violation(
+                self._meshes, near, VIOLATION_ITERATIONS, weight, limits_alone=limits_alone
+            )
             solution, slacks, succeeded = result
             total = sum(slacks.values())
             if not succeeded or total <= FEASIBLE:
                 break
             near = self._guess_of(solution)
-        self._note(solution, f"least violation, {total:.2g} in all")
+        self._note(solution, f"least violation{' of limits alone' if limits_alone else ''}, {total:.2g} in all")
         return result
 
 
