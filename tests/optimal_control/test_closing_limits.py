@@ -149,7 +149,7 @@ def test_another_mesh_if_the_first_solve_runs_out_of_iterations(monkeypatch):
 def test_infeasible_from_several_starts():
     """Half a turn in 0.2 s by 0.1 N m: the limit is in conflict with the end; both are named with sizes.
 
-    A motor that pulls with ``4 π / T²`` and as much the other way makes half a turn without gravity, which is 3 % of it.
+    A motor of ``4 π / T²`` one way and then the other makes half a turn without gravity, which is 3 % of it.
     """
     problem, *_ = swing_up(0.1, 0.2)
     with pytest.raises(mbd.OptimizationError, match=r"the problem seems infeasible: .* from \d starts") as caught:
@@ -203,9 +203,7 @@ def test_limits_that_would_have_to_be_wider_come_first(unit):
 def test_both_sides_of_a_limit_widen_together():
     """The least violation of a limit of speed of 0.5 m/s for a mean of 1 m/s, there and back, is 0.5 m/s a side."""
     problem, _u, block = rest_to_rest(0.0, 2.0)
-    limited = problem.replace(
-        path=[mbd.bounded(-0.5, block.vx, 0.5)], waypoints=[mbd.Waypoint(1.0, [block.x == 1])]
-    )
+    limited = problem.replace(path=[mbd.bounded(-0.5, block.vx, 0.5)], waypoints=[mbd.Waypoint(1.0, [block.x == 1])])
     with pytest.raises(mbd.OptimizationError, match="wider limits") as caught:
         mbd.optimize(limited, intervals=20)
     wider = {violation.label: violation for violation in caught.value.conflict[:2]}
@@ -231,7 +229,10 @@ def test_reactions_have_the_names_of_their_joints():
         mbd.optimize(problem, intervals=10)
     said = str(caught.value)
     assert "reaction of pin.x" in said and ".lam" not in said.partition("least met is")[0]
-    assert caught.value.conflict[0].violation == pytest.approx(0.5 * 9.81, rel=0.2) and caught.value.conflict[0].unit == "N"
+    assert (
+        caught.value.conflict[0].violation == pytest.approx(0.5 * 9.81, rel=0.2)
+        and caught.value.conflict[0].unit == "N"
+    )
 
 
 @pytest.mark.slow

@@ -17,8 +17,9 @@ class ElasticProgram:
 
     The sum of the slacks is least, but for half the square of the distance from the guess, with a weight `nearness`,
     and the cost of the program itself, with a weight `cost_weight`; equations of motion, constraints and continuity
-    hold, and with `limits_alone` equalities that the user stated. With a weight of the cost that is small enough the slacks are an exact penalty. A sum that ends above zero is
-    a least violation near its start, since the program is not convex.
+    hold, and with `limits_alone` equalities that the user stated. With a weight of the cost that is small enough the
+    slacks are an exact penalty. A sum that ends above zero is a least violation near its start, since the program is
+    not convex.
     """
 
     def __init__(
