@@ -99,11 +99,17 @@ class Body(Immutable, HoldsSymbols, HasQuantities):
         roles = []
         for levels in names:
             symbols = [ca.SX.sym(f"{self.name}.{level}") for level in levels]
-            for kind, level, symbol, rate in zip(
-                ("position", "velocity", "acceleration"), levels, symbols, [*symbols[1:], None], strict=True
+            unit = "rad" if levels[0] == "phi" else "m"
+            for kind, level, symbol, rate, per in zip(
+                ("position", "velocity", "acceleration"),
+                levels,
+                symbols,
+                [*symbols[1:], None],
+                ("", "/s", "/s²"),
+                strict=True,
             ):
                 setattr(self, level, symbol)
-                roles.append(register(symbol, kind, f"{self.name}.{level}", self, rate))
+                roles.append(register(symbol, kind, f"{self.name}.{level}", self, rate, unit + per))
         self._roles = tuple(roles)
 
     @classmethod

@@ -19,6 +19,7 @@ from ..numerics.lazy import cached_property
 from ..printing import to_text
 from .quantities import quantity
 from .symbols import role_of, symbols_of
+from .units import unit_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +46,11 @@ class Condition:
         """Kinds of the symbols that occur (see ``symbols.KINDS``)."""
         roles = map(role_of, self.symbols)
         return frozenset(role.kind for role in roles if role is not None)
+
+    @cached_property
+    def unit(self) -> str:
+        """Unit of the expression; empty if it is not known."""
+        return unit_of(self.expression)
 
     def depends_on(self, *kinds: str) -> bool:
         """Return True if a symbol of one of the kinds occurs (see ``symbols.KINDS``)."""

@@ -46,14 +46,16 @@ class Role:
     owner: Any
     #: its rate of change, if that is a symbol or a number
     rate: Any = None
+    #: its unit; empty if it is not known
+    unit: str = ""
 
 
 _ROLES: weakref.WeakValueDictionary[int, Role] = weakref.WeakValueDictionary()
 
 
-def register(symbol: ca.SX, kind: str, label: str, owner: Any = None, rate: Any = None) -> Role:
+def register(symbol: ca.SX, kind: str, label: str, owner: Any = None, rate: Any = None, unit: str = "") -> Role:
     """Register the role of a symbol; it lasts as long as the caller keeps the :class:`Role`."""
-    role = Role(kind, label, owner, rate)
+    role = Role(kind, label, owner, rate, unit)
     _ROLES[symbol.element_hash()] = role
     return role
 
@@ -178,8 +180,9 @@ class Input(Symbol):
             check_name(unit, f"input '{label}': unit")
         self.unit = unit
         self.rate = ca.SX.sym(f"{label}.rate")
-        self._rate_role = register(self.rate, "input rate", f"{label}.rate", owner=self)
-        self._role = register(self, "input", label, rate=self.rate)
+        per_second = "" if unit is None else f"{unit}/s"
+        self._rate_role = register(self.rate, "input rate", f"{label}.rate", owner=self, unit=per_second)
+        self._role = register(self, "input", label, rate=self.rate, unit=unit or "")
         self._take(f"input '{label}'", value, lower, upper)
 
     @property
@@ -299,7 +302,7 @@ class Coordinate(Symbol):
 
 #: Time, s.
 t = ca.SX.sym("t")
-_TIME_ROLE = register(t, "time", "t", rate=ca.SX(1))
+_TIME_ROLE = register(t, "time", "t", rate=ca.SX(1), unit="s")
 
 
 def as_expression(value: Any, what: str) -> ca.SX:

@@ -254,24 +254,39 @@ def nearest_by_ipopt(
 ) -> np.ndarray:
     """Return the last iterate of IPOPT, from which simpler steps may find a solution that they did not find before.
 
+    Arguments are those of :func:`nearest_finder`; `target` (n,) is the start, and the point to be near to.
+    """
+    return nearest_finder(unknowns, equalities, inequalities, weights)(target)
+
+
+def nearest_finder(
+    unknowns: ca.SX, equalities: Sequence[ca.SX], inequalities: Sequence[ca.SX], weights: np.ndarray
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Return a function from a target, which is the start as well, to the last iterate of IPOPT.
+
     Parameters
     ----------
     unknowns : casadi.SX
         (n,).
     equalities, inequalities : sequence of casadi.SX
         In the unknowns alone, ``== 0`` and ``<= 0``.
-    target : numpy.ndarray
-        Start, and the point to be near to.
     weights : numpy.ndarray
         Metric (n,).
     """
-    away = unknowns - ca.DM(target)
+    target = ca.SX.sym("target", unknowns.numel())
+    away = unknowns - target
     distance = 0.5 * ca.dot(ca.DM(weights) * away, away)
     equal, unequal = (ca.vertcat(ca.SX(0, 1), *rows) for rows in (equalities, inequalities))
     lower = np.r_[np.zeros(equal.numel()), np.full(unequal.numel(), -np.inf)]
-    problem = {"x": unknowns, "f": distance, "g": ca.densify(ca.vertcat(equal, unequal))}
+    problem = {"x": unknowns, "p": target, "f": distance, "g": ca.densify(ca.vertcat(equal, unequal))}
     silent = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False, "expand": True}
     options = {"print_level": 0, "sb": "yes", "max_iter": 300, "tol": 1e-10}
     with quiet():
         solver = ca.nlpsol("nearest", "ipopt", problem, silent | {"ipopt": options})
-        return solver(x0=target, lbg=lower, ubg=0)["x"].full().ravel()
+
+    def find(point: np.ndarray) -> np.ndarray:
+        with quiet():
+            x: np.ndarray = solver(x0=point, p=point, lbg=lower, ubg=0)["x"].full().ravel()
+        return x
+
+    return find

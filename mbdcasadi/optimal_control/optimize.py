@@ -3,7 +3,8 @@
 In the order in which they are passed:
 
 1. :mod:`problem`, of phases (:mod:`phase`): the statement, checked by :mod:`checks.consistency`.
-2. :mod:`search`: the attempts that are made, and what follows if they fail.
+2. :mod:`search`: the attempts that are made, and what follows if they fail; :mod:`checks.reach` looks before them
+   whether the linkage reaches waypoints and ends.
 3. :mod:`nlp.problem_setup`: parameters, first state, poses on the way, and what the programs of a phase share.
 4. :mod:`guess.multistart`: motions to start from.
 5. :mod:`nlp.collocation_program`, by a scheme of :mod:`transcription`: the nonlinear program on a mesh.
@@ -116,10 +117,11 @@ def optimize(
     Raises
     ------
     OptimizationError
-        If the solver does not succeed: its status in words,
-        ``.largest_violations`` with labels, the last iterate in ``.partial``. Also if no mesh was found that meets
-        the `tolerance`, or if the mesh is so coarse that a linkage jumps to another branch within an interval, or an
-        interval ends far off the motion, and finer ones do not help; then ``.partial`` is the solution on the last one.
+        If a waypoint or the end is out of reach, before anything is solved; if the solver does not succeed: its status
+        in words, ``.largest_violations`` with labels, the last iterate in ``.partial``. Also if no mesh was found that
+        meets the `tolerance`, or if the mesh is so coarse that a linkage jumps to another branch within an interval, or
+        an interval ends far off the motion, and finer ones do not help; then ``.partial`` is the solution on the last
+        one.
     Interrupted
         After Ctrl-C: ``.partial`` is the best solution so far, or the last iterate if there is none yet.
 

@@ -1,5 +1,7 @@
 """Search for a solution: the attempts that are made, in their order.
 
+Before them it is looked whether the linkage reaches the waypoints and the end at all, see :mod:`checks.reach`.
+
 1. The problem is solved from every guess, see :func:`best_of`: an open chain in its angles alone, in which fewer
    iterations are needed, and in all coordinates if that fails; on a fine mesh from the solution on a coarse one, see
    :func:`solve_coarse_first`.
@@ -28,6 +30,7 @@ from ..arguments.values import pairs_of
 from ..errors import ModelError
 from ..numerics.lazy import cached_property
 from .checks.failure import OptimizationError
+from .checks.reach import check_reach
 from .guess.closing_limits import LimitSearch, may_go_on
 from .guess.guess import Guess
 from .guess.multistart import at_rest, best_of, guesses, random_detour
@@ -145,8 +148,11 @@ class Search:
     def _attempt(self, settings: Settings, parameters: Any, guess: Any, starts: Any, *, refined: bool) -> _Attempt:
         solver = ProblemSolver(self.problem, settings, parameters, self.initial, self.best)
         meshes = self._meshes(solver.setups, guess.solution if isinstance(guess, Shifted) else guess)
+        candidates = guesses(solver, starts, guess)
+        if not self.is_known(guess):
+            check_reach(solver, candidates)
         further = FURTHER_ITERATIONS if starts is None else None
-        return _Attempt(solver, meshes, guesses(solver, starts, guess), refined, further)
+        return _Attempt(solver, meshes, candidates, refined, further)
 
 
 @dataclass

@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
-from motions import crank_rocker, half_turn, rest_to_rest, swing_up
+from motions import crank_rocker, guided_block, half_turn, pendulum, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
 from mbdcasadi.optimal_control import search
@@ -147,14 +147,21 @@ def test_another_mesh_if_the_first_solve_runs_out_of_iterations(monkeypatch):
 
 
 def test_infeasible_from_several_starts():
-    """Half a turn in 0.2 s by 0.1 N m: a tenth of the limit is in conflict with the end; both are named with sizes."""
+    """Half a turn in 0.2 s by 0.1 N m: the limit is in conflict with the end; both are named with sizes.
+
+    A motor of ``4 π / T²`` one way and then the other makes half a turn without gravity, which is 3 % of it.
+    """
     problem, *_ = swing_up(0.1, 0.2)
     with pytest.raises(mbd.OptimizationError, match=r"the problem seems infeasible: .* from \d starts") as caught:
         mbd.optimize(problem, intervals=10)
     conflict = caught.value.conflict
-    assert conflict[0].label == "final: bob.phi == 3.14159" and conflict[0].time == pytest.approx(0.2)
-    assert 3 < conflict[0].violation < np.pi
-    assert str(conflict[0]) in str(caught.value)
+    assert {violation.label for violation in conflict[:2]} == {"tau <= 0.1", "tau >= -0.1"}
+    wider = np.mean([violation.violation for violation in conflict[:2]])
+    assert wider == pytest.approx(4 * np.pi / 0.2**2 - 0.1, rel=0.05)
+    assert conflict[2].label == "final: bob.phi == 3.14159" and conflict[2].time == pytest.approx(0.2)
+    assert 3 < conflict[2].violation < np.pi and conflict[2].unit == "rad"
+    said = str(caught.value)
+    assert all(str(violation) in said for violation in conflict[:3]) and said.index("tau <= 0.1") < said.index("final")
 
 
 @pytest.mark.slow
@@ -163,9 +170,69 @@ def test_a_conflict_of_known_size():
     problem, _, block = rest_to_rest(1.0, 1.0, lower=-8, upper=8)
     with pytest.raises(mbd.OptimizationError, match="infeasible") as caught:
         mbd.optimize(problem.replace(waypoints=[mbd.Waypoint(0.25, [block.x == 3])]), intervals=8)
-    (violation,) = caught.value.conflict
-    assert violation.label == "waypoint 1: block.x == 3"
+    *limits, violation = caught.value.conflict
+    assert violation.label == "waypoint 1: block.x == 3" and violation.unit == "m"
     assert violation.violation == pytest.approx(2.75, rel=1e-6)
+    # without the waypoint missed, 3 m in 0.25 s take 96 N
+    assert {limit.label for limit in limits} == {"u <= 8", "u >= -8"}
+    assert max(limit.violation for limit in limits) >= 88 * (1 - 1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("unit", [None, "N"])
+def test_limits_that_would_have_to_be_wider_come_first(unit):
+    """A force of 3.8 N for 4 N: both sides are named, each by 0.2 N, with the unit of the input if it has one."""
+    u = mbd.Input("u", lower=-3.8, upper=3.8, unit=unit)
+    block, mechanism = guided_block(1.0, u)
+    problem = mbd.OptimalControlProblem(
+        mechanism,
+        duration=1.0,
+        initial=[block.x == 0, block.vx == 0],
+        final=[block.x == 1, block.vx == 0],
+        running_cost=u**2,
+    )
+    with pytest.raises(mbd.OptimizationError, match=r"met with wider limits: u .* by 0\.2.*violated then: ") as caught:
+        mbd.optimize(problem, intervals=20)
+    first, second = caught.value.conflict[:2]
+    assert {first.label, second.label} == {"u <= 3.8", "u >= -3.8"} and first.unit == (unit or "")
+    assert first.violation == pytest.approx(0.2, rel=1e-5) and second.violation == pytest.approx(0.2, rel=1e-5)
+    assert "units of the condition" not in str(caught.value)
+
+
+@pytest.mark.slow
+def test_both_sides_of_a_limit_widen_together():
+    """The least violation of a limit of speed of 0.5 m/s for a mean of 1 m/s, there and back, is 0.5 m/s a side."""
+    problem, _u, block = rest_to_rest(0.0, 2.0)
+    limited = problem.replace(path=[mbd.bounded(-0.5, block.vx, 0.5)], waypoints=[mbd.Waypoint(1.0, [block.x == 1])])
+    with pytest.raises(mbd.OptimizationError, match="wider limits") as caught:
+        mbd.optimize(limited, intervals=20)
+    wider = {violation.label: violation for violation in caught.value.conflict[:2]}
+    assert set(wider) == {"block.vx <= 0.5", "-0.5 <= block.vx"}
+    for violation in wider.values():
+        assert 0.5 < violation.violation < 0.7 and violation.unit == "m/s"  # a start from rest takes longer
+
+
+@pytest.mark.slow
+def test_reactions_have_the_names_of_their_joints():
+    """A pin that carries half the weight that hangs on it; its two components are named by joint and row."""
+    bob, tau, mechanism = pendulum()
+    pin = mechanism.joints[0]
+    problem = mbd.OptimalControlProblem(
+        mechanism,
+        0.5,
+        initial=[bob.phi == 0, bob.omega == 0],
+        final=[bob.phi == 0.1, bob.omega == 0],
+        path=[mbd.norm(pin.reaction_on(bob).force) <= 0.5 * 9.81],
+        running_cost=tau**2,
+    )
+    with pytest.raises(mbd.OptimizationError, match="infeasible") as caught:
+        mbd.optimize(problem, intervals=10)
+    said = str(caught.value)
+    assert "reaction of pin.x" in said and ".lam" not in said.partition("least met is")[0]
+    assert (
+        caught.value.conflict[0].violation == pytest.approx(0.5 * 9.81, rel=0.2)
+        and caught.value.conflict[0].unit == "N"
+    )
 
 
 @pytest.mark.slow
@@ -243,9 +310,9 @@ def test_the_least_violation_does_not_depend_on_its_start(monkeypatch):
     """7.6 N move 2 kg by 0.95 m in 1 s where 8 N move them by 1 m: from all five starts the end is missed by 0.05 m."""
     original, totals = ProblemSolver.least_violation, []
 
-    def recorded(self, meshes, guess, limit, nearness, cost_weight=0.0):
-        result = original(self, meshes, guess, limit, nearness, cost_weight)
-        if not cost_weight:
+    def recorded(self, meshes, guess, limit, nearness, cost_weight=0.0, *, limits_alone=False):
+        result = original(self, meshes, guess, limit, nearness, cost_weight, limits_alone=limits_alone)
+        if not cost_weight and not limits_alone:
             totals.append((nearness, sum(result[1].values())))
         return result
 
@@ -254,7 +321,7 @@ def test_the_least_violation_does_not_depend_on_its_start(monkeypatch):
     problem, _u, _block = rest_to_rest(1.0, 1.0, lower=-3.8, upper=3.8)
     with pytest.raises(mbd.OptimizationError, match="seems infeasible: .* from 5 starts") as caught:
         mbd.optimize(problem, intervals=40)
-    (violation,) = caught.value.conflict
+    violation = caught.value.conflict[-1]
     assert violation.label == "final: block.x == 1" and violation.violation == pytest.approx(0.05, rel=1e-3)
     last = [total for nearness, total in totals if nearness == closing_limits.NEARNESS[-1]]
     assert len(last) == 5 and max(last) <= min(last) * (1 + 1e-3)
@@ -266,8 +333,8 @@ def test_several_least_violations_are_no_evidence(monkeypatch):
     factors = [1.0] * 5 + [1.0, 1.0, 1.2, 1.2, 1.4, 1.4, 1.6, 1.6, 1.8, 1.8]
     original, factor = ProblemSolver.least_violation, iter(factors)
 
-    def scattered(self, *arguments):
-        solution, slacks, succeeded = original(self, *arguments)
+    def scattered(self, *arguments, **more):
+        solution, slacks, succeeded = original(self, *arguments, **more)
         by = 1.5 if len(arguments) == 5 else float(next(factor))  # with penalties there is a weight of the cost
         return solution, {label: by * slack for label, slack in slacks.items()}, succeeded
 

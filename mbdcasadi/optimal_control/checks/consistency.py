@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import casadi as ca
@@ -26,6 +26,8 @@ from .condition_rank import ranks_of
 
 #: Violation of a limit from which conditions contradict it, relative to its values.
 CONTRADICTION_TOLERANCE = 1e-6
+#: Random poses from which other branches of a linkage are looked for.
+BRANCHES = 48
 
 
 def own_limits(mechanism: Mechanism) -> dict[Condition, tuple[Symbol, int]]:
@@ -108,25 +110,59 @@ def check_end(
         limits = [limit for limit in limits if known[limit] is None]
         if not limits:
             return
+    when = 0.0 if name == "initial" else phase.span[1] if time is None else time
     try:
-        when = 0.0 if name == "initial" else phase.span[1] if time is None else time
-        with without_warnings():  # the state is not used as a pose: its branch does not matter
-            state = consistent_start(ranks.numeric, rows, when, read_signals(eom, None))
+        state = _state_under(ranks.numeric, rows, when)
     except (AssemblyError, ConditionError) as error:
         if contradiction and free_poses(problem, phase, ranks.numeric, [PosedPlace(when, rows)]) is None:
             raise ConditionError(f"{name}: the conditions contradict each other or the constraints: {error}") from None
-        return  # whether the linkage reaches there is for the solver to find out
-    parts = [c.expression.dep(0) if c.expression.n_dep() else ca.SX(0) for c in limits]
-    _refuse_broken(
-        name, {c: (float(state[c.expression]), 1 + abs(float(state[x]))) for c, x in zip(limits, parts, strict=True)}
-    )
+        return  # whether the linkage reaches there is looked at before the problem is solved
+    broken = _broken(_excess(limits, state))
+    if broken and name != "initial":  # a motion may end on another branch than that of the estimate
+        broken = _broken_everywhere(broken, ranks.numeric, rows, when)
+    _refuse_broken(name, broken)
+
+
+def _state_under(
+    numeric: NumericEquations, rows: Sequence[Condition], time: float, near: np.ndarray | None = None
+) -> State:
+    """A state that meets conditions; raises as :func:`consistent_start` does."""
+    with without_warnings():
+        return consistent_start(numeric, rows, time, read_signals(numeric.eom, None), near)
+
+
+def _excess(limits: Iterable[Condition], state: State) -> dict[Condition, tuple[float, float]]:
+    """Values of limits in a state, each with its size."""
+    parts = {c: c.expression.dep(0) if c.expression.n_dep() else ca.SX(0) for c in limits}
+    return {c: (float(state[c.expression]), 1 + abs(float(state[x]))) for c, x in parts.items()}
+
+
+def _broken(values: dict[Condition, tuple[float, float]]) -> dict[Condition, tuple[float, float]]:
+    """Those of the limits with their values and sizes that are not met."""
+    return {c: pair for c, pair in values.items() if pair[0] > CONTRADICTION_TOLERANCE * pair[1]}
+
+
+def _broken_everywhere(
+    broken: dict[Condition, tuple[float, float]], numeric: NumericEquations, rows: Sequence[Condition], time: float
+) -> dict[Condition, tuple[float, float]]:
+    """Those of broken limits that are so on all branches that are found from random poses."""
+    random, turn = np.random.default_rng(0), 2 * np.pi * numeric.typical_step
+    for _ in range(BRANCHES):
+        near = numeric.eom.estimate[0] + turn * random.uniform(-1, 1, turn.size)
+        try:
+            there = _broken(_excess(broken, _state_under(numeric, rows, time, near)))
+        except (AssemblyError, ConditionError):
+            continue
+        broken = {c: pair for c, pair in broken.items() if c in there}
+        if not broken:
+            break
+    return broken
 
 
 def _refuse_broken(name: str, values: dict[Condition, tuple[float, float]]) -> None:
     """Refuse limits that values at a place, each with its size, do not meet."""
-    for limit, (amount, size) in values.items():
-        if amount > CONTRADICTION_TOLERANCE * size:
-            raise ConditionError(f"{name}: the conditions contradict the path condition {limit.label} by {amount:.3g}")
+    for limit, (amount, _size) in _broken(values).items():
+        raise ConditionError(f"{name}: the conditions contradict the path condition {limit.label} by {amount:.3g}")
 
 
 def _refuse_empty_limits(phase: Phase) -> None:

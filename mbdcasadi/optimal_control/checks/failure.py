@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ...errors import MechanismError
@@ -14,6 +15,7 @@ from ..nlp.limits import label_of
 from ..nlp.rows import violations
 from ..nlp.solvers.base import UNBOUNDED_COST
 from ..solution import Solution
+from ..statement import ProblemStatement
 from .expressions import kinks_in_costs, kinks_in_path, not_finite
 
 #: Violation of a scaled row from which it is reported.
@@ -77,7 +79,8 @@ class Violation:
         return self.tau
 
     def __str__(self) -> str:
-        return f"{self.label} by {self.violation:.3g} {self.unit} at t = {self.time:.6g} s"
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.label} by {self.violation:.3g}{unit} at t = {self.time:.6g} s"
 
 
 class OptimizationError(MechanismError):
@@ -87,13 +90,14 @@ class OptimizationError(MechanismError):
     ----------
     largest_violations : list of Violation
         The largest first.
-    partial : Solution
-        The last iterate; it is not a solution.
+    partial : Solution or None
+        The last iterate; it is not a solution. None if a place is out of reach, and nothing was solved.
     reached : Solution or None
         The last solution of a continuation, or of a refinement of the mesh, that did not reach its end.
     conflict : tuple of Violation
-        Demands that cannot be met together, and by how much they are violated where all violations together are
-        least; empty if the problem does not seem infeasible.
+        Demands that cannot be met together. First limits, with the amounts by which they would have to be wider for all
+        conditions to be met; then other demands, by how much they are violated where all violations together are least.
+        Empty if the problem does not seem infeasible.
     """
 
     reached: Any = None
@@ -148,24 +152,66 @@ def is_unbounded(solution: Solution) -> bool:
     return solution.cost < UNBOUNDED_COST * solution.program.cost_scale
 
 
+#: A motion, and scaled amounts by which it violates demands, by label.
+Violated = tuple[Solution, dict[str, float]]
+
+
 def infeasible(
-    failure: OptimizationError, solution: Solution, slacks: dict[str, float], starts: int, tolerance: float
+    failure: OptimizationError, least: Violated, widened: Violated | None, starts: int, tolerance: float
 ) -> OptimizationError:
     """Return the error for a problem whose least violation ends above zero: strong evidence, but no proof.
 
-    `failure` is that with which the search began, `solution` the motion of the least violation, with scaled violations
-    `slacks` by label, found from so many starts; a demand counts as violated from the scaled `tolerance` on.
+    `failure` is that with which the search began, `least` the motion of the least violation, found from so many starts,
+    and `widened` one that violates limits alone, if there is one; a demand counts as violated from the scaled
+    `tolerance` on.
     """
-    least = max(tolerance, SMALL_SHARE * max(slacks.values()))
-    conflict = tuple(_conflicts(solution, {label: x for label, x in slacks.items() if x > least}))
-    listed = ", ".join(map(str, conflict[:3])) + ("" if len(conflict) <= 3 else f" and {len(conflict) - 3} more")
+    together = _conflicts(*least, tolerance)
+    limits = [] if widened is None else _conflicts(*widened, tolerance)
+    wider = f"all conditions could be met with wider limits: {_listed(list(map(str, limits)), 3)}; " if limits else ""
     text = (
-        f"the problem seems infeasible: the least violation of its demands, from {starts} starts, is not zero; "
-        f"violated then: {listed}; {_without_message(failure)}"
+        f"the problem seems infeasible: {wider}the least violation of all its demands together, from {starts} starts, "
+        f"is not zero; violated then: {_listed(list(map(str, together)), 3)}; {_without_message(failure)}"
     )
-    error = _instead_of(failure, text)
-    error.conflict = conflict
+    error = _instead_of(failure, _in_plain_names(text, failure.partial.problem))
+    named = {violation.label for violation in limits}
+    error.conflict = (*limits, *(violation for violation in together if violation.label not in named))
     return error
+
+
+def _in_plain_names(text: str, problem: ProblemStatement) -> str:
+    """Text with names of rows in place of the symbols of their reactions."""
+    names = {
+        symbol.name(): f"reaction of {name}"
+        for phase in problem.phases
+        for symbol, name in zip(ca.vertsplit(phase.equations.lam), phase.equations.row_names, strict=True)
+    }
+    for label in sorted(names, key=len, reverse=True):
+        text = text.replace(label, names[label])
+    return text
+
+
+def out_of_reach(place: str, missed: Sequence[Violation], held_by: Sequence[str], starts: int) -> OptimizationError:
+    """Return the error for a place that the linkage seems not to reach, before anything was solved.
+
+    `missed` are the conditions that are not met in the pose that comes nearest to the place, of those found from so
+    many starts, and `held_by` the joints and limits that keep it from going on.
+    """
+    held = f", held back by {_listed(held_by)}" if held_by else ""
+    error = OptimizationError(
+        f"the problem seems infeasible: {place} is out of reach; in the pose that comes nearest, of those found from "
+        f"{starts} starts, violated are: {_listed(list(map(str, missed)))}{held}; change the target, dimensions or "
+        "limits (nothing was solved yet)",
+        largest_violations=missed,
+        partial=None,
+        time=missed[0].time,
+    )
+    error.conflict = tuple(missed)
+    return error
+
+
+def _listed(names: Sequence[str], most: int = 4) -> str:
+    """Names in a row, of many the first ones."""
+    return ", ".join(names[:most]) + ("" if len(names) <= most else f" and {len(names) - most} more")
 
 
 def not_found(failure: OptimizationError, stages: list[str]) -> OptimizationError:
@@ -191,8 +237,10 @@ def _without_message(failure: OptimizationError) -> str:
     return text.removeprefix(status).removeprefix("; ").removeprefix(" ")
 
 
-def _conflicts(solution: Solution, slacks: dict[str, float]) -> list[Violation]:
-    """Violations by label, the largest first; each where it is largest."""
+def _conflicts(solution: Solution, slacks: dict[str, float], tolerance: float) -> list[Violation]:
+    """Violations by label, the largest first, each where it is largest; those beside which they are small left out."""
+    least = max(tolerance, SMALL_SHARE * max(slacks.values(), default=0.0))
+    slacks = {label: slack for label, slack in slacks.items() if slack > least}
     sides = LimitSides(solution.program, conditions=True).sides
     values = np.r_[solution.answer.rows, solution.variables / solution.program.scale]
     violations = []

@@ -7,23 +7,27 @@ else. So the search goes on, until a solution is found:
    its way may be an accident of the mesh,
 2. without limits, and from there with all of them, on a mesh twice as fine if it is coarse for that motion,
 3. with violations of limits and conditions at a price beside the cost, from the motion without limits, from the first
-   guess, and from simulated motions under random inputs; and with all demands from motions that come near to them,
+   guess, from simulated motions under random inputs, and from motions to other poses at the end; and with all demands
+   from motions that come near to them,
 4. from the first guess with more iterations, if the solver had run out of them,
 5. from detours (a weak motor swings a pendulum up in several swings),
 6. with the least sum of all violations, from several starts.
 
-Only if that ends above zero, and at the same least violation from several starts, does the problem seem infeasible. If
-the problem is not solved without its limits either, the violations come first, and detours at last.
+Only if that ends above zero, and at the same least violation from several starts, does the problem seem infeasible. The
+least violation of limits alone, with all conditions met, then says which of them would have to be wider. If the problem
+is not solved without its limits either, the violations come first, and detours at last.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
+from ...numerics.lazy import cached_property
 from ..checks.branch import branch_jump
 from ..checks.expressions import kinks_in_costs, kinks_in_path
 from ..checks.failure import OptimizationError, infeasible, is_unbounded, not_found
@@ -35,7 +39,7 @@ from ..refinement.local_error import COARSE_ERROR, Coarseness
 from ..refinement.mesh import Mesh, interval_count
 from ..solution import Solution
 from .guess import Guess
-from .multistart import random_motions
+from .multistart import other_ends, random_motions
 
 #: Messages of the solver after which the search goes on.
 RESUMABLE = (
@@ -148,11 +152,12 @@ class LimitSearch:
         searches: list[Callable[[], Solution | None]] = [
             partial(self._close_in, free),
             partial(self._by_random_motions, free),
+            self._by_other_ends,
             partial(self._by_more_iterations, failure),
             self._by_detours,
         ]
         # without a solution without limits, what is said to be in conflict comes before detours and more iterations
-        searches.insert(2 if free is None else 4, partial(self._by_violation, failure))
+        searches.insert(3 if free is None else 5, partial(self._by_violation, failure, free))
         solutions = (search() for search in searches)
         closed = next((solution for solution in solutions if solution is not None), None)
         if closed is None:
@@ -210,6 +215,16 @@ class LimitSearch:
                 return solved
         return None
 
+    @cached_property
+    def _other_ends(self) -> list[Guess]:
+        """Motions that end in other poses than the first guess."""
+        return other_ends(self._solver)
+
+    def _by_other_ends(self) -> Solution | None:
+        """The first solution from motions to other poses at the end; None if there is none."""
+        solved = (self._by_penalties(guess, guess.description) for guess in self._other_ends)
+        return next((solution for solution in solved if solution is not None), None)
+
     def _by_penalties(self, guess: Guess, description: str) -> Solution | None:
         """Solution from a motion whose violations have a price that rises, if this comes near to all demands."""
         before = np.inf
@@ -219,7 +234,7 @@ class LimitSearch:
             )
             total = sum(slacks.values())
             self._note(solution, f"violations at a price, from {description}, {total:.2g} in all")
-            if not succeeded or branch_jump(solution) is not None:
+            if (not succeeded and total > NEAR) or branch_jump(solution) is not None:
                 return None
             if total < self._least:
                 self._least, self._nearest = total, solution
@@ -269,7 +284,7 @@ class LimitSearch:
         return solution if branch_jump(solution) is None else None
 
     # --- the least violation --------------------------------------------------------------------
-    def _by_violation(self, failure: OptimizationError) -> Solution | None:
+    def _by_violation(self, failure: OptimizationError, free: Solution | None) -> Solution | None:
         """Solution from a motion that meets all demands; None if no such motion was found.
 
         Raises
@@ -282,13 +297,15 @@ class LimitSearch:
         arguable = arguable and not kinks_in_path(problem)
         nearest = self._guess if self._nearest is None else self._guess_of(self._nearest)
         starts = (lambda: nearest, lambda: self._second, *[self._detour] * DETOURED_STARTS)
-        guesses: Iterable[Guess] = (start() for start in starts)
+        guesses: Iterable[Guess] = itertools.chain((start() for start in starts), self._other_ends)
         # near to all starts first, which often ends at a motion that meets all; the rest is for what is in conflict
         for weights in (NEARNESS[:1], NEARNESS[1:]):
             conflicting: list[tuple[float, Solution, dict[str, float]]] = []
             for guess in guesses:
                 solution, slacks, succeeded = self._least_violation(guess, weights)
                 total = sum(slacks.values())
+                if branch_jump(solution) is not None:
+                    continue  # no motion
                 if total <= FEASIBLE:
                     arguable = False
                     found = "all limits, from a motion that meets them"
@@ -304,20 +321,39 @@ class LimitSearch:
         agreeing = sum(total <= (1 + SAME_VIOLATION) * least[0] for total, *_ in conflicting)
         if self._least < (1 - SAME_VIOLATION) * least[0]:
             return None
-        if agreeing >= STARTS + (agreeing < len(conflicting)):
-            raise infeasible(failure, *least[1:], agreeing, FEASIBLE) from None
-        return None
+        if agreeing < STARTS + (agreeing < len(conflicting)):
+            return self._from_nearest(self._guess_of(least[1])) if least[0] <= NEAR else None
+        solution, slacks, met = self._widened(least[1] if free is None else free)
+        if met and sum(slacks.values()) <= FEASIBLE:
+            return self._solved(
+                self._guess_of(solution), "all limits, from a motion that meets them", CLOSING_ITERATIONS
+            )
+        widened = (solution, slacks) if met else None
+        raise infeasible(failure, least[1:], widened, agreeing, FEASIBLE) from None
 
-    def _least_violation(self, near: Guess, weights: Sequence[float]) -> tuple[Solution, dict[str, float], bool]:
+    def _from_nearest(self, guess: Guess) -> Solution | None:
+        """Solution from the motion of the least violation of all, on a mesh twice as fine if the mesh may be so."""
+        meshes = [mesh.split(2) for mesh in self._meshes] if self._refined else self._meshes
+        return self._solved(guess, "all limits, from the motion nearest to them", CLOSING_ITERATIONS, meshes)
+
+    def _widened(self, solution: Solution) -> tuple[Solution, dict[str, float], bool]:
+        """Least violation of limits alone, near to a motion, with all conditions met; whether it was found."""
+        return self._least_violation(self._guess_of(solution), NEARNESS, limits_alone=True)
+
+    def _least_violation(
+        self, near: Guess, weights: Sequence[float], *, limits_alone: bool = False
+    ) -> tuple[Solution, dict[str, float], bool]:
         """Least violation from a guess, less and less near to it; as :meth:`ProblemSolver.least_violation`."""
         for weight in weights:
-            result = self._solver.least_violation(self._meshes, near, VIOLATION_ITERATIONS, weight)
+            result = self._solver.least_violation(
+                self._meshes, near, VIOLATION_ITERATIONS, weight, limits_alone=limits_alone
+            )
             solution, slacks, succeeded = result
             total = sum(slacks.values())
             if not succeeded or total <= FEASIBLE:
                 break
             near = self._guess_of(solution)
-        self._note(solution, f"least violation, {total:.2g} in all")
+        self._note(solution, f"least violation{' of limits alone' if limits_alone else ''}, {total:.2g} in all")
         return result
 
 

@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from ...assembly.pose import PoseProblem
 from ...errors import MechanismError, ModelError
 from ...model.symbols import Input
 from ...numerics.console import without_warnings
+from ...numerics.least_squares import largest
 from ...numerics.newton import solve
 from ...numerics.rank import analyse_rank
 from ...numerics.symbolic import numeric_work, symbolic
@@ -24,7 +26,7 @@ from ..nlp.problem_solver import ProblemSolver
 from ..nlp.setup import PhaseSetup
 from ..nlp.solvers.base import Elsewhere
 from ..nlp.statistics import Attempt
-from ..phase import Phase
+from ..phase import Phase, on_positions, with_parameters
 from ..refinement.coarse_first import solve_coarse_first
 from ..refinement.mesh import Mesh
 from ..solution import Shifted, Solution
@@ -35,6 +37,9 @@ from .kinematic_guess import STEPS, KinematicPath, has_free_path
 Outcome = tuple[list[Attempt], Solution | OptimizationError]
 #: Motions that are simulated under random inputs, half waves of these, and their largest values as shares of the peak.
 RANDOM_MOTIONS, RANDOM_WAVES, RANDOM_SHARES = 20, 3, (0.3, 1.0)
+#: Random poses from which other ends are assembled, difference from which a pose is another one, rad or sizes of the
+#: mechanism, and number of those that are tried.
+END_STARTS, ANOTHER, OTHER_ENDS = 16, 0.2, 2
 #: Relative difference of costs below which solutions are the same.
 SAME_COST = 1e-6
 
@@ -236,6 +241,48 @@ def _detour(
         q = outcome.x if outcome.converged else q
         moved.append(q)
     return kinematic_guess(setup.loads, start, replace(path, poses=np.array(moved))), waves
+
+
+def other_ends(solver: ProblemSolver) -> list[Guess]:
+    """Motions that end in another pose than the usual one: with the other elbow, or on another branch of a loop.
+
+    The coordinates lead there evenly, past a singular pose if one is on the way. None for several phases, with
+    waypoints, or if the end is given as a state.
+    """
+    setup, phase = solver.setups[0], solver.problem.phases[0]
+    if len(solver.problem.phases) > 1 or phase.waypoints or isinstance(phase.final, State):
+        return []
+    conditions = [c for c in (*phase.final, *phase.path) if c.equality and on_positions(c.expression)]
+    extra = dict(zip(solver.problem.free_parameters, solver.free_values.tolist(), strict=True))
+    conditions = with_parameters(conditions, solver.problem.extra_parameters(phase), extra)
+    (start, path), numeric, random = _start_of(solver, setup), setup.numeric, np.random.default_rng(0)
+    sizes, place = numeric.scale.coordinates, PoseProblem(numeric, conditions, float(path.times[-1]), start.z)
+    ends = [path.poses[-1]]
+    for _ in range(END_STARTS):
+        try:
+            with without_warnings():
+                q = place.solve(
+                    ends[0] + np.where(numeric.eom.angles, np.pi, sizes) * random.uniform(-1, 1, sizes.size)
+                )
+        except MechanismError:
+            continue
+        if all(largest((q - other) / sizes) > ANOTHER for other in ends):
+            ends.append(q)
+    ends[1:] = sorted(ends[1:], key=lambda q: float(np.sum(numeric.weights * (q - start.q) ** 2)))
+    parts = [kinematic_guess(setup.loads, start, _straight(setup, path, q)) for q in ends[1 : OTHER_ENDS + 1]]
+    return [_guess(solver, [part], "kinematic, to another pose at the end") for part in parts]
+
+
+def _straight(setup: PhaseSetup, path: KinematicPath, end: np.ndarray) -> KinematicPath:
+    """Poses whose coordinates lead evenly from the first one of a path to an end, as nearly as the joints let them."""
+    numeric, times = setup.numeric, path.times
+    shares = (times - times[0]) / (times[-1] - times[0])
+    poses = []
+    for time, share in zip(times.tolist(), shares.tolist(), strict=True):
+        q = path.poses[0] + share * (end - path.poses[0])
+        outcome = solve(partial(numeric.position, time), q, numeric.weights, iterations=30)
+        poses.append(outcome.x if outcome.converged else q)
+    return replace(path, poses=np.array(poses))
 
 
 def best_of(

@@ -65,7 +65,8 @@ def by_continuation(steps: list[dict[Any, float]], solve: Callable[..., Solution
         try:
             following = solve(values, near, first=solution is None, last=last)
         except OptimizationError as error:
-            for_the_mesh = error.reached is not None or error.partial.statistics.passes  # solved, but not refined
+            # solved, but not refined
+            for_the_mesh = error.reached is not None or (error.partial and error.partial.statistics.passes)
             if solution is None or inserted >= INSERTED or for_the_mesh:
                 where = ", ".join(f"{key.label} = {value:.6g}" for key, value in values.items())
                 error.args = (f"continuation stopped at {where}: {error}",)

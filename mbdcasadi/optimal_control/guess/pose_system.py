@@ -17,7 +17,7 @@ from ..statement import ProblemStatement
 #: Weight of a change of a parameter by its own size, relative to that of a typical step of the heaviest body.
 PARAMETER_WEIGHT = 1e-2
 #: Phase, time, s, and pose in the coordinates of the phase.
-Place = tuple[Phase, float, ca.SX]
+Place = tuple[Phase, float | ca.SX, ca.SX]
 
 
 class PoseSystem:

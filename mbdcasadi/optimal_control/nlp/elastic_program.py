@@ -13,17 +13,26 @@ from .sparse_program import derivatives_for_ipopt
 
 
 class ElasticProgram:
-    """A program in which one slack for each limit and each condition adds to what its rows allow.
+    """A program in which one slack for each limit, and each condition, adds to what its rows allow.
 
     The sum of the slacks is least, but for half the square of the distance from the guess, with a weight `nearness`,
     and the cost of the program itself, with a weight `cost_weight`; equations of motion, constraints and continuity
-    hold. With a weight of the cost that is small enough the slacks are an exact penalty. A sum that ends above zero is
-    a least violation near its start, since the program is not convex.
+    hold, and with `limits_alone` equalities that the user stated. With a weight of the cost that is small enough the
+    slacks are an exact penalty. A sum that ends above zero is a least violation near its start, since the program is
+    not convex.
     """
 
-    def __init__(self, program: CollocationProgram, bounds: Bounds, nearness: float, cost_weight: float = 0.0):
+    def __init__(
+        self,
+        program: CollocationProgram,
+        bounds: Bounds,
+        nearness: float,
+        cost_weight: float = 0.0,
+        *,
+        limits_alone: bool = False,
+    ):
         self.program, self._bounds, self._nearness, self._cost_weight = program, bounds, nearness, cost_weight
-        sides = LimitSides(program, conditions=True)
+        sides = LimitSides(program, at_places=True, conditions=not limits_alone)
         self.labels = list(sides.sides)
         n, m, count = program.size, sides.row_count, len(self.labels)
         places = [sides.places(label, sign) for sign in (1, -1) for label in self.labels]
@@ -34,7 +43,14 @@ class ElasticProgram:
         for k, own in enumerate(places):
             rows = [place if place < m else m + int(np.searchsorted(self._yielding, place - m)) for place in own]
             pattern[rows, k] = 1.0 if k < count else -1.0
-        self._slacks = ca.sparsify(ca.DM(pattern))
+        single = [side.place for of in sides.sides.values() for side in of if side.equality and not side.repeated]
+        #: rows of which both sides yield: the lower ones become rows of their own, since a slack that both share would
+        #: narrow one side as it widens the other; not those of an equality at one place
+        both = np.flatnonzero((pattern[:, :count] > 0).any(axis=1) & (pattern[:, count:] < 0).any(axis=1))
+        self._both = np.setdiff1d(both, single)
+        below = np.hstack([np.zeros((self._both.size, count)), pattern[self._both, count:]])
+        pattern[self._both, count:] = 0.0
+        self._slacks = ca.sparsify(ca.DM(np.vstack([pattern, below])))
         self._n, self._m, self._count = n, m, 2 * count
 
     @property
@@ -45,7 +61,7 @@ class ElasticProgram:
     @property
     def rows(self) -> int:
         """Number of rows."""
-        return self._m + int(self._yielding.size)
+        return self._m + int(self._yielding.size) + int(self._both.size)
 
     def solver(self, options: dict[str, Any]) -> ca.Function:
         """IPOPT with all derivatives given; parameters are those of the program and the guess."""
@@ -61,10 +77,12 @@ class ElasticProgram:
             own, own_slopes = derivatives["grad_f"](x, data)
             cost, slopes_of_cost = cost + weight * own, slopes_of_cost + weight * own_slopes
         gradient = ca.vertcat(slopes_of_cost, ca.MX.ones(self._count))
-        rows = ca.vertcat(rows, x[yielding]) - ca.mtimes(self._slacks, slacks)
+        stacked, both = self._m + len(yielding), self._both.tolist()
+        repeated = ca.vertcat(ca.DM.eye(stacked), ca.DM.eye(stacked)[both, :])
+        rows = ca.mtimes(repeated, ca.vertcat(rows, x[yielding])) - ca.mtimes(self._slacks, slacks)
         picked = ca.DM.eye(n)[yielding, :]
-        slopes = ca.horzcat(ca.vertcat(jacobian, picked), -self._slacks)
-        hessian = derivatives["hess_lag"](x, data, lam_f * weight, lam_g[: self._m])
+        slopes = ca.horzcat(ca.mtimes(repeated, ca.vertcat(jacobian, picked)), -self._slacks)
+        hessian = derivatives["hess_lag"](x, data, lam_f * weight, ca.mtimes(repeated.T, lam_g)[: self._m])
         hessian += lam_f * self._nearness * ca.DM.eye(n)
         hessian = ca.diagcat(hessian, ca.MX(self._count, self._count))
         functions = derivatives_for_ipopt((y, p, lam_f, lam_g), (cost, gradient), (rows, slopes), hessian)
@@ -84,6 +102,8 @@ class ElasticProgram:
         low = np.r_[bounds.rows_lower, bounds.lower[self._yielding]]
         high = np.r_[bounds.rows_upper, bounds.upper[self._yielding]]
         values = np.r_[rows, x0[self._yielding]]
+        low, high = np.r_[low, low[self._both]], np.r_[high, np.full(self._both.size, np.inf)]
+        low[self._both], values = -np.inf, np.r_[values, values[self._both]]
         passed = np.abs(self._slacks.full()) * np.maximum(np.maximum(values - high, low - values), 0.0)[:, None]
         slacks = np.max(passed, axis=0, initial=0.0)
         return {

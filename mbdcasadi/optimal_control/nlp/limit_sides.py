@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...model.symbols import Symbol, place_of
+from ..state_conditions import IMPLIED
 from .collocation_program import Bounds, CollocationProgram
 from .phase_program import PhaseProgram
-from .rows import OWN_UNIT
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def sides_of(program: CollocationProgram) -> Iterator[Side]:
             limit = symbol.upper if sign > 0 else symbol.lower
             for place, intervals in _variables_of(phase, symbol):
                 size = float(program.scale[place])
-                stands = size, OWN_UNIT, phase.number, intervals, 0.0, True
+                stands = size, condition.unit, phase.number, intervals, 0.0, True
                 yield Side(condition.label, sign, program.lower.size + place, limit / size, *stands, is_row=False)
 
 
@@ -74,16 +74,18 @@ def _variables_of(phase: PhaseProgram, symbol: Symbol) -> Iterator[tuple[int, tu
 class LimitSides:
     """Limits that hold throughout the phases of a program, by label.
 
-    With `conditions`, those at places count too, and equalities with both sides.
+    With `at_places`, those of waypoints, ends and integrals count too, and with `conditions` all that the user stated,
+    equalities with both sides.
     """
 
-    def __init__(self, program: CollocationProgram, *, conditions: bool = False):
+    def __init__(self, program: CollocationProgram, *, at_places: bool = False, conditions: bool = False):
         self.sides: dict[str, list[Side]] = {}
         self.row_count = program.lower.size
         throughout = [{c.label for c in (*p.phase.path, *p.limit_owners)} for p in program.phases]
         for side in sides_of(program):
             held = not side.is_row or (not side.equality and program.rows[side.place].label in throughout[side.phase])
-            if held or conditions:
+            placed = at_places and not side.equality and not side.label.endswith(IMPLIED)
+            if held or placed or conditions:
                 self.sides.setdefault(side.label, []).append(side)
 
     def places(self, label: str, sign: int) -> list[int]:

@@ -20,7 +20,7 @@ from ..problem import OptimalControlProblem
 from ..refinement.mesh import Mesh
 from ..transcription.points import CollocationPoint, Interval
 from .blocks import Block, Edge, Unknowns
-from .rows import OWN_UNIT, Rows, condition_rows, stack
+from .rows import Rows, condition_rows, stack
 from .scaling import Sizes, parameter_size
 from .setup import PhaseSetup
 from .sparse_program import MappedBlock
@@ -247,7 +247,7 @@ class PhaseProgram:
             gain = unknowns.next_integrals[k] - unknowns.integrals[k]
             row = gain - self._integral(placeholder.expression, points, unknowns)
             size = self.point_scale[self.scheme.point_size + k :][:1]
-            groups.append(Rows(row, (f"accumulation of {placeholder.label}",), 1.0, size, (OWN_UNIT,)))
+            groups.append(Rows(row, (f"accumulation of {placeholder.label}",), 1.0, size, ("",)))
         groups += self._path_rows(unknowns, points)
         return unknowns, groups, self._integral(self.phase.running_cost, points, unknowns)
 

@@ -134,16 +134,23 @@ class ProblemSolver(ProblemSetup):
         return self._kept(begin, result), result.succeeded
 
     def least_violation(
-        self, meshes: Sequence[Mesh], guess: Guess, limit: int, nearness: float, cost_weight: float = 0.0
+        self,
+        meshes: Sequence[Mesh],
+        guess: Guess,
+        limit: int,
+        nearness: float,
+        cost_weight: float = 0.0,
+        *,
+        limits_alone: bool = False,
     ) -> tuple[Solution, dict[str, float], bool]:
-        """Look for the motion that violates limits and conditions least.
+        """Look for the motion that violates limits and conditions least, or limits alone and no condition.
 
         The squared distance from the guess, which singles out one of many such motions, has the weight `nearness`, and
         the cost of the problem itself a `cost_weight`. Returned are the last iterate, scaled amounts by which demands
         are violated, by label, and whether the solver succeeded.
         """
         begin = self._beginning(meshes, guess)
-        elastic = ElasticProgram(begin.program, begin.bounds, nearness, cost_weight)
+        elastic = ElasticProgram(begin.program, begin.bounds, nearness, cost_weight, limits_alone=limits_alone)
         result, slacks = self._nlp_solver.least_violation(begin, elastic, limit)
         return self._kept(begin, result), slacks, result.succeeded
 

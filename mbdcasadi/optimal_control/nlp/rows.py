@@ -10,9 +10,6 @@ import numpy as np
 
 from ...model.conditions import Condition
 
-#: Unit of a row whose expression the user wrote.
-OWN_UNIT = "in the units of the condition"
-
 
 class Row(NamedTuple):
     """One row of a program; see :class:`Rows`.
@@ -116,7 +113,7 @@ def condition_rows(
                 tuple(prefix + c.label for c in chosen),
                 tau,
                 np.array([sizes[c] for c in chosen]),
-                (OWN_UNIT,) * len(chosen),
+                tuple(c.unit for c in chosen),
                 equality,
                 condition=True,
                 spans=np.array([c.span if other else np.inf for c, other in zip(chosen, pairs, strict=True)]),

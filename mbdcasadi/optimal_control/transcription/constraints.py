@@ -9,7 +9,7 @@ import numpy as np
 
 from ...equations.reduced import ReducedEquations
 from ...model.conditions import Condition, stacked
-from ..nlp.rows import OWN_UNIT, Rows
+from ..nlp.rows import Rows
 from ..nlp.scaling import Scales
 
 
@@ -78,7 +78,7 @@ class MotionConstraints:
         names = [self.eom.row_names[k] for k in self.rows]
         names += [f"path condition {c.label}" for c in self.path_constraints]
         units = [("rad" if self.eom.angular_rows[k] else "m") + per for k in self.rows]
-        return names, units + [OWN_UNIT] * len(self.path_constraints)
+        return names, units + [""] * len(self.path_constraints)
 
     def position_rows(self, q: ca.SX, t: ca.SX, p: ca.SX, tau: float, scales: Scales) -> Rows:
         """``Phi = 0``."""

@@ -1,0 +1,186 @@
+"""Waypoints and ends out of reach are reported before anything is solved; what can be reached is never refused."""
+
+import numpy as np
+import pytest
+from motions import LENGTHS, crank_rocker, half_turn
+
+import mbdcasadi as mbd
+
+
+def arm(count=2, length=0.5, parameters=()):
+    """A chain of driven links in the horizontal plane, stretched along x; its links, hinges, last point and torques."""
+    links, hinges, motors, last = [], [], [], mbd.ground.at(0, 0)
+    torques = [mbd.Input(f"tau {k}") for k in range(count)]
+    for k, torque in enumerate(torques):
+        link = mbd.Body(f"link {k}", mass=1.0, inertia=0.03, pose=((k + 0.5) * 0.5, 0, 0))
+        hinges.append(mbd.Revolute(f"hinge {k}", last, link.at(-length / 2, 0)))
+        motors.append(mbd.Torque(f"motor {k}", link, torque, *links[-1:]))
+        links.append(link)
+        last = link.at(length / 2, 0)
+    mechanism = mbd.Mechanism(links, hinges, forces=motors, inputs=torques, parameters=list(parameters))
+    return mechanism, links, last, torques
+
+
+def reaching(x, y, *, path=(), waypoint=None, free=(), length=0.5, count=2):
+    """The arm from rest to rest at a place of its last point."""
+    mechanism, links, tip, torques = arm(count, length, free)
+    rest = [link.omega == 0 for link in links]
+    start = [link.phi == angle for link, angle in zip(links, (0.3, 0.8, 1.0), strict=False)]
+    waypoints = [] if waypoint is None else [mbd.Waypoint(0.5, [tip.x == waypoint[0], tip.y == waypoint[1]])]
+    return mbd.OptimalControlProblem(
+        mechanism,
+        duration=1.0,
+        initial=[*start, *rest],
+        final=[tip.x == x, tip.y == y, *rest],
+        path=path(links, tip) if callable(path) else path,
+        waypoints=waypoints,
+        running_cost=sum(torque**2 for torque in torques),
+        free_parameters=free,
+    )
+
+
+def refused(problem, **settings):
+    """The error of a problem that is refused before anything is solved."""
+    with pytest.raises(mbd.OptimizationError, match="out of reach") as caught:
+        mbd.optimize(problem, **settings)
+    error = caught.value
+    assert error.partial is None and "nothing was solved" in str(error)
+    assert error.conflict == tuple(error.largest_violations) and "infeasible" in str(error)
+    return error
+
+
+def test_an_end_out_of_reach():
+    """A target 1.3 m away and an arm of 1 m, which stretches towards it: the rest of 0.3 m is missed."""
+    error = refused(reaching(1.2, 0.5))
+    missed = {violation.label.split(" + ")[0]: violation for violation in error.conflict}
+    assert missed["final: link 1.x"].violation == pytest.approx(1.2 * 0.3 / 1.3, rel=1e-3)
+    assert missed["final: link 1.y"].violation == pytest.approx(0.5 * 0.3 / 1.3, rel=1e-3)
+    assert all(v.unit == "m" and v.time == 1.0 for v in error.conflict) and error.time == 1.0
+    assert "the end is out of reach" in str(error) and "held back by 'hinge 0', 'hinge 1'" in str(error)
+    assert "by 0.277 m at t = 1 s" in str(error)
+
+
+def test_a_waypoint_out_of_reach():
+    error = refused(reaching(0.6, 0.3, waypoint=(0.0, -1.1)))
+    assert "waypoint 1 is out of reach" in str(error) and error.time == 0.5
+    (violation,) = error.conflict
+    assert violation.violation == pytest.approx(0.1, rel=1e-4) and "link 1.y" in violation.label
+
+
+def rocker_range():
+    """Least and largest angle of the rocker on the upper branch, where crank and coupler are in line."""
+    a, b, c, d = LENGTHS
+    return [np.pi - np.arccos((c**2 + d**2 - (b + side * a) ** 2) / (2 * c * d)) for side in (1, -1)]
+
+
+@pytest.mark.parametrize("goal", [0.2, np.pi])
+def test_an_angle_between_the_branches(goal):
+    """The rocker reaches a range of angles, and on the other branch its mirror image: not what is between these."""
+    f = crank_rocker()
+    low, high = rocker_range()
+    error = refused(half_turn(f, final=[f.rocker.phi == goal, f.rocker.omega == 0]), intervals=10)
+    (violation,) = error.conflict
+    assert violation.label == f"final: rocker.phi == {goal:.6g}" and violation.unit == "rad"
+    missed = max(low - goal, goal - high)
+    assert violation.violation == pytest.approx(missed, rel=1e-4)
+    for joint in ("O2", "A", "B", "O4"):
+        assert f"'{joint}'" in str(error)
+
+
+def test_whole_turns_are_poses_of_their_own():
+    """A goal a few turns away is met by the pose of the other branch there: this is left to the solver."""
+    f = crank_rocker()
+    turned = half_turn(f, final=[f.rocker.phi == 2.0 + 6 * np.pi, f.rocker.omega == 0])
+    with pytest.raises(mbd.OptimizationError) as caught:
+        mbd.optimize(turned, intervals=10, options={"ipopt.max_iter": 5})
+    assert "out of reach" not in str(caught.value)
+
+
+def test_joints_that_hold_nothing_back_are_not_named():
+    """A second loop that is far from its limits does not keep the rocker from going on."""
+    f = crank_rocker()
+    swing = mbd.Body("swing", mass=0.1, inertia=1e-3, pose=(0.3, -0.2, 0))
+    loose = mbd.Revolute("loose", mbd.ground.at(0.3, -0.1), swing.at(0, 0.1))
+    wider = f.mechanism.replace(bodies=[*f.mechanism.bodies, swing], joints=[*f.mechanism.joints, loose])
+    error = refused(half_turn(f, mechanism=wider, final=[f.rocker.phi == np.pi]))
+    assert "'O4'" in str(error) and "loose" not in str(error)
+
+
+def test_limits_of_joints_take_part():
+    """A target that an arm reaches with its elbow bent by 2 rad, and which lets it bend by 1 rad alone."""
+    goal = np.sqrt(0.5 + 0.5 * np.cos(2.0))  # links of 0.5 m
+
+    def limited(most):
+        return reaching(goal, 0.0, path=lambda links, _: [mbd.bounded(-most, links[1].phi - links[0].phi, most)])
+
+    assert mbd.optimize(limited(2.05), intervals=10).cost > 0
+    error = refused(limited(1.0))
+    labels = [violation.label for violation in error.conflict]
+    assert any("link 1.phi - link 0.phi" in label for label in labels) and any("final" in label for label in labels)
+
+
+def test_the_other_elbow_is_found():
+    """The assembly bends the elbow to the side that a limit forbids, which contradicts nothing: there is another one."""
+    problem = reaching(0.3, 0.5, path=lambda links, _: [links[1].phi - links[0].phi <= 0.6])
+    solution = mbd.optimize(problem, intervals=20)
+    links = problem.mechanism.bodies
+    assert solution.trajectory.final[links[1].phi - links[0].phi] < 0
+
+
+@pytest.mark.parametrize("longest", [0.6, 0.7])
+def test_free_lengths_take_part(longest):
+    """Two links of free length reach 1.3 m if each may be longer than 0.65 m; else the limit is named."""
+    length = mbd.Parameter("l", 0.5, lower=0.3, upper=longest)
+    problem = reaching(1.2, 0.5, free=[length], length=length)
+    if longest > 0.65:
+        assert mbd.optimize(problem, intervals=10).parameters[length] >= 0.65 - 1e-9
+        return
+    error = refused(problem)
+    assert sum(v.violation**2 for v in error.conflict) == pytest.approx((1.3 - 2 * longest) ** 2, rel=1e-2)
+    assert f"l <= {longest:g}" in str(error)
+
+
+def carried(duration):
+    """An arm of 1 m whose base a drive moves along x at 1 m/s; its tip shall be at x = 3, y = 0."""
+    base = mbd.Body("base", mass=1.0, inertia=0.1)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), base.at(0, 0))
+    tau = mbd.Input("tau")
+    link = mbd.Body("link", mass=1.0, inertia=0.1, pose=(0.5, 0, 0))
+    hinge = mbd.Revolute("hinge", base.at(0, 0), link.at(-0.5, 0))
+    mechanism = mbd.Mechanism(
+        [base, link], [rail, hinge], drivers=[mbd.Driver("drive", base.x, mbd.t)],
+        forces=[mbd.Torque("motor", link, tau)], inputs=[tau],
+    )  # fmt: skip
+    tip = link.at(0.5, 0)
+    return mbd.OptimalControlProblem(
+        mechanism, duration, initial=[link.phi == 1, link.omega == 0], final=[tip.x == 3], running_cost=tau**2
+    )
+
+
+def test_free_times_take_part():
+    """The base is within 1 m of the goal from t = 2 s on."""
+    assert mbd.optimize(carried((0.5, 2.5)), intervals=10).duration >= 2 - 1e-9
+    error = refused(carried((0.5, 1.5)))
+    assert error.conflict[0].violation == pytest.approx(0.5, rel=1e-4) and error.time == pytest.approx(1.5, rel=1e-4)
+    assert "'drive'" in str(error)
+
+
+@pytest.mark.parametrize("distance", [0.9, 1.2])
+def test_a_latch_out_of_reach(distance):
+    """What the mechanism of the next phase closes belongs to the end of the phase before."""
+    mechanism, links, tip, torques = arm()
+    latch = mbd.Revolute("latch", mbd.ground.at(distance, 0.0), tip)
+    latched = mechanism.replace(joints=[*mechanism.joints, latch])
+    come = mbd.Phase(
+        "come", mechanism, 1.0, initial=[links[0].phi == 0.3, links[1].phi == 1, *[b.omega == 0 for b in links]],
+        running_cost=torques[0] ** 2 + torques[1] ** 2,
+    )  # fmt: skip
+    problem = mbd.OptimalControlProblem(phases=[come, mbd.Phase("latched", latched, 0)])
+    if distance < 1:
+        assert mbd.optimize(problem, intervals=10).cost > 0
+        return
+    error = refused(problem, intervals=10)
+    assert "the end of phase 'come' is out of reach" in str(error)
+    (violation,) = error.conflict
+    assert violation.label == "change into phase 'latched': latch.x closes"
+    assert violation.violation == pytest.approx(0.2, rel=1e-4) and violation.unit == "m"
