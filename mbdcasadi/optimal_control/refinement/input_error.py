@@ -8,12 +8,16 @@ an interval with a kink, whose neighbours it leads astray, agrees with one of th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ...numerics.real import stretches
 from ..nlp.scaling import SMALLEST_SHARE
 from ..phase_solution import PhaseSolution
+from ..solved_motion import SolvedMotion
 from .measure import Measure
+from .switches import arcs_of, jumps_of, shares_of
 
 #: Points of an interval at which the product of the distances is looked at, both ends included.
 POINTS = 41
@@ -24,11 +28,12 @@ KINK_SHARE = 0.01
 CONTINUOUS = 4.0
 
 
-def input_errors(part: PhaseSolution, *, worse: bool = False) -> np.ndarray:
+def input_errors(part: PhaseSolution, *, worse: bool = False, jumps: Sequence[int] = ()) -> np.ndarray:
     """Return the errors of the inputs in each interval as shares of their largest values (N, n_u).
 
-    By the neighbour that agrees better, or by the one that agrees `worse`, except across waypoints and mesh points that
-    move with a switch, where inputs may jump.
+    By the neighbour that agrees better, or by the one that agrees `worse`, except across waypoints, mesh points that
+    move with a switch and further `jumps`.
+    An interval alone between two of these is off by its term of the highest degree, or by less.
     Zero for inputs whose course was chosen, constant or linear. Infinite on a mesh of one interval, which has no
     neighbours, if the inputs are no constants.
     """
@@ -52,11 +57,16 @@ def input_errors(part: PhaseSolution, *, worse: bool = False) -> np.ndarray:
     earlier, later = slice(0, -1), slice(1, None)
     errors[0, later] = differences(later, earlier, (before - 1) * lengths[earlier], before)
     errors[1, earlier] = differences(earlier, later, lengths[earlier] + after * lengths[later], after)
+    piece = part.mesh.piece + np.searchsorted(np.sort(jumps), np.arange(count), side="right")
+    if count > 1:
+        alone, degree = np.bincount(piece)[piece] == 1, coefficients.shape[1] - 1
+        bent = np.abs(coefficients[:, -1]) * lengths[:, None] ** degree if degree else errors[0]
+        errors[0, alone] = np.minimum(errors[0], bent)[alone]
     sizes = _sizes(part, coefficients, lengths[:, None] * taus)
     errors_at: np.ndarray = np.min(errors, axis=0)
     if worse:
         alike = np.zeros((2, count, 1), bool)
-        alike[0, 1:, 0] = alike[1, :-1, 0] = part.mesh.piece[1:] == part.mesh.piece[:-1]
+        alike[0, 1:, 0] = alike[1, :-1, 0] = piece[1:] == piece[:-1]
         errors_at = np.maximum(errors_at, np.max(np.where(alike, errors, 0.0), axis=0))
     return errors_at / sizes * (CONTINUOUS if basis.joined else 1.0)
 
@@ -67,12 +77,17 @@ class UnresolvedInputs(Measure):
     Those that are above it on a stretch so short that it may enclose a switch, see :mod:`switches`, meet it too.
     """
 
+    def __init__(self, solution: SolvedMotion, tolerance: float):
+        self._shares = shares_of(solution)
+        super().__init__(solution, tolerance)
+
     def of(self, part: PhaseSolution) -> np.ndarray:
         """Largest error of an input in each interval of a phase (N,)."""
         unresolved, lengths = np.zeros(part.mesh.count), np.diff(part.mesh_times)
         shortest = np.sqrt(self.tolerance)
+        jumps = jumps_of(part, arcs_of(part, self._shares))
         for worse, share in ((False, shortest), (True, max(shortest, KINK_SHARE))):
-            errors = np.max(input_errors(part, worse=worse), axis=1, initial=0.0)
+            errors = np.max(input_errors(part, worse=worse, jumps=jumps), axis=1, initial=0.0)
             for run in stretches(errors > self.tolerance):
                 if np.sum(lengths[run]) > part.duration * share:
                     unresolved[run] = np.maximum(unresolved[run], errors[run])
@@ -89,6 +104,11 @@ class UnresolvedInputs(Measure):
         part, k = self.worst
         time = part.mesh_times[k]
         return [f"the inputs, which are off by about {self.largest:.2g} of their sizes at t = {time:.6g} s"]
+
+    @property
+    def loss(self) -> float:
+        """Squares of errors and stretches, near to an optimum."""
+        return float((self.spread / self.solution.duration) ** 2)
 
     @property
     def spread(self) -> float:

@@ -23,8 +23,13 @@ class PassedLimits(Measure):
         return shares
 
     def order(self, part: PhaseSolution) -> int:
-        """That of the scheme."""
-        return part.program.scheme.order
+        """Two: where a limit begins to hold a motion back the slopes jump, and it is passed on the way to a stage."""
+        return 2
+
+    @property
+    def loss(self) -> float:
+        """Largest share by which a limit is passed."""
+        return self.largest if self.largest > self.tolerance else 0.0
 
     def sentences(self) -> list[str]:
         """Limits with the amounts by which they are passed."""

@@ -46,10 +46,19 @@ class Measure(ABC):
     def sentences(self) -> list[str]:
         """Errors that do not meet the tolerance, in words, with the one to be reported first."""
 
+    def moved(self) -> list[Mesh] | None:
+        """Meshes by phase with points that resolve the errors by moving; None if there are none."""
+        return None
+
     @property
-    def moving(self) -> list[set[int]]:
-        """Mesh points that resolve an error by moving, by phase."""
-        return [set() for _ in self.errors]
+    def needs_limits(self) -> bool:
+        """True if these mesh points find their places only if limits hold at further points."""
+        return False
+
+    @property
+    def loss(self) -> float:
+        """Share of the cost by which it may be wrong, so that solutions can be compared."""
+        return 0.0
 
     @property
     def spread(self) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from ...errors import warn
 from ...numerics.console import interruptible
 from ..checks.failure import OptimizationError
+from ..nlp.held_limits import LIMIT_TOLERANCE
 from ..nlp.problem_solver import ProblemSolver
 from ..nlp.statistics import Attempt
 from ..solution import Solution
@@ -25,7 +26,16 @@ MEASURES: tuple[type[Measure], ...] = (UnresolvedSwitches, PassedLimits, Unresol
 #: Largest number of passes, and of intervals of a mesh.
 PASSES, INTERVALS = 12, 2000
 #: Passes in which mesh points around switches move; after these their intervals are split.
-MOVES = 3
+MOVES = 5
+#: Least and largest number of iterations that are left to a pass from a solution with small local errors.
+ITERATIONS = (100, 300)
+#: Multiple of the work of the first solve, in iterations times intervals, after which such a solution is not improved,
+#: unless the last pass did so.
+WORK = 20
+#: Number of passes with small local errors after which these end if none of them is better than the one before.
+PATIENCE = 3
+#: Multiple of the tolerance, as a share of the duration, below which errors times their stretches may rise for once.
+SMALL_SPREAD = 10
 #: Tolerance of the solver, by which it relaxes limits and may miss the least cost, both scaled.
 SOLVER_TOLERANCE = 1e-8
 #: Share of the tolerance below which the error of two merged intervals must be foreseen.
@@ -68,9 +78,13 @@ class _Refinement:
         self.resolves = False
         #: largest errors times their stretches, before the last pass that split intervals for these
         self.spread = np.inf
-        #: the last solution with small local errors, and what it does not meet
+        #: the best solution with small local errors, what it does not meet, and what is lost by that
         self.reached: tuple[Solution, str] | None = None
-        solver.limit_tolerance = tolerance
+        self.least = np.inf
+        #: number of solutions since then that are not better
+        self.in_vain = 0
+        #: True if the last one is far better than those before
+        self.gains = True
 
     def run(self) -> Solution:
         """Return the solution that meets the tolerance."""
@@ -79,9 +93,12 @@ class _Refinement:
             self._measure()
             if self.error <= self.tolerance and not self._missed():
                 return self.solution
-            meshes = self._meshes()
+            meshes = self._meshes() if self.in_vain < PATIENCE else None
             if meshes is None:
                 reason = "the errors do not fall any further"
+                break
+            if self.error <= self.tolerance and not self.gains and self._work() > WORK:
+                reason = f"the passes took {self._work():.0f} times the work of the first solve"
                 break
             if interval_count(meshes) > INTERVALS:
                 reason = f"the next mesh would have {interval_count(meshes)} intervals"
@@ -90,6 +107,16 @@ class _Refinement:
                 reason = "the solver fails on the next mesh"
                 break
         return self._given_up(reason)
+
+    def _work(self) -> float:
+        """Work of all passes but the first one, as a multiple of that."""
+        first, *others = (max(one.iterations, 1) * one.intervals for one in self.passes)
+        return sum(others) / first
+
+    def _iterations(self, meshes: list[Mesh]) -> int:
+        """Largest number of iterations of a pass on meshes, within the work that is left."""
+        left = (WORK - self._work()) * max(self.passes[0].iterations, 1) * self.passes[0].intervals
+        return int(np.clip(left / interval_count(meshes), *ITERATIONS))
 
     def _measure(self) -> None:
         """Errors of the intervals of the last solution, and its entry in the table of passes."""
@@ -105,9 +132,14 @@ class _Refinement:
         self.measures = [measure(self.solution, self.tolerance) for measure in MEASURES]
         # what mesh points that move did not resolve counts no more once the cost does not change
         done = self.resolves and self._is_settled()
-        missed = [m.sentences()[:1] for m in self.measures if not (done and any(m.moving))]
-        self.reached = self.solution, " and ".join(text for one in missed for text in one)
-        return self.reached[1]
+        missed = [m.sentences()[:1] for m in self.measures if not (done and m.moved())]
+        words = " and ".join(text for one in missed for text in one)
+        loss = sum(measure.loss for measure in self.measures)
+        self.gains = loss < self.least / 4
+        self.in_vain = 0 if loss < self.least else self.in_vain + 1
+        if self.reached is None or loss <= self.least:
+            self.reached, self.least = (self.solution, words), loss
+        return words
 
     def _meshes(self) -> list[Mesh] | None:
         """Meshes of the next pass; None if there is none that is better."""
@@ -125,21 +157,31 @@ class _Refinement:
 
     def _moved(self) -> list[Mesh] | None:
         """Meshes with points that move; None if none do, or moving these does not change the cost any more."""
-        moving = [set().union(*of) for of in zip(*[measure.moving for measure in self.measures], strict=True)]
-        if not self.moves or not any(moving):
+        moved = next((meshes for m in self.measures if (meshes := m.moved()) is not None), None)
+        if not self.moves or moved is None:
             return None
-        meshes = self.solution.meshes
-        moved = [mesh.with_moving(points) for mesh, points in zip(meshes, moving, strict=True)]
-        if self._is_settled() and all(new.moving == mesh.moving for new, mesh in zip(moved, meshes, strict=True)):
+        if self._is_settled() and all(map(Mesh.is_same, moved, self.solution.meshes)):
             return None
         self.moves -= 1
+        self.spread = np.inf
+        self._begin_anew()
+        # as long as a switch lies within an interval, further points at which a limit is held there are mostly of no use
+        is_passed = any(measure.needs_limits for measure in self.measures)
+        self.solver.limit_tolerance = self.tolerance if is_passed else LIMIT_TOLERANCE
         return moved
+
+    def _begin_anew(self) -> None:
+        """Forget the local errors of other meshes, of which nothing follows for the next ones."""
+        self.history, self.merging = [], False
 
     def _split(self) -> list[Mesh] | None:
         """Meshes with intervals split as the measures need it; None if that did not help in the last pass."""
+        self.solver.limit_tolerance = self.tolerance
         before, spread = self.spread, max(measure.spread for measure in self.measures)
         self.spread = spread or np.inf
-        return None if spread > 0.8 * before else [split(part, self.measures) for part in self.solution.phases]
+        self._begin_anew()
+        stays = spread > max(0.8 * before, SMALL_SPREAD * self.tolerance * self.solution.duration)
+        return None if stays else [split(part, self.measures) for part in self.solution.phases]
 
     def _is_settled(self) -> bool:
         """Return True if the cost did not change in the last pass, beyond the tolerance and that of the solver."""
@@ -161,12 +203,13 @@ class _Refinement:
         structures = [mesh.structure for mesh in self.solution.meshes]
         self.resolves = near and structures != [mesh.structure for mesh in meshes]
         try:
-            self.solution = solver.solve(meshes, guess, warm=True)
+            self.solution = solver.solve(meshes, guess, warm=True, limit=self._iterations(meshes) if near else None)
             return True
         except OptimizationError:
-            if near and self.moves:  # mesh points that do not move well move no more
-                self.moves = 0
-                return self._solve(self._meshes() or meshes)
+            if near:  # mesh points that do not move well move no more
+                moved, self.moves = self.moves > 0, 0
+                again = self._meshes() if moved else None
+                return again is not None and self._solve(again)
         try:  # a guess that is near on one mesh may be far on another
             self.solution = solver.solve(meshes, guess)
             return True

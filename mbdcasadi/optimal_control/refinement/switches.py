@@ -1,7 +1,9 @@
-"""Switches: times from which on other limits hold a motion back, enclosed by mesh points that move.
+"""Switches: times from which on other limits hold a motion back, at mesh points that move.
 
 An interval in which an input jumps from one limit to the other has a polynomial with the right mean; its motion is
-that of no input with a jump, and takes a little longer. If both ends of it may move, it shrinks to almost nothing.
+that of no input with a jump, and takes a little longer. A mesh point takes its place, from which on another arc begins:
+a stretch with the same limits. Inputs that are continuous cannot jump there; the ends of the interval move instead,
+until it has shrunk to almost nothing.
 
 At limits of positions inputs mostly have a kink, whose place hardly counts for the cost: points that move there are led
 astray. Intervals in which the inputs are off are split instead, see :mod:`input_error`.
@@ -10,18 +12,37 @@ astray. Intervals in which the inputs are off are split instead, see :mod:`input
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from ...numerics.real import stretches
 from ..nlp.limits import activity
 from ..phase import BEYOND_STATES
 from ..phase_solution import PhaseSolution
 from ..solved_motion import SolvedMotion
 from .measure import Measure
+from .mesh import Mesh
 
 #: Scaled slack below which a limit counts as active, whatever its multiplier: on long arcs both may be small.
 SLACK = 3e-4
+#: Share of the points of an interval from which on a limit that inputs do not carry alone holds the motion back there:
+#: a course that is led along it by as many points as it has unknowns may be free at others. In an interval beside such
+#: ones the smaller share does.
+ALONG, BESIDE = 0.5, 0.25
+#: Share of an interval of the mesh before below which a mesh point is too near to a switch.
+TOO_NEAR = 0.3
+
+
+class Arc(NamedTuple):
+    """Intervals that follow each other under the same limits."""
+
+    first: int
+    #: behind the last one
+    end: int
+    #: for each limit, whether it is active; None if limits begin or cease to be active in these intervals
+    active: tuple[bool, ...] | None
 
 
 class Switch(NamedTuple):
@@ -43,20 +64,17 @@ class UnresolvedSwitches(Measure):
     """
 
     def __init__(self, solution: SolvedMotion, tolerance: float):
-        constant = solution.settings.control == "constant"
-        self._shares = {} if constant else activity(solution, SLACK, inside=True)
+        self._shares = shares_of(solution)
         self.switches: list[list[Switch]] = [[] for _ in solution.phases]
+        self._arcs: list[list[Arc]] = [[] for _ in solution.phases]
         super().__init__(solution, tolerance)
 
     def of(self, part: PhaseSolution) -> np.ndarray:
         """Infinite in intervals of a switch, zero in others (N,)."""
-        number, lengths, errors = part.program.number, np.diff(part.mesh_times), np.zeros(part.mesh.count)
-        limits = part.program.limits_at_points
-        positions = {limit.label for limit in limits if not limit.depends_on("velocity", "state", *BEYOND_STATES)}
-        shares = [x for (phase, label), x in self._shares.items() if phase == number and label not in positions]
-        longest = part.duration * np.sqrt(self.tolerance)
-        for switch in _switches(part, np.array(shares).reshape(len(shares), part.mesh.count)):
-            if np.sum(lengths[list(switch.intervals)]) > longest:
+        number, errors = part.program.number, np.zeros(part.mesh.count)
+        arcs = self._arcs[number] = arcs_of(part, self._shares)
+        for switch in _switches(part, arcs):
+            if np.sum(np.diff(part.mesh_times)[list(switch.intervals)]) > self._longest(part):
                 self.switches[number].append(switch)
                 errors[list(switch.intervals)] = np.inf
         return errors
@@ -69,23 +87,165 @@ class UnresolvedSwitches(Measure):
         """Times at which limits change."""
         return [f"the switching time t = {switch.time:.6g} s of active limits" for of in self.switches for switch in of]
 
+    def moved(self) -> list[Mesh] | None:
+        """Meshes with mesh points that move at the switches."""
+        if not any(self.switches):
+            return None
+        return [self._mesh(part) if part.mesh.count else part.mesh for part in self.solution.phases]
+
     @property
-    def moving(self) -> list[set[int]]:
-        """Mesh points that enclose the switches, by phase."""
-        return [{k for switch in of for k in switch.points} for of in self.switches]
+    def needs_limits(self) -> bool:
+        """True if limits of positions are active, which a motion passes on its way to the next point."""
+        return any(np.any(_held_positions(part, self._shares)) for part in self.solution.phases if part.mesh.count)
+
+    @property
+    def loss(self) -> float:
+        """Squares of the stretches of the switches."""
+        parts = zip(self.solution.phases, self.switches, strict=True)
+        lengths = (
+            np.sum(np.diff(part.mesh_times)[list(s.intervals)]) / part.duration for part, of in parts for s in of
+        )
+        return float(sum(length**2 for length in lengths))
+
+    def _longest(self, part: PhaseSolution) -> float:
+        """Length of a stretch from which on it must not contain a switch, s."""
+        return float(part.duration * np.sqrt(self.tolerance))
+
+    def _mesh(self, part: PhaseSolution) -> Mesh:
+        """The mesh of a phase with a point that moves at each switch."""
+        if part.program.scheme.inputs.joined:
+            return part.mesh.with_moving(k for switch in self.switches[part.program.number] for k in switch.points)
+        number = part.program.number
+        held = _held_positions(part, self._shares)
+        knots = _knots(part, self._arcs[number], self._longest(part), held)
+        return part.mesh.through_knots(np.interp(knots, part.mesh_times, part.mesh.positions), TOO_NEAR)
 
 
-def _switches(part: PhaseSolution, shares: np.ndarray) -> list[Switch]:
-    """Switches of a phase from the shares of the points of each interval at which limits are active (limits, N)."""
-    mesh, times = part.mesh, part.mesh_times
-    mixed = np.any((shares > 0) & (shares < 1), axis=0)
-    switches = []
-    for (is_mixed, _), group in itertools.groupby(range(mesh.count), key=lambda k: (mixed[k], mesh.piece[k])):
+def shares_of(solution: SolvedMotion) -> dict[tuple[int, str], np.ndarray]:
+    """Shares of the points of each interval at which limits are active; none for inputs that are constant on them."""
+    return {} if solution.settings.control == "constant" else activity(solution, SLACK, inside=True)
+
+
+def arcs_of(part: PhaseSolution, shares: Mapping[tuple[int, str], np.ndarray]) -> list[Arc]:
+    """Arcs of a phase in order, none across a waypoint, from the shares of :func:`shares_of`."""
+    number, count = part.program.number, part.mesh.count
+    limits = {limit.label: limit for limit in part.program.limits_at_points}
+    along, mixed = np.zeros((0, count), bool), np.zeros(count, bool)
+    for (phase, label), share in shares.items():
+        limit = limits.get(label)
+        if phase != number or (limit is not None and not limit.depends_on("velocity", "state", *BEYOND_STATES)):
+            continue
+        along = np.vstack([along, _along(share)])
+        if limit is None:
+            mixed |= (share > 0) & (share < 1)
+    segment = np.searchsorted(part.mesh.waypoints, np.arange(count), side="right")
+    keys = [(segment[k], None if mixed[k] else tuple(along[:, k].tolist())) for k in range(count)]
+    arcs = []
+    for (_, active), group in itertools.groupby(range(count), key=lambda k: keys[k]):
         run = list(group)
-        if is_mixed:
-            switches.append(Switch((run[0], run[-1] + 1), tuple(run), float(times[run[0]])))
-    for k in range(1, mesh.count):
-        plain = not (mixed[k - 1] or mixed[k] or k in mesh.knots)
-        if plain and not np.array_equal(shares[:, k - 1], shares[:, k]):
+        arcs.append(Arc(run[0], run[-1] + 1, active))
+    return arcs
+
+
+def _held_positions(part: PhaseSolution, shares: Mapping[tuple[int, str], np.ndarray]) -> np.ndarray:
+    """Intervals in which limits of positions are active (N,)."""
+    positions = {
+        x.label for x in part.program.limits_at_points if not x.depends_on("velocity", "state", *BEYOND_STATES)
+    }
+    held = np.zeros(part.mesh.count, bool)
+    for (phase, label), share in shares.items():
+        held |= (phase == part.program.number) & (label in positions) & (share > 0)
+    return held
+
+
+def jumps_of(part: PhaseSolution, arcs: list[Arc]) -> list[int]:
+    """Mesh points that are as good as ones that move: between unlike arcs, one alone beside a point that moves."""
+    mesh = part.mesh
+    between = [b.first for a, b in itertools.pairwise(arcs) if None not in (a.active, b.active)]
+    inside = [k for k in between if k not in mesh.knots]
+    moves = [bool({*mesh.knots[[p, p + 1]].tolist()} & set(mesh.moving)) for p in range(mesh.knots.size - 1)]
+    pieces = [int(mesh.piece[k]) for k in inside]
+    return [k for k, piece in zip(inside, pieces, strict=True) if moves[piece] and pieces.count(piece) == 1]
+
+
+def _along(share: np.ndarray) -> np.ndarray:
+    """Intervals along which a limit holds the motion back, from the shares of points at which it is active (N,)."""
+    along = share >= ALONG
+    for run in stretches(share >= BESIDE):
+        along[run] = np.any(along[run])
+    return along
+
+
+def _switches(part: PhaseSolution, arcs: list[Arc]) -> list[Switch]:
+    """Switches of a phase: arcs in which limits change, and mesh points between unlike arcs that do not move."""
+    times, known = part.mesh_times, {*part.mesh.knots.tolist(), *jumps_of(part, arcs)}
+    switches = [
+        Switch((arc.first, arc.end), tuple(range(arc.first, arc.end)), float(times[arc.first]))
+        for arc in arcs
+        if arc.active is None
+    ]
+    for before, after in itertools.pairwise(arcs):
+        k = after.first
+        if None not in (before.active, after.active) and k not in known:
             switches.append(Switch((k,), (k - 1, k), float(times[k])))
     return switches
+
+
+def _knots(part: PhaseSolution, arcs: list[Arc], shortest: float, held: np.ndarray) -> list[float]:
+    """Times between unlike arcs, s; those that are shorter than others are not seen as arcs."""
+    times, ends = part.mesh_times, set(part.mesh.waypoints.tolist())
+    lasting = [arc for arc in arcs if arc.active is not None and times[arc.end] - times[arc.first] > shortest]
+    bounds = sorted({0, part.mesh.count, *ends})
+    knots: list[float] = []
+    for begin, end in itertools.pairwise(bounds):
+        here = [arc for arc in lasting if begin <= arc.first < end]
+        edge = [Arc(begin, begin, None), *here, Arc(end, end, None)]
+        for before, after in itertools.pairwise(edge):
+            knots += _between(part, before, after, shortest, held)
+    return knots
+
+
+def _between(part: PhaseSolution, before: Arc, after: Arc, shortest: float, held: np.ndarray) -> list[float]:
+    """Times of the switches between two arcs with perhaps others between them, s."""
+    times, first, last = part.mesh_times, before.end, after.first
+    inner = [k for k, arc in ((first, before), (last, after)) if arc.active is not None]
+    if before.active == after.active and (first == last or times[last] - times[first] <= shortest):
+        return []
+    if first == last:
+        return [float(times[first])] if len(inner) == 2 else []
+    if np.any(held[max(first - 1, 0) : last + 1]):
+        return [float(times[k]) for k in inner]
+    if (
+        len(inner) == 2
+        and (last == first + 1 or times[last] - times[first] <= shortest)
+        and before.active != after.active
+    ):
+        # a mesh point that moved to an end of the interval did not suffice
+        known = [k for k in (first, last) if k in part.mesh.moving]
+        return sorted(
+            [
+                *(float(times[k]) for k in known),
+                (times[first] + times[last]) / 2 if known else _place(part, first, last),
+            ]
+        )
+    return [float(times[k]) for k in inner]
+
+
+def _place(part: PhaseSolution, first: int, last: int) -> float:
+    """Time between two mesh points at which the inputs jump, by their mean in between, s."""
+    times, lengths = part.mesh_times, np.diff(part.mesh_times)
+    share, largest = 0.5, 0.0
+    for symbol, course in part.polynomials.inputs.items():
+        c, powers = course.coefficients, np.arange(course.coefficients.shape[1])
+        earlier = float(c[first - 1] @ lengths[first - 1] ** powers)
+        later = float(c[last, 0])
+        inside = sum(float(c[k] @ (lengths[k] ** (powers + 1) / (powers + 1))) for k in range(first, last))
+        mean = inside / (times[last] - times[first])
+        size = (
+            abs(later - earlier) / max(symbol.upper - symbol.lower, 1e-300)
+            if np.isfinite(symbol.upper - symbol.lower)
+            else 0.0
+        )
+        if size > largest:
+            largest, share = size, (later - mean) / (later - earlier)
+    return float(times[first] + np.clip(share, 0.05, 0.95) * (times[last] - times[first]))
