@@ -8,8 +8,8 @@ from ..numerics.lazy import cached_property
 from .derivation import Equations
 from .explicit import tree_rows
 
-#: Coordinates that move a coordinate's bodies with it, in the mean, up to which accelerations by the inertia of the
-#: tree take fewer operations than by that of all bodies (measured on chains, where five take as many).
+#: Entries in a row of the inertia of a tree, in the mean, up to which accelerations by it take fewer operations than
+#: by that of all bodies (measured on chains, of which one of five links takes as many).
 COUPLED = 5
 
 

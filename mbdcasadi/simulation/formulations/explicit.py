@@ -18,7 +18,10 @@ EXPLICIT_BODIES = 10
 
 
 class Explicit(Formulation):
-    """``a = M⁻¹ (Q - Phi_q^T lam)`` with ``lam`` eliminated by a sparse symbolic LDL factorisation: an ODE."""
+    """``a = M⁻¹ (Q - Phi_q^T lam)`` with ``lam`` eliminated by a sparse symbolic LDL factorisation: an ODE.
+
+    Where each body of a tree of joints moves with few coordinates, the same accelerations by the inertia of the tree.
+    """
 
     name: ClassVar[str] = "explicit"
 
