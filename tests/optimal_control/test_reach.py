@@ -120,7 +120,7 @@ def test_limits_of_joints_take_part():
 
 
 def test_the_other_elbow_is_found():
-    """The assembly bends the elbow to the side that a limit forbids, which contradicts nothing: there is another one."""
+    """The assembly bends the elbow to the side that a limit forbids, which contradicts nothing: there is another."""
     problem = reaching(0.3, 0.5, path=lambda links, _: [links[1].phi - links[0].phi <= 0.6])
     solution = mbd.optimize(problem, intervals=20)
     links = problem.mechanism.bodies
