@@ -12,7 +12,7 @@ astray. Intervals in which the inputs are off are split instead, see :mod:`input
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
