@@ -161,7 +161,9 @@ class LimitSearch:
         solutions = (search() for search in searches)
         closed = next((solution for solution in solutions if solution is not None), None)
         if closed is None:
-            raise not_found(failure, [stage.description for stage in self._stages]) from None
+            solution, slacks, met = (None, {}, False) if free is None else self._widened(free)
+            widened = (solution, slacks) if solution is not None and met else None
+            raise not_found(failure, [stage.description for stage in self._stages], widened, FEASIBLE) from None
         return closed
 
     def _note(self, solution: Solution, description: str) -> None:
