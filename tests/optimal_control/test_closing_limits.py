@@ -256,6 +256,7 @@ def test_what_was_not_proven_is_not_said(monkeypatch):
     with pytest.raises(mbd.OptimizationError) as caught:
         mbd.optimize(problem.replace(waypoints=[mbd.Waypoint(0.25, [block.x == 3])]), intervals=8)
     assert "infeasible" not in str(caught.value) and "may still have" in str(caught.value)
+    assert "all conditions could be met with wider limits: u " in str(caught.value)
     assert not caught.value.conflict
 
 
@@ -335,6 +336,8 @@ def test_several_least_violations_are_no_evidence(monkeypatch):
 
     def scattered(self, *arguments, **more):
         solution, slacks, succeeded = original(self, *arguments, **more)
+        if more.get("limits_alone"):
+            return solution, slacks, succeeded
         by = 1.5 if len(arguments) == 5 else float(next(factor))  # with penalties there is a weight of the cost
         return solution, {label: by * slack for label, slack in slacks.items()}, succeeded
 

@@ -5,6 +5,9 @@ import pytest
 from motions import LENGTHS, crank_rocker, half_turn
 
 import mbdcasadi as mbd
+from mbdcasadi.optimal_control.guess.multistart import other_ends
+from mbdcasadi.optimal_control.nlp.problem_solver import ProblemSolver
+from mbdcasadi.optimal_control.nlp.setup import Settings
 
 
 def arm(count=2, length=0.5, parameters=()):
@@ -184,3 +187,16 @@ def test_a_latch_out_of_reach(distance):
     (violation,) = error.conflict
     assert violation.label == "change into phase 'latched': latch.x closes"
     assert violation.violation == pytest.approx(0.2, rel=1e-4) and violation.unit == "m"
+
+
+def test_other_poses_at_the_end_are_starts():
+    """An arm reaches a place with its elbow on either side, and by the law of cosines at one angle."""
+    problem = reaching(0.3, 0.5)
+    solver = ProblemSolver(problem, Settings.read("gauss-legendre", 3, "polynomial", None, False))
+    usual = solver.setups[0].path.poses[-1]
+    other = other_ends(solver)[0]
+    sampled = other.phases[0].sample(np.array([0.0, 1.0]))["q"]
+    bend = np.arccos((0.3**2 + 0.5**2 - 2 * 0.5**2) / (2 * 0.5**2))
+    assert abs(usual[5] - usual[2]) == pytest.approx(bend, rel=1e-6)
+    assert sampled[-1][5] - sampled[-1][2] == pytest.approx(-(usual[5] - usual[2]), rel=1e-6)
+    assert sampled[0][[2, 5]] == pytest.approx((0.3, 0.8), abs=1e-9)

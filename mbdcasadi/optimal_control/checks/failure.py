@@ -167,10 +167,9 @@ def infeasible(
     """
     together = _conflicts(*least, tolerance)
     limits = [] if widened is None else _conflicts(*widened, tolerance)
-    wider = f"all conditions could be met with wider limits: {_listed(list(map(str, limits)), 3)}; " if limits else ""
     text = (
-        f"the problem seems infeasible: {wider}the least violation of all its demands together, from {starts} starts, "
-        f"is not zero; violated then: {_listed(list(map(str, together)), 3)}; {_without_message(failure)}"
+        f"the problem seems infeasible: {_wider(limits)}the least violation of all its demands together, from {starts} "
+        f"starts, is not zero; violated then: {_listed(list(map(str, together)), 3)}; {_without_message(failure)}"
     )
     error = _instead_of(failure, _in_plain_names(text, failure.partial.problem))
     named = {violation.label for violation in limits}
@@ -214,13 +213,25 @@ def _listed(names: Sequence[str], most: int = 4) -> str:
     return ", ".join(names[:most]) + ("" if len(names) <= most else f" and {len(names) - most} more")
 
 
-def not_found(failure: OptimizationError, stages: list[str]) -> OptimizationError:
-    """Return the error for a problem whose solution was not found, though it may have one."""
+def not_found(
+    failure: OptimizationError, stages: list[str], widened: Violated | None, tolerance: float
+) -> OptimizationError:
+    """Return the error for a problem whose solution was not found, though it may have one.
+
+    `widened` is a motion that violates limits alone, if there is one.
+    """
+    limits = [] if widened is None else _conflicts(*widened, tolerance)
     text = (
-        f"no solution was found, and the problem may still have one (tried: {'; '.join(stages)}); starts= and guess= "
-        f"look elsewhere; {_without_message(failure)}"
+        f"no solution was found, and the problem may still have one (tried: {'; '.join(stages)}); {_wider(limits)}"
+        f"starts= and guess= look elsewhere; {_without_message(failure)}"
     )
-    return _instead_of(failure, text)
+    return _instead_of(failure, _in_plain_names(text, failure.partial.problem))
+
+
+def _wider(limits: Sequence[Violation]) -> str:
+    """Limits that would have to be wider, in words."""
+    listed = _listed(list(map(str, limits)), 3)
+    return f"all conditions could be met with wider limits: {listed}; " if limits else ""
 
 
 def _instead_of(failure: OptimizationError, text: str) -> OptimizationError:

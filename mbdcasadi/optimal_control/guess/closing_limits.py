@@ -161,7 +161,9 @@ class LimitSearch:
         solutions = (search() for search in searches)
         closed = next((solution for solution in solutions if solution is not None), None)
         if closed is None:
-            raise not_found(failure, [stage.description for stage in self._stages]) from None
+            solution, slacks, met = (None, {}, False) if free is None else self._widened(free)
+            widened = (solution, slacks) if solution is not None and met else None
+            raise not_found(failure, [stage.description for stage in self._stages], widened, FEASIBLE) from None
         return closed
 
     def _note(self, solution: Solution, description: str) -> None:
@@ -322,7 +324,7 @@ class LimitSearch:
         if self._least < (1 - SAME_VIOLATION) * least[0]:
             return None
         if agreeing < STARTS + (agreeing < len(conflicting)):
-            return self._from_nearest(self._guess_of(least[1])) if least[0] <= NEAR else None
+            return None
         solution, slacks, met = self._widened(least[1] if free is None else free)
         if met and sum(slacks.values()) <= FEASIBLE:
             return self._solved(
@@ -330,11 +332,6 @@ class LimitSearch:
             )
         widened = (solution, slacks) if met else None
         raise infeasible(failure, least[1:], widened, agreeing, FEASIBLE) from None
-
-    def _from_nearest(self, guess: Guess) -> Solution | None:
-        """Solution from the motion of the least violation of all, on a mesh twice as fine if the mesh may be so."""
-        meshes = [mesh.split(2) for mesh in self._meshes] if self._refined else self._meshes
-        return self._solved(guess, "all limits, from the motion nearest to them", CLOSING_ITERATIONS, meshes)
 
     def _widened(self, solution: Solution) -> tuple[Solution, dict[str, float], bool]:
         """Least violation of limits alone, near to a motion, with all conditions met; whether it was found."""
