@@ -47,9 +47,10 @@ def refine(solver: ProblemSolver, solution: Solution, tolerance: float) -> Solut
 
     An interval with error e is split into ``ceil((2 e / tolerance)^(1 / (r + 1)))``
     pieces, r the order of the scheme; neighbours whose common interval is
-    foreseen to stay far below the tolerance are merged. Then the mesh points around switches move, see
+    foreseen to stay far below the tolerance are merged. Then mesh points move to the switches, see
     :mod:`switches`, and intervals in which the motion passes limits, or inputs have larger errors than the tolerance,
-    are split, see :mod:`input_error`. Each pass starts from the last solution.
+    are split, see :mod:`input_error`. Each pass starts from the last solution. Of those with small local errors the
+    best one is kept, and passes end that do not improve it.
 
     Raises
     ------
@@ -165,9 +166,9 @@ class _Refinement:
         self.moves -= 1
         self.spread = np.inf
         self._begin_anew()
-        # as long as a switch lies within an interval, further points at which a limit is held there are mostly of no use
-        is_passed = any(measure.needs_limits for measure in self.measures)
-        self.solver.limit_tolerance = self.tolerance if is_passed else LIMIT_TOLERANCE
+        # while a switch lies within an interval, further points at which a limit holds there are mostly of no use
+        needed = any(measure.needs_limits for measure in self.measures)
+        self.solver.limit_tolerance = self.tolerance if needed else LIMIT_TOLERANCE
         return moved
 
     def _begin_anew(self) -> None:
