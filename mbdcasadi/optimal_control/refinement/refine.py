@@ -32,7 +32,8 @@ ITERATIONS = (100, 300)
 #: Multiple of the work of the first solve, in iterations times intervals, after which such a solution is not improved,
 #: unless the last pass did so.
 WORK = 20
-#: Number of passes with small local errors after which these end if none of them is better than the one before.
+#: Number of passes with small local errors after which these end if none of them is better than the one before, once
+#: half of that work is done.
 PATIENCE = 3
 #: Multiple of the tolerance, as a share of the duration, below which errors times their stretches may rise for once.
 SMALL_SPREAD = 10
@@ -94,7 +95,8 @@ class _Refinement:
             self._measure()
             if self.error <= self.tolerance and not self._missed():
                 return self.solution
-            meshes = self._meshes() if self.in_vain < PATIENCE else None
+            is_vain = self.in_vain >= PATIENCE and self._work() > WORK / 2
+            meshes = None if is_vain else self._meshes()
             if meshes is None:
                 reason = "the errors do not fall any further"
                 break

@@ -2,8 +2,8 @@
 
 An interval in which an input jumps from one limit to the other has a polynomial with the right mean; its motion is
 that of no input with a jump, and takes a little longer. A mesh point takes its place, from which on another arc begins:
-a stretch with the same limits. Inputs that are continuous cannot jump there; the ends of the interval move instead,
-until it has shrunk to almost nothing.
+a stretch with the same limits. Inputs that are continuous cannot jump there, and some have a kink; the ends of
+the interval move instead, until it has shrunk to almost nothing.
 
 At limits of positions inputs mostly have a kink, whose place hardly counts for the cost: points that move there are led
 astray. Intervals in which the inputs are off are split instead, see :mod:`input_error`.
@@ -33,6 +33,8 @@ SLACK = 3e-4
 ALONG, BESIDE = 0.5, 0.25
 #: Share of an interval of the mesh before below which a mesh point is too near to a switch.
 TOO_NEAR = 0.3
+#: Share of the range of an input from which on it jumps within an interval; else it has a kink there.
+JUMP = 0.02
 #: Shares of an interval between which a switch in it is sought.
 INSIDE = (0.05, 0.95)
 
@@ -120,6 +122,8 @@ class UnresolvedSwitches(Measure):
         number = part.program.number
         held = _held_positions(part, self._shares)
         knots = _knots(part, self._arcs[number], self._longest(part), held)
+        if not np.any(held) and not len(np.setdiff1d(knots, part.mesh_times)):  # kinks alone
+            return part.mesh.with_moving(k for switch in self.switches[number] for k in switch.points)
         return part.mesh.through_knots(np.interp(knots, part.mesh_times, part.mesh.positions), TOO_NEAR)
 
 
@@ -219,23 +223,29 @@ def _between(part: PhaseSolution, before: Arc, after: Arc, shortest: float, held
     if first == last:
         return [float(times[first])] if len(ends) == 2 else []
     is_one = len(ends) == 2 and before.active != after.active and (is_short or last == first + 1)
-    if not is_one or np.any(held[max(first - 1, 0) : last + 1]):
+    place = _place(part, first, last) if is_one else None
+    if place is None or np.any(held[max(first - 1, 0) : last + 1]):
         return [float(times[k]) for k in ends]
     # a mesh point that moved to an end of the interval did not suffice
     known = [float(times[k]) for k in ends if k in part.mesh.moving]
-    return sorted([*known, float(times[first] + times[last]) / 2]) if known else [_place(part, first, last)]
+    return sorted([*known, float(times[first] + times[last]) / 2]) if known else [place]
 
 
-def _place(part: PhaseSolution, first: int, last: int) -> float:
-    """Time between two mesh points at which inputs with limits jump, by the mean of the one that jumps most, s."""
+def _place(part: PhaseSolution, first: int, last: int) -> float | None:
+    """Time between two mesh points at which inputs jump, by the mean of the one that jumps most, s; None if none does.
+
+    It has a kink and does not jump if its courses before and after meet in between.
+    """
     times, lengths = part.mesh_times, np.diff(part.mesh_times)
-    share, largest = 0.5, 0.0
+    share, largest, between = np.nan, JUMP, float(times[last] - times[first])
     for symbol, course in part.polynomials.inputs.items():
         c, powers = course.coefficients, np.arange(course.terms)
         earlier, later = float(c[first - 1] @ lengths[first - 1] ** powers), float(c[last, 0])
-        mean = sum(float(c[k] @ (lengths[k] ** (powers + 1) / (powers + 1))) for k in range(first, last))
-        mean /= times[last] - times[first]
-        size = abs(later - earlier) / (symbol.upper - symbol.lower)
+        slope = float(c[first - 1, 1:] @ (powers[1:] * lengths[first - 1] ** powers[:-1]))
+        gaps = np.array([later - float(c[last, 1:2].sum()) * between - earlier, later - earlier - slope * between])
+        mean = sum(float(c[k] @ (lengths[k] ** (powers + 1) / (powers + 1))) for k in range(first, last)) / between
+        size = float(np.min(np.abs(gaps))) / (symbol.upper - symbol.lower) if np.prod(gaps) > 0 else 0.0
         if size > largest:
             largest, share = size, (later - mean) / (later - earlier)
-    return float(times[first] + np.clip(share, *INSIDE) * (times[last] - times[first]))
+    place = times[first] + np.clip(share, *INSIDE) * between
+    return float(place) if np.isfinite(place) else None
