@@ -32,7 +32,8 @@ ITERATIONS = (100, 300)
 #: Multiple of the work of the first solve, in iterations times intervals, after which such a solution is not improved,
 #: unless the last pass did so.
 WORK = 20
-#: Number of passes with small local errors after which these end if none of them is better than the one before.
+#: Number of passes with small local errors after which these end if none of them is better than the one before, once
+#: half of that work is done.
 PATIENCE = 3
 #: Multiple of the tolerance, as a share of the duration, below which errors times their stretches may rise for once.
 SMALL_SPREAD = 10
@@ -47,9 +48,10 @@ def refine(solver: ProblemSolver, solution: Solution, tolerance: float) -> Solut
 
     An interval with error e is split into ``ceil((2 e / tolerance)^(1 / (r + 1)))``
     pieces, r the order of the scheme; neighbours whose common interval is
-    foreseen to stay far below the tolerance are merged. Then the mesh points around switches move, see
+    foreseen to stay far below the tolerance are merged. Then mesh points move to the switches, see
     :mod:`switches`, and intervals in which the motion passes limits, or inputs have larger errors than the tolerance,
-    are split, see :mod:`input_error`. Each pass starts from the last solution.
+    are split, see :mod:`input_error`. Each pass starts from the last solution. Of those with small local errors the
+    best one is kept, and passes end that do not improve it.
 
     Raises
     ------
@@ -93,7 +95,8 @@ class _Refinement:
             self._measure()
             if self.error <= self.tolerance and not self._missed():
                 return self.solution
-            meshes = self._meshes() if self.in_vain < PATIENCE else None
+            is_vain = self.in_vain >= PATIENCE and self._work() > WORK / 2
+            meshes = None if is_vain else self._meshes()
             if meshes is None:
                 reason = "the errors do not fall any further"
                 break
@@ -165,9 +168,9 @@ class _Refinement:
         self.moves -= 1
         self.spread = np.inf
         self._begin_anew()
-        # as long as a switch lies within an interval, further points at which a limit is held there are mostly of no use
-        is_passed = any(measure.needs_limits for measure in self.measures)
-        self.solver.limit_tolerance = self.tolerance if is_passed else LIMIT_TOLERANCE
+        # while a switch lies within an interval, further points at which a limit holds there are mostly of no use
+        needed = any(measure.needs_limits for measure in self.measures)
+        self.solver.limit_tolerance = self.tolerance if needed else LIMIT_TOLERANCE
         return moved
 
     def _begin_anew(self) -> None:

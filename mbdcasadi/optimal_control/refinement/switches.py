@@ -2,8 +2,8 @@
 
 An interval in which an input jumps from one limit to the other has a polynomial with the right mean; its motion is
 that of no input with a jump, and takes a little longer. A mesh point takes its place, from which on another arc begins:
-a stretch with the same limits. Inputs that are continuous cannot jump there; the ends of the interval move instead,
-until it has shrunk to almost nothing.
+a stretch with the same limits. Inputs that are continuous cannot jump there, and some have a kink; the ends of
+the interval move instead, until it has shrunk to almost nothing.
 
 At limits of positions inputs mostly have a kink, whose place hardly counts for the cost: points that move there are led
 astray. Intervals in which the inputs are off are split instead, see :mod:`input_error`.
@@ -33,6 +33,10 @@ SLACK = 3e-4
 ALONG, BESIDE = 0.5, 0.25
 #: Share of an interval of the mesh before below which a mesh point is too near to a switch.
 TOO_NEAR = 0.3
+#: Share of the range of an input from which on it jumps within an interval; else it has a kink there.
+JUMP = 0.02
+#: Shares of an interval between which a switch in it is sought.
+INSIDE = (0.05, 0.95)
 
 
 class Arc(NamedTuple):
@@ -118,6 +122,8 @@ class UnresolvedSwitches(Measure):
         number = part.program.number
         held = _held_positions(part, self._shares)
         knots = _knots(part, self._arcs[number], self._longest(part), held)
+        if not np.any(held) and not len(np.setdiff1d(knots, part.mesh_times)):  # kinks alone
+            return part.mesh.with_moving(k for switch in self.switches[number] for k in switch.points)
         return part.mesh.through_knots(np.interp(knots, part.mesh_times, part.mesh.positions), TOO_NEAR)
 
 
@@ -192,12 +198,10 @@ def _switches(part: PhaseSolution, arcs: list[Arc]) -> list[Switch]:
 
 
 def _knots(part: PhaseSolution, arcs: list[Arc], shortest: float, held: np.ndarray) -> list[float]:
-    """Times between unlike arcs, s; those that are shorter than others are not seen as arcs."""
-    times, ends = part.mesh_times, set(part.mesh.waypoints.tolist())
+    """Times of the switches between arcs, s, of which those that last no longer than the `shortest` do not count."""
+    times, knots = part.mesh_times, list[float]()
     lasting = [arc for arc in arcs if arc.active is not None and times[arc.end] - times[arc.first] > shortest]
-    bounds = sorted({0, part.mesh.count, *ends})
-    knots: list[float] = []
-    for begin, end in itertools.pairwise(bounds):
+    for begin, end in itertools.pairwise([0, *part.mesh.waypoints.tolist(), part.mesh.count]):
         here = [arc for arc in lasting if begin <= arc.first < end]
         edge = [Arc(begin, begin, None), *here, Arc(end, end, None)]
         for before, after in itertools.pairwise(edge):
@@ -206,46 +210,42 @@ def _knots(part: PhaseSolution, arcs: list[Arc], shortest: float, held: np.ndarr
 
 
 def _between(part: PhaseSolution, before: Arc, after: Arc, shortest: float, held: np.ndarray) -> list[float]:
-    """Times of the switches between two arcs with perhaps others between them, s."""
+    """Times of the switches between two arcs with perhaps others between them, s.
+
+    `before` and `after` are without limits at the ends of a segment. Where limits of positions are `held`, both ends of
+    an interval move.
+    """
     times, first, last = part.mesh_times, before.end, after.first
-    inner = [k for k, arc in ((first, before), (last, after)) if arc.active is not None]
-    if before.active == after.active and (first == last or times[last] - times[first] <= shortest):
+    ends = [k for k, arc in ((first, before), (last, after)) if arc.active is not None]
+    is_short = times[last] - times[first] <= shortest
+    if before.active == after.active and is_short:
         return []
     if first == last:
-        return [float(times[first])] if len(inner) == 2 else []
-    if np.any(held[max(first - 1, 0) : last + 1]):
-        return [float(times[k]) for k in inner]
-    if (
-        len(inner) == 2
-        and (last == first + 1 or times[last] - times[first] <= shortest)
-        and before.active != after.active
-    ):
-        # a mesh point that moved to an end of the interval did not suffice
-        known = [k for k in (first, last) if k in part.mesh.moving]
-        return sorted(
-            [
-                *(float(times[k]) for k in known),
-                (times[first] + times[last]) / 2 if known else _place(part, first, last),
-            ]
-        )
-    return [float(times[k]) for k in inner]
+        return [float(times[first])] if len(ends) == 2 else []
+    is_one = len(ends) == 2 and before.active != after.active and (is_short or last == first + 1)
+    place = _place(part, first, last) if is_one else None
+    if place is None or np.any(held[max(first - 1, 0) : last + 1]):
+        return [float(times[k]) for k in ends]
+    # a mesh point that moved to an end of the interval did not suffice
+    known = [float(times[k]) for k in ends if k in part.mesh.moving]
+    return sorted([*known, float(times[first] + times[last]) / 2]) if known else [place]
 
 
-def _place(part: PhaseSolution, first: int, last: int) -> float:
-    """Time between two mesh points at which the inputs jump, by their mean in between, s."""
+def _place(part: PhaseSolution, first: int, last: int) -> float | None:
+    """Time between two mesh points at which inputs jump, by the mean of the one that jumps most, s; None if none does.
+
+    It has a kink and does not jump if its courses before and after meet in between.
+    """
     times, lengths = part.mesh_times, np.diff(part.mesh_times)
-    share, largest = 0.5, 0.0
+    share, largest, between = np.nan, JUMP, float(times[last] - times[first])
     for symbol, course in part.polynomials.inputs.items():
-        c, powers = course.coefficients, np.arange(course.coefficients.shape[1])
-        earlier = float(c[first - 1] @ lengths[first - 1] ** powers)
-        later = float(c[last, 0])
-        inside = sum(float(c[k] @ (lengths[k] ** (powers + 1) / (powers + 1))) for k in range(first, last))
-        mean = inside / (times[last] - times[first])
-        size = (
-            abs(later - earlier) / max(symbol.upper - symbol.lower, 1e-300)
-            if np.isfinite(symbol.upper - symbol.lower)
-            else 0.0
-        )
+        c, powers = course.coefficients, np.arange(course.terms)
+        earlier, later = float(c[first - 1] @ lengths[first - 1] ** powers), float(c[last, 0])
+        slope = float(c[first - 1, 1:] @ (powers[1:] * lengths[first - 1] ** powers[:-1]))
+        gaps = np.array([later - float(c[last, 1:2].sum()) * between - earlier, later - earlier - slope * between])
+        mean = sum(float(c[k] @ (lengths[k] ** (powers + 1) / (powers + 1))) for k in range(first, last)) / between
+        size = float(np.min(np.abs(gaps))) / (symbol.upper - symbol.lower) if np.prod(gaps) > 0 else 0.0
         if size > largest:
             largest, share = size, (later - mean) / (later - earlier)
-    return float(times[first] + np.clip(share, 0.05, 0.95) * (times[last] - times[first]))
+    place = times[first] + np.clip(share, *INSIDE) * between
+    return float(place) if np.isfinite(place) else None
