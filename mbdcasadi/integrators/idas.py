@@ -14,9 +14,6 @@ TIGHTEST = 1e-12
 #: Error that Newton's method may leave in a step, relative to the local tolerance (0.33 in IDAS otherwise): as that is
 #: tightened, one evaluation a step is enough, of 1.25; the errors of motions stay the same.
 NEWTON_ERROR = 1.0
-#: First step, relative to a piece. IDAS itself begins with one that changes the state by less than the tolerance, and
-#: doubles it some twenty times, with a Jacobian each time (measured: ten fewer of these, errors stay the same).
-FIRST_STEP = 1e-7
 
 
 class IDAS(Integrator):
@@ -48,7 +45,6 @@ class IDAS(Integrator):
             "abstol": tightened(self.abstol, TIGHTER, TIGHTEST),
             "linear_solver": "csparse",
             "nonlin_conv_coeff": NEWTON_ERROR,
-            "step0": FIRST_STEP,
             "disable_internal_warnings": True,
             "show_eval_warnings": False,
             "print_time": False,
