@@ -14,6 +14,7 @@ import mbdcasadi as mbd
 
 from .files import read_model
 from .files.acf import Analysis
+from .numerics.console import interruptible
 from .numerics.writing import whole_file, writable
 from .results.columns import default_expressions
 from .results.summary import summary
@@ -29,14 +30,18 @@ PARTIAL = "; what was computed is in .partial"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status: 0, 2 after an error, 130 after Ctrl-C."""
     options = _parser().parse_args(arguments)
-    try:
-        options.command(options)
-    except mbd.Interrupted as error:
-        return _interrupted(error, options)
-    except (mbd.MechanismError, OSError) as error:
-        return _failed(error, options, WRONG)
-    except KeyboardInterrupt as error:
-        return _failed(error, options, STOPPED)
+    with interruptible() as interruption:
+        try:
+            options.command(options)
+        except mbd.Interrupted as error:
+            return _interrupted(error, options)
+        except (KeyboardInterrupt, Exception) as error:
+            # in CasADi's conversions Ctrl-C comes back as an error of another kind
+            if interruption.requested or isinstance(error, KeyboardInterrupt):
+                return _failed(KeyboardInterrupt(), options, STOPPED)
+            if isinstance(error, (mbd.MechanismError, OSError)):
+                return _failed(error, options, WRONG)
+            raise
     return 0
 
 

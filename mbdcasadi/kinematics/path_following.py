@@ -55,19 +55,19 @@ class Continuation(MotionFollower):
             interruptible() as interruption,
             progress_bar(grid.size - 1, "kinematics", " times", show=progress) as bar,
         ):
-            while done < grid.size:
-                try:
+            try:
+                while done < grid.size:
                     block = self._batch(grid[done - 1], grid[done : done + BATCH], *(x[-1] for x in blocks[-1]))
                     if not len(block[0]):
                         block = self._carefully(grid, done, blocks)
-                except (KeyboardInterrupt, Exception) as error:
-                    # inside CasADi's conversions Ctrl-C comes back as nothing, on which the next line fails
-                    if interruption.requested or isinstance(error, KeyboardInterrupt):
-                        raise self._interrupted(self._motion(grid, blocks)) from None
-                    raise
-                blocks.append(block)
-                done += len(block[0])
-                bar.update(len(block[0]))
+                    blocks.append(block)
+                    done += len(block[0])
+                    bar.update(len(block[0]))
+            except (KeyboardInterrupt, Exception) as error:
+                # inside CasADi's conversions Ctrl-C comes back as nothing, on which the next line fails
+                if interruption.requested or isinstance(error, KeyboardInterrupt):
+                    raise self._interrupted(self._motion(grid, blocks)) from None
+                raise
         motion = self._motion(grid, blocks)
         self._watch_branch(motion)
         return motion

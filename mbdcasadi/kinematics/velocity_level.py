@@ -39,21 +39,22 @@ class VelocityLevelMotion(MotionFollower):
         integrator = CompiledIntegrator(self._system(), IDAS(INTEGRATION_TOLERANCE, INTEGRATION_TOLERANCE))
         poses, done = q[None, :], 1
         with interruptible() as stop, progress_bar(grid.size - 1, "kinematics", " times", show=progress) as bar:
-            while done < grid.size:
-                times = grid[done : done + CHUNK]
-                v = self._speeds(grid[done - 1 : done], poses[-1:])[0][0]
-                try:
+            try:
+                while done < grid.size:
+                    times = grid[done : done + CHUNK]
+                    v = self._speeds(grid[done - 1 : done], poses[-1:])[0][0]
                     start = float(grid[done - 1])
                     states, _ = integrator.advance(InitialValueProblem(poses[-1], v, start, times, self.numeric.p))
-                except KeyboardInterrupt:
-                    raise self._interrupted(self.correct(grid[:done], poses)) from None
-                except IntegrationFailure as failure:
-                    if stop.requested:
-                        raise self._interrupted(self.correct(grid[:done], poses)) from None
-                    raise self._stopped(integrator, failure.flag, grid, poses, v) from None
-                poses = np.vstack([poses, self._recovery.positions(times, states)])
-                done += times.size
-                bar.update(times.size)
+                    poses = np.vstack([poses, self._recovery.positions(times, states)])
+                    done = len(poses)
+                    bar.update(times.size)
+            except (KeyboardInterrupt, Exception) as error:
+                # inside CasADi's conversions Ctrl-C comes back as nothing, on which the next line fails
+                if stop.requested or isinstance(error, KeyboardInterrupt):
+                    raise self._interrupted(self.correct(grid[: len(poses)], poses)) from None
+                if isinstance(error, IntegrationFailure):
+                    raise self._stopped(integrator, error.flag, grid, poses, v) from None
+                raise
         return self.correct(grid, poses)
 
     def _stopped(
