@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -285,6 +285,18 @@ def free_and_limited(family: str, share: float, problems: Sequence[Callable[[lis
             limited.solve(make((share * peak).tolist()))
     print(free.row("none"))
     print(limited.row(f"{share:g} of the peak"), flush=True)
+
+
+def print_verified(families: Mapping[str, Callable[[np.random.Generator], Problem]], count: int, seed: int) -> None:
+    """Solve instances of families with limits of their own, and print a row of each with the largest defect."""
+    print(HEADER)
+    for name, make in families.items():
+        tally, defect = Tally(name), 0.0
+        for k in range(count):
+            solution = tally.solve(make(np.random.default_rng([seed, k])))
+            if solution is not None:
+                defect = max(defect, float(np.max(solution.verify().defects)))
+        print(tally.row(f"own, defect {defect:.0e}"), flush=True)
 
 
 def main(count: int = 10, seed: int = 0) -> None:

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable
 
 import numpy as np
-from random_families import HEADER, Problem, Tally, bar, end, inputs
+from random_families import Problem, bar, end, inputs, print_verified
 
 import mbdcasadi as mbd
 
@@ -108,14 +108,7 @@ FAMILIES: dict[str, Callable[[np.random.Generator], Problem]] = {
 
 def main(count: int = 30, seed: int = 0) -> None:
     """Solve all families and print the table; what is limited is part of the tasks."""
-    print(HEADER)
-    for name, make in FAMILIES.items():
-        tally, defect = Tally(name), 0.0
-        for k in range(count):
-            solution = tally.solve(make(np.random.default_rng([seed, k])))
-            if solution is not None:
-                defect = max(defect, float(np.max(solution.verify().defects)))
-        print(tally.row(f"own, defect {defect:.0e}"), flush=True)
+    print_verified(FAMILIES, count, seed)
 
 
 if __name__ == "__main__":

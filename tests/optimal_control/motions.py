@@ -30,9 +30,9 @@ def guided_block(
     return block, mechanism
 
 
-def rest_to_rest(distance=1.0, duration=1.0, mass=1.0, lower=-np.inf, upper=np.inf, **changes):
+def rest_to_rest(distance=1.0, duration=1.0, mass=1.0, lower=-np.inf, upper=np.inf, unit=None, **changes):
     """A block from rest at zero to rest at a distance with the least integral of the force squared."""
-    u = mbd.Input("u", lower=lower, upper=upper)
+    u = mbd.Input("u", lower=lower, upper=upper, unit=unit)
     block, mechanism = guided_block(mass, u)
     arguments = dict(
         duration=duration,

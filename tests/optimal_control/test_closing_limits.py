@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
-from motions import crank_rocker, guided_block, half_turn, pendulum, rest_to_rest, swing_up
+from motions import crank_rocker, half_turn, pendulum, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
 from mbdcasadi.optimal_control import search
@@ -182,15 +182,7 @@ def test_a_conflict_of_known_size():
 @pytest.mark.parametrize("unit", [None, "N"])
 def test_limits_that_would_have_to_be_wider_come_first(unit):
     """A force of 3.8 N for 4 N: both sides are named, each by 0.2 N, with the unit of the input if it has one."""
-    u = mbd.Input("u", lower=-3.8, upper=3.8, unit=unit)
-    block, mechanism = guided_block(1.0, u)
-    problem = mbd.OptimalControlProblem(
-        mechanism,
-        duration=1.0,
-        initial=[block.x == 0, block.vx == 0],
-        final=[block.x == 1, block.vx == 0],
-        running_cost=u**2,
-    )
+    problem, *_ = rest_to_rest(lower=-3.8, upper=3.8, unit=unit)
     with pytest.raises(mbd.OptimizationError, match=r"met with wider limits: u .* by 0\.2.*violated then: ") as caught:
         mbd.optimize(problem, intervals=20)
     first, second = caught.value.conflict[:2]

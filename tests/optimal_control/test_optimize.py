@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from motions import four_bar, guided_block
+from motions import four_bar, guided_block, rest_to_rest
 
 import mbdcasadi as mbd
 
@@ -135,15 +135,7 @@ def test_mesh_refinement_reaches_the_tolerance():
 
 def test_another_start_uses_what_was_compiled():
     """The same program serves another start; it is not built again."""
-    u = mbd.Input("u")
-    block, mechanism = guided_block(1.0, u)
-    problem = mbd.OptimalControlProblem(
-        mechanism,
-        duration=2.0,
-        initial=[block.x == 0, block.vx == 0],
-        final=[block.x == 3, block.vx == 0],
-        running_cost=u**2,
-    )
+    problem, _u, block = rest_to_rest(3.0, 2.0)
     mbd.optimize(problem, intervals=10)
     built = dict(problem.compiled.programs)
     second = mbd.optimize(problem, intervals=10, initial=[block.x == 1, block.vx == 0])

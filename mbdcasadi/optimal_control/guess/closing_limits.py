@@ -1,4 +1,4 @@
-"""Search after a solve that failed: without limits first, then with limits that close in, then the least violation.
+"""Search after a solve that failed: from other meshes and motions, and by the least violation of the demands.
 
 A solver that stops at an infeasible point has found that no motion near that point meets all demands, and nothing
 else. So the search goes on, until a solution is found:
@@ -307,7 +307,7 @@ class LimitSearch:
                 solution, slacks, succeeded = self._least_violation(guess, weights)
                 total = sum(slacks.values())
                 if branch_jump(solution) is not None:
-                    continue  # no motion
+                    continue  # it is not a motion of the mechanism
                 if total <= FEASIBLE:
                     arguable = False
                     found = "all limits, from a motion that meets them"

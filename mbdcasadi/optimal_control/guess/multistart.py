@@ -202,8 +202,8 @@ def _random_inputs(setup: PhaseSetup, peaks: np.ndarray, random: np.random.Gener
         amplitudes, shifts = random.uniform(-1, 1, RANDOM_WAVES), random.uniform(0, 2 * np.pi, RANDOM_WAVES)
         angles = np.outer(times / times[-1], np.pi * np.arange(1, RANDOM_WAVES + 1)) + shifts
         waves = np.sin(angles) @ amplitudes
-        largest = random.uniform(*RANDOM_SHARES) * peak
-        signals[symbol] = np.clip(largest * waves / np.max(np.abs(waves)), symbol.lower, symbol.upper)
+        share = random.uniform(*RANDOM_SHARES)
+        signals[symbol] = np.clip(share * peak * waves / np.max(np.abs(waves)), symbol.lower, symbol.upper)
     return signals
 
 
