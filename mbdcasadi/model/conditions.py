@@ -15,6 +15,7 @@ from typing import Any
 import casadi as ca
 
 from ..errors import ConditionError
+from ..numerics.graph import factors_of_zero
 from ..numerics.lazy import cached_property
 from ..printing import to_text
 from .quantities import quantity
@@ -35,6 +36,10 @@ class Condition:
     opposite: Condition | None = None
     #: range of the expression below zero until the opposite side becomes active
     span: float = math.inf
+    #: whether it is a component of a length that is to be zero
+    component: bool = False
+    #: whether it defines a symbol that stands for a part of a cost, and can always be met
+    definition: bool = False
 
     @cached_property
     def symbols(self) -> list[ca.SX]:
@@ -51,6 +56,10 @@ class Condition:
     def unit(self) -> str:
         """Unit of the expression; empty if it is not known."""
         return unit_of(self.expression)
+
+    def with_unit(self, value: float) -> str:
+        """Return a value of the expression as text, with its unit if that is known."""
+        return f"{value:.3g} {self.unit}".rstrip()
 
     def depends_on(self, *kinds: str) -> bool:
         """Return True if a symbol of one of the kinds occurs (see ``symbols.KINDS``)."""
@@ -171,7 +180,22 @@ def _relation(relation: ca.SX, position: int) -> Sequence[Condition]:
     # Python hands `crank.phi == start` to `start`, an SX of a kind of its own, and CasADi keeps start == crank.phi
     if sign == "==" and _moves(right) and not _moves(left):
         left, right = right, left
-    return [Condition(left - right, sign == "==", f"{to_text(left)} {sign} {to_text(right)}")]
+    label = f"{to_text(left)} {sign} {to_text(right)}"
+    zeros = factors_of_zero(left if right.is_zero() else right) if left.is_zero() or right.is_zero() else None
+    if zeros and (sign == "==" or right.is_zero()):
+        return _vanishing(zeros, label, position)
+    return [Condition(left - right, sign == "==", label)]
+
+
+def _vanishing(zeros: list[ca.SX], label: str, position: int) -> Sequence[Condition]:
+    """Conditions that each component of a length is zero; the length itself has no gradient there."""
+    fixed = [part for part in zeros if part.is_constant()]
+    if not all(part.is_zero() for part in fixed):
+        raise ConditionError(f"condition {position} ({label}) can never hold, since one component is {float(next(part for part in fixed if not part.is_zero()))}")
+    moving = [part for part in zeros if not part.is_constant()]
+    named = [label] if len(moving) == 1 else [f"{label}, with {to_text(part)} = 0" for part in moving]
+    several = len(moving) > 1
+    return [Condition(part, True, own, component=several) for part, own in zip(moving, named, strict=True)]
 
 
 def _moves(side: ca.SX) -> bool:

@@ -51,3 +51,51 @@ def count_of_operations(expressions: ca.SX) -> int:
 def operands(node: ca.SX) -> list[ca.SX]:
     """Return the operands of an operation."""
     return [node.dep(k) for k in range(node.n_dep())]
+
+
+def components_of_norm(node: ca.SX) -> list[ca.SX] | None:
+    """Components of a vector whose length ``norm`` made: ``sqrt(s + (s == 0)) - (s == 0)``, s the sum of squares."""
+    if node.n_dep() != 2 or node.op() != ca.OP_SUB:
+        return None
+    root, zero = node.dep(0), node.dep(1)
+    if root.n_dep() != 1 or root.op() != ca.OP_SQRT or zero.n_dep() != 2 or zero.op() != ca.OP_EQ:
+        return None
+    moved = root.dep(0)
+    if moved.n_dep() != 2 or moved.op() != ca.OP_ADD:
+        return None
+    square, shift = moved.dep(0), moved.dep(1)
+    if shift.element_hash() != zero.element_hash() or square.element_hash() != zero.dep(0).element_hash():
+        return None
+    return _components_of_square(square)
+
+
+def _components_of_square(square: ca.SX) -> list[ca.SX] | None:
+    """Components of a vector of which this is the sum of squares; None for another expression."""
+    components, stack = [], [square]
+    while stack:
+        part = stack.pop()
+        if part.n_dep() == 2 and part.op() == ca.OP_ADD:
+            stack.extend((part.dep(1), part.dep(0)))
+        elif part.n_dep() == 1 and part.op() == ca.OP_SQ:
+            components.append(part.dep(0))
+        elif not part.is_zero():
+            return None
+    return components
+
+
+def factors_of_zero(expression: ca.SX) -> list[ca.SX] | None:
+    """Expressions that all vanish where a length, a root, a magnitude or a sum of squares does.
+
+    Such an expression is never negative, and where it is zero its gradient is zero or does not exist, so that no
+    method of Newton's kind meets ``expression == 0``; the expressions that are returned have gradients there. None
+    for an expression of any other kind.
+    """
+    components = components_of_norm(expression)
+    if components is None and expression.n_dep() == 1 and expression.op() in (ca.OP_SQRT, ca.OP_FABS):
+        inner = expression.dep(0)
+        components = factors_of_zero(inner) or [inner]
+    if components is None:
+        components = _components_of_square(expression)
+    if not components:
+        return None
+    return [deeper for part in components for deeper in factors_of_zero(part) or [part]]

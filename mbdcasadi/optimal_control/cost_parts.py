@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import casadi as ca
 
@@ -26,7 +27,7 @@ class CostParts:
     @property
     def limits(self) -> tuple[Condition, ...]:
         """``s >= x``, and ``s >= 0`` or ``s >= -x``, of each symbol s."""
-        return read_conditions(self._limits)
+        return tuple(replace(limit, definition=True) for limit in read_conditions(self._limits))
 
     def split(self, cost: ca.SX, where: str) -> ca.SX:
         """Return a cost with a symbol for each :func:`positive_part` and :func:`absolute`; it must grow with them."""

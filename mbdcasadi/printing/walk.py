@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from ..numerics.graph import operation_name
+from ..numerics.graph import components_of_norm, operation_name
 from .forms import Forms, Operation, Scaled, Symbol
 
 _COMPARISONS = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
@@ -63,7 +63,7 @@ def _kind(node: ca.SX) -> str:
     if node.n_dep() == 0:
         return "other"
     op = node.op()
-    if _norm(node) is not None:
+    if components_of_norm(node) is not None:
         return "norm"
     if op == ca.OP_IF_ELSE_ZERO or (op == ca.OP_ADD and _branches(node)):
         return "choice"
@@ -78,7 +78,7 @@ def _chain(node: ca.SX) -> _Chain:
     if kind == "choice":
         return [(part, 1) for part in _branches(node) or _zero_branch(node)]
     if kind == "norm":
-        return [(part, 1) for part in _norm(node) or ()]
+        return [(part, 1) for part in components_of_norm(node) or ()]
     if kind == "other":
         return [(part, 1) for part in _parts(node)]
     chain, stack = [], [(node, 1)]
@@ -113,31 +113,6 @@ def _factors(node: ca.SX, exponent: int) -> _Chain:
         return [(ca.SX(2), exponent), (node.dep(0), exponent)]
     exponents = {ca.OP_MUL: (1, 1), ca.OP_SQ: (2,), ca.OP_DIV: (1, -1), ca.OP_INV: (-1,)}[op]
     return [(part, exponent * power) for part, power in zip(_parts(node), exponents, strict=False)]
-
-
-def _norm(node: ca.SX) -> list[ca.SX] | None:
-    """Components of a vector whose length ``norm`` made: ``sqrt(s + (s == 0)) - (s == 0)``, s the sum of squares."""
-    if node.n_dep() != 2 or node.op() != ca.OP_SUB:
-        return None
-    root, zero = _parts(node)
-    if root.n_dep() != 1 or root.op() != ca.OP_SQRT or zero.n_dep() != 2 or zero.op() != ca.OP_EQ:
-        return None
-    moved = root.dep(0)
-    if moved.n_dep() != 2 or moved.op() != ca.OP_ADD:
-        return None
-    square, shift = _parts(moved)
-    if shift.element_hash() != zero.element_hash() or square.element_hash() != zero.dep(0).element_hash():
-        return None
-    components, stack = [], [square]
-    while stack:
-        part = stack.pop()
-        if part.n_dep() == 2 and part.op() == ca.OP_ADD:
-            stack.extend(reversed(_parts(part)))
-        elif part.n_dep() == 1 and part.op() == ca.OP_SQ:
-            components.append(part.dep(0))
-        elif not part.is_zero():
-            return None
-    return components
 
 
 def _whole(exponent: ca.SX) -> bool:

@@ -81,8 +81,13 @@ def _refuse_fixed_path(problem: ProblemStatement, phase: Phase) -> None:
         return
     fixed = ranks_of(problem, phase, NumericEquations(eom, eom.parameter_values), timed=False).fixed(rows)
     if any(fixed):
-        label = rows[fixed.index(True)].label
-        raise ConditionError(f"path: {label} is already decided by the constraints alone; leave it out")
+        raise ConditionError(f"path: {_decided(rows[fixed.index(True)])}")
+
+
+def _decided(condition: Condition) -> str:
+    """Reason and remedy for a condition that the constraints decide."""
+    remedy = "state the other components alone" if condition.component else "leave it out"
+    return f"{condition.label} is already decided by the constraints alone; {remedy}"
 
 
 def check_end(
@@ -100,7 +105,7 @@ def check_end(
     ranks = ranks_of(problem, phase, NumericEquations(eom, eom.parameter_values), timed=name != "initial")
     for condition, fixed in zip(rows, ranks.fixed(rows), strict=True):
         if fixed:
-            raise ConditionError(f"{name}: {condition.label} is already decided by the constraints alone; leave it out")
+            raise ConditionError(f"{name}: {_decided(condition)}")
     limits = on_states([c for c in phase.path if not c.equality])
     limits = [c for c, fixed in zip(limits, ranks.fixed(limits, rows), strict=True) if fixed]
     contradiction = ranks.count(rows) < len(rows)
@@ -162,7 +167,7 @@ def _broken_everywhere(
 def _refuse_broken(name: str, values: dict[Condition, tuple[float, float]]) -> None:
     """Refuse limits that values at a place, each with its size, do not meet."""
     for limit, (amount, _size) in _broken(values).items():
-        raise ConditionError(f"{name}: the conditions contradict the path condition {limit.label} by {amount:.3g}")
+        raise ConditionError(f"{name}: the conditions contradict the path condition {limit.label} by {limit.with_unit(amount)}")
 
 
 def _refuse_empty_limits(phase: Phase) -> None:

@@ -104,8 +104,10 @@ def condition_rows(
     """Conditions with their values at a place: equalities, and limits, of which two-sided ones are one row."""
     groups = []
     lower_sides = {c.opposite for c in values if c.opposite in values}
-    for equality in (True, False):
-        chosen = [c for c in values if c.equality is equality and c not in lower_sides]
+    for equality, definition in ((True, False), (False, False), (False, True)):
+        chosen = [
+            c for c in values if (c.equality, c.definition) == (equality, definition) and c not in lower_sides
+        ]
         if chosen:
             pairs = [c.opposite if c.opposite in lower_sides else None for c in chosen]
             group = Rows(
@@ -115,7 +117,7 @@ def condition_rows(
                 np.array([sizes[c] for c in chosen]),
                 tuple(c.unit for c in chosen),
                 equality,
-                condition=True,
+                condition=not definition,
                 spans=np.array([c.span if other else np.inf for c, other in zip(chosen, pairs, strict=True)]),
                 opposites=tuple(prefix + other.label if other else "" for other in pairs),
             )
