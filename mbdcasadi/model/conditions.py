@@ -189,9 +189,8 @@ def _relation(relation: ca.SX, position: int) -> Sequence[Condition]:
 
 def _vanishing(zeros: list[ca.SX], label: str, position: int) -> Sequence[Condition]:
     """Conditions that each component of a length is zero; the length itself has no gradient there."""
-    fixed = [part for part in zeros if part.is_constant()]
-    if not all(part.is_zero() for part in fixed):
-        raise ConditionError(f"condition {position} ({label}) can never hold, since one component is {float(next(part for part in fixed if not part.is_zero()))}")
+    if any(part.is_constant() and not part.is_zero() for part in zeros):
+        raise ConditionError(f"condition {position} ({label}) can never hold, since one component is never zero")
     moving = [part for part in zeros if not part.is_constant()]
     named = [label] if len(moving) == 1 else [f"{label}, with {to_text(part)} = 0" for part in moving]
     several = len(moving) > 1

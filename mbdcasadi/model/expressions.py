@@ -172,7 +172,8 @@ def norm(vector: Any) -> Any:
     """Return the Euclidean length of a vector, with finite first and second derivatives at zero.
 
     The gradient at zero is 0 (that of ``casadi.norm_2`` is NaN), so that ``norm(force) <= 40``
-    can be a condition in optimal control even if the force vanishes.
+    can be a condition in optimal control even if the force vanishes. ``norm(vector) == 0`` is
+    read as a condition for each component.
 
     Parameters
     ----------
@@ -221,6 +222,8 @@ def dot(a: Any, b: Any) -> Any:
 
 def distance(a: Any, b: Any) -> Any:
     """Return the distance of two points, with finite first and second derivatives even if they coincide.
+
+    ``distance(a, b) == 0`` is read as a condition for each component.
 
     Parameters
     ----------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator, Sequence
 
 import casadi as ca
@@ -78,6 +79,8 @@ def _components_of_square(square: ca.SX) -> list[ca.SX] | None:
             stack.extend((part.dep(1), part.dep(0)))
         elif part.n_dep() == 1 and part.op() == ca.OP_SQ:
             components.append(part.dep(0))
+        elif part.is_constant() and float(part) > 0:
+            components.append(ca.SX(math.sqrt(float(part))))
         elif not part.is_zero():
             return None
     return components
@@ -90,6 +93,8 @@ def factors_of_zero(expression: ca.SX) -> list[ca.SX] | None:
     method of Newton's kind meets ``expression == 0``; the expressions that are returned have gradients there. None
     for an expression of any other kind.
     """
+    if expression.is_constant():
+        return None
     components = components_of_norm(expression)
     if components is None and expression.n_dep() == 1 and expression.op() in (ca.OP_SQRT, ca.OP_FABS):
         inner = expression.dep(0)

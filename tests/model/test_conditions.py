@@ -146,3 +146,55 @@ def test_conditions_are_a_list(conditions):
     """A mapping, a text or a number is refused."""
     with pytest.raises(mbd.ConditionError, match="list of relations"):
         read_conditions(conditions)
+
+
+LENGTHS = {
+    "norm": mbd.norm(a.position - b.position) == 0,
+    "distance": mbd.distance(a, b) == 0,
+    "no more than nothing": mbd.distance(a, b) <= 0,
+    "on the right": 0 == mbd.distance(a, b),
+    "CasADi's norm": ca.norm_2(a.position - b.position) == 0,
+    "sum of squares": (a.x - b.x) ** 2 + (a.y - b.y) ** 2 == 0,
+    "square of a length": mbd.norm(a.position - b.position) ** 2 == 0,
+}
+
+
+@pytest.mark.parametrize("relation", LENGTHS.values(), ids=LENGTHS)
+def test_a_length_that_is_to_be_zero_is_a_condition_for_each_component(relation):
+    """Its gradient is zero there or does not exist; that of each component is a unit vector."""
+    conditions = read_conditions([relation])
+    assert sorted(abs(value(c)) for c in conditions) == [3.0, 3.0]
+    assert all(c.equality and c.component for c in conditions)
+    assert len({c.label for c in conditions}) == 2
+    for condition, symbol in zip(conditions, (0, 1), strict=True):
+        slopes = ca.Function("s", [SYMBOLS], [ca.jacobian(condition.expression, SYMBOLS)])(np.zeros(7)).full().ravel()
+        assert np.abs(slopes[[symbol, 3 + symbol]]).tolist() == [1.0, 1.0] and np.abs(slopes).sum() == 2.0
+
+
+def test_other_conditions_on_lengths_stay_as_they_are():
+    """A length that is not zero, a limit that may hold, a sum of squares and more."""
+    for relation in (
+        mbd.distance(a, b) == 1,
+        mbd.distance(a, b) <= 0.1,
+        mbd.distance(a, b) == k,
+        (a.x - b.x) ** 2 + a.y == 0,
+        (a.x - b.x) ** 2 - (a.y - b.y) ** 2 == 0,
+        0 <= mbd.distance(a, b),
+    ):
+        condition = one(relation)
+        assert not condition.component and condition.equality == ("==" in condition.label)
+
+
+def test_one_component_keeps_the_label():
+    """A magnitude or a square that is to be zero is the quantity that is; components that are zero are left out."""
+    assert one(a.x**2 == 0).label == "a.x**2 == 0" and value(one(a.x**2 == 0)) == 1.0
+    assert value(one(ca.fabs(a.y) <= 0)) == 2.0
+    assert value(one(mbd.norm([a.x, 0]) == 0)) == 1.0
+    with pytest.raises(mbd.ConditionError, match=r"can never hold, since one component is never zero"):
+        read_conditions([mbd.norm([a.x, 1]) == 0])
+
+
+def test_a_value_with_its_unit():
+    """Where the unit of the expression is known."""
+    assert one(a.x == 1).with_unit(0.12345) == "0.123 m"
+    assert one(k == 1).with_unit(0.5) == "0.5"

@@ -339,3 +339,18 @@ def test_several_least_violations_are_no_evidence(monkeypatch):
     with pytest.raises(mbd.OptimizationError, match="may still have one") as caught:
         mbd.optimize(problem, intervals=10)
     assert "infeasible" not in str(caught.value) and not caught.value.conflict
+
+
+@pytest.mark.slow
+def test_a_limit_of_an_impulse_alone_is_named():
+    """1 kg over 1 m from rest to rest in 1 s with 20 N at most takes 2 √(...) N s; the rows of the magnitude hold."""
+    problem, u, _ = rest_to_rest(1.0, 1.0, lower=-20, upper=20)
+    limited = problem.replace(boundary=[mbd.integral(mbd.absolute(u)) <= 1.0])
+    with pytest.raises(mbd.OptimizationError, match="wider limits: boundary: integral") as caught:
+        mbd.optimize(limited, intervals=20)
+    limit = caught.value.conflict[0]
+    # 20 t (1 - t) = 1: the force acts for t at either end
+    least = 2 * 20 * (1 - np.sqrt(1 - 4 / 20)) / 2
+    assert limit.label.startswith("boundary: integral") and limit.violation == pytest.approx(least - 1, rel=0.02)
+    assert not any("absolute" in other.label for other in caught.value.conflict[1:])
+    assert "least met is" not in str(caught.value)

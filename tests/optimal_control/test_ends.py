@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from motions import crank_rocker, half_turn, pendulum
 
@@ -66,3 +67,54 @@ def test_a_height_that_is_reached_at_the_top_alone(start, length):
         assert solution.trajectory.final[bob.y] == pytest.approx(length, abs=1e-9)
         costs.append(solution.cost)
     assert costs[0] == pytest.approx(costs[1], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "write", [lambda tip, place: mbd.distance(tip, place) == 0, lambda tip, place: mbd.distance(tip, place) <= 0]
+)
+def test_a_tip_that_meets_a_place_with_a_free_length(write):
+    """The same optimum as with the two coordinates of the place."""
+    length, torque = mbd.Parameter("length", 1.0, lower=0.5, upper=1.5), mbd.Input("torque", lower=-30, upper=30)
+    bar = mbd.Body("bar", mass=1.0, inertia=0.1, pose=(1, 0, 0))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), bar.at(-1 * length, 0))
+    model = mbd.Mechanism(
+        [bar],
+        joints=[pin],
+        forces=[mbd.Gravity(), mbd.Torque("motor", bar, torque)],
+        inputs=[torque],
+        parameters=[length],
+    )
+    x, y = 0.9 * np.cos(1), 0.9 * np.sin(1)
+    rest = bar.omega == 0
+    problem = mbd.OptimalControlProblem(
+        model,
+        duration=1.0,
+        running_cost=torque**2,
+        initial=[pin.angle == 0, rest],
+        final=[bar.x == x, bar.y == y, rest],
+        free_parameters=[length],
+    )
+    best = mbd.optimize(problem, intervals=20)
+    met = mbd.optimize(problem.replace(final=[write(bar.at(0, 0), mbd.ground.at(x, y)), rest]), intervals=20)
+    assert met.cost == pytest.approx(best.cost, rel=1e-8)
+    assert met.parameters[length] == pytest.approx(0.9, rel=1e-8)
+
+
+def test_a_component_that_the_joints_decide_is_named():
+    """A slider that is to meet a place on its own line: the other component is what the user has to state."""
+    force = mbd.Input("force")
+    block = mbd.Body("block", mass=2.0, inertia=1.0)
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
+    model = mbd.Mechanism(
+        [block], joints=[guide], forces=[mbd.Force("push", block.at(0, 0), (force, 0))], inputs=[force]
+    )
+    with pytest.raises(
+        mbd.ConditionError, match=r"block.y = 0 is already decided .*; state the other components alone"
+    ):
+        mbd.OptimalControlProblem(
+            model,
+            duration=1.0,
+            running_cost=force**2,
+            initial=[block.x == 0, block.vx == 0],
+            final=[mbd.distance(block, mbd.ground.at(1, 0)) == 0, block.vx == 0],
+        )

@@ -35,8 +35,8 @@ def test_too_weak_a_motor():
         assert 0 <= violation.tau <= 1
         assert "bob" in violation.label or "pin" in violation.label
         assert str(violation).startswith(violation.label)
-    worst = found[0]
-    assert error.time == worst.time and str(worst) in str(error)
+    first = error.conflict[0]
+    assert error.time == first.time and str(first) in str(error)
     units = {
         "equation of motion of bob.phi": "N m",
         "continuity of bob.phi": "rad",

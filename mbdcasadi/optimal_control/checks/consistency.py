@@ -167,7 +167,9 @@ def _broken_everywhere(
 def _refuse_broken(name: str, values: dict[Condition, tuple[float, float]]) -> None:
     """Refuse limits that values at a place, each with its size, do not meet."""
     for limit, (amount, _size) in _broken(values).items():
-        raise ConditionError(f"{name}: the conditions contradict the path condition {limit.label} by {limit.with_unit(amount)}")
+        raise ConditionError(
+            f"{name}: the conditions contradict the path condition {limit.label} by {limit.with_unit(amount)}"
+        )
 
 
 def _refuse_empty_limits(phase: Phase) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -140,11 +142,16 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
     if violations and not kinks and status in ("Maximum_Iterations_Exceeded", "Search_Direction_Becomes_Too_Small"):
         worst += " (the problem may be infeasible)"
     return OptimizationError(
-        f"{message}{worst}; after {solution.statistics.iterations} iterations, the last iterate is in .partial",
+        f"{message}{worst}; {_left(solution)}",
         largest_violations=violations,
         partial=solution,
         time=wrong[1] if wrong else violations[0].time if violations else None,
     )
+
+
+def _left(solution: Solution) -> str:
+    """What is left of a search that failed, in words."""
+    return f"after {solution.statistics.iterations} iterations, the last iterate is in .partial"
 
 
 def is_unbounded(solution: Solution) -> bool:
@@ -169,11 +176,12 @@ def infeasible(
     limits = [] if widened is None else _conflicts(*widened, tolerance)
     text = (
         f"the problem seems infeasible: {_wider(limits)}the least violation of all its demands together, from {starts} "
-        f"starts, is not zero; violated then: {_listed(list(map(str, together)), 3)}; {_without_message(failure)}"
+        f"starts, is not zero; violated then: {_listed(list(map(str, together)), 3)}; {_last_iterate(failure)}"
     )
     error = _instead_of(failure, _in_plain_names(text, failure.partial.problem))
     named = {violation.label for violation in limits}
     error.conflict = (*limits, *(violation for violation in together if violation.label not in named))
+    error.time = error.conflict[0].time if error.conflict else failure.time
     return error
 
 
@@ -222,10 +230,16 @@ def not_found(
     """
     limits = [] if widened is None else _conflicts(*widened, tolerance)
     text = (
-        f"no solution was found, and the problem may still have one (tried: {'; '.join(stages)}); {_wider(limits)}"
+        f"no solution was found, and the problem may still have one (tried: {_tried(stages)}); {_wider(limits)}"
         f"starts= and guess= look elsewhere; {_without_message(failure)}"
     )
     return _instead_of(failure, _in_plain_names(text, failure.partial.problem))
+
+
+def _tried(stages: list[str]) -> str:
+    """Stages of a search in the order in which they came first, each once and without the amounts that were left."""
+    counted = Counter(re.sub(r", [^,]* in all$", "", stage) for stage in stages)
+    return "; ".join(stage if times == 1 else f"{stage} ({times} times)" for stage, times in counted.items())
 
 
 def _wider(limits: Sequence[Violation]) -> str:
@@ -239,6 +253,13 @@ def _instead_of(failure: OptimizationError, text: str) -> OptimizationError:
     return OptimizationError(
         text, largest_violations=failure.largest_violations, partial=failure.partial, time=failure.time
     )
+
+
+def _last_iterate(failure: OptimizationError) -> str:
+    """Report of a failure without its demands that are not met, which say little beside the least violation."""
+    problem = failure.partial.problem
+    kinks = kinks_in_costs(problem) or kinks_in_path(problem)
+    return f"{kinks}; {_left(failure.partial)}" if kinks else _left(failure.partial)
 
 
 def _without_message(failure: OptimizationError) -> str:

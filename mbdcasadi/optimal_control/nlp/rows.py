@@ -105,9 +105,7 @@ def condition_rows(
     groups = []
     lower_sides = {c.opposite for c in values if c.opposite in values}
     for equality, definition in ((True, False), (False, False), (False, True)):
-        chosen = [
-            c for c in values if (c.equality, c.definition) == (equality, definition) and c not in lower_sides
-        ]
+        chosen = [c for c in values if (c.equality, c.definition) == (equality, definition) and c not in lower_sides]
         if chosen:
             pairs = [c.opposite if c.opposite in lower_sides else None for c in chosen]
             group = Rows(
