@@ -285,7 +285,8 @@ def _conflicts(solution: Solution, slacks: dict[str, float], tolerance: float) -
         side = max(sides[label], key=excess)
         time = solution.phases[side.phase].time_at(side.intervals[0], side.tau)
         interval = side.intervals[0] if side.repeated else None
-        violations.append(Violation(label, slack * side.size, side.unit, time, interval, side.tau, slack))
+        name = label_of(solution, side.phase, label)
+        violations.append(Violation(name, slack * side.size, side.unit, time, interval, side.tau, slack))
     # both sides of a limit are often violated by the same amount, but for rounding
     return sorted(violations, key=lambda v: -float(f"{v.scaled:.5g}"))
 
