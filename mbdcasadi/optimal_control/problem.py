@@ -34,7 +34,9 @@ class OptimalControlProblem(ProblemStatement):
     duration : float or (float, float)
         Time of the motion, s; two numbers: free between them.
     initial : sequence of relations, or State
-        Conditions at the start; what is not stated is free, a state fixes everything.
+        Conditions at the start; what is not stated is free, a state fixes everything. First-order states
+        that are not stated, such as the current of a motor, are free, too, while :func:`mbdcasadi.simulate` takes
+        their initial values.
     final : sequence of relations, or State
         Conditions at the end; a state fixes everything.
     path : sequence of relations

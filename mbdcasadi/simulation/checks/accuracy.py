@@ -90,13 +90,13 @@ def small_motions(motion: Trajectory, moved: np.ndarray, abstol: float) -> list[
     """
     if largest(moved) < RESOLVED * abstol:
         return []
-    few = (moved > 10 * abstol) & (moved < 1e-2 * RESOLVED * abstol)
-    names = [motion.equations.coordinate_names[k] for k in np.flatnonzero(few)]
-    if not names:
+    few = np.flatnonzero((moved > 10 * abstol) & (moved < 1e-2 * RESOLVED * abstol))
+    if not few.size:
         return []
-    smallest = float(np.min(moved[few]))
+    names, smallest = motion.equations.coordinate_names, float(moved[few].min())
     return [
-        f"{', '.join(names[:6])}{' and others' if len(names) > 6 else ''} move by as little as {smallest:.2g} (m or "
+        f"{', '.join(names[k] for k in few[:6])}{' and others' if few.size > 6 else ''} move by as little as "
+        f"{smallest:.2g} (m or "
         f"rad), which abstol = {abstol:.1e} resolves to {100 * abstol / smallest:.1g} %; lower it if they matter"
     ]
 

@@ -124,7 +124,8 @@ class SingularPassage:
     def note_regular(self, path: Path) -> None:
         """Take note of some poses of a path on which none is near to a singular one."""
         if self._regularity.is_needed:
-            rows = np.unique(np.linspace(0, path.times.size - 1, SOME).astype(int))
+            count = min(SOME, path.times.size)
+            rows = np.arange(count) * (path.times.size - 1) // max(count - 1, 1)
             self._regular.append((path.times[rows], path.x[rows, : self._numeric.eom.sizes[0]]))
             if len(self._regular) == MOST_REGULAR:
                 self._take_regular()
