@@ -309,7 +309,7 @@ FROM_LATEX = {
 @pytest.mark.parametrize("seed", range(200))
 def test_flat_sums_and_products_keep_the_value(seed, monkeypatch):
     """Text and LaTeX, with numbers in full."""
-    monkeypatch.setattr("mbdcasadi.printing.text.digits", repr)
+    monkeypatch.setattr("mbdcasadi.printing.terms.digits", repr)
     monkeypatch.setattr("mbdcasadi.printing.latex.digits", repr)
     random = np.random.default_rng(seed)
     leaves = [a, b, c]

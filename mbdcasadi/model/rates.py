@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 
 from ..errors import ExpressionError
 from .symbols import as_expression, describe, role_of, symbols_of
 
-if TYPE_CHECKING:
-    from .mechanism import Mechanism
 
-
-def time_derivative(expression: Any, mechanism: Mechanism | None = None) -> ca.SX:
+def time_derivative(expression: Any, mechanism: Any = None) -> ca.SX:
     """Return the rate of change of an expression, by the chain rule.
 
     ``de/dt = e_q v + e_v a + e_z ż + e_t``

@@ -9,7 +9,6 @@ the coordinates of bodies: ``crank.vx`` is ``\dot{x}_{\mathrm{crank}}``.
 
 from .latex import to_latex
 from .matrices import matrix_to_latex, matrix_to_text
-from .terms import LIMIT
-from .text import to_text
+from .text import LIMIT, to_text
 
 __all__ = ["LIMIT", "matrix_to_latex", "matrix_to_text", "to_latex", "to_text"]

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any, ClassVar
 
 from .names import escaped, latex_name
-from .terms import ATOM, LIMIT, NOT, POWER, PRODUCT, Term, scalar, write
-from .text import TextStyle, digits
+from .terms import ATOM, NOT, POWER, PRODUCT, Term, TextStyle, digits
+from .text import LIMIT, scalar, write
 
 
 class LatexStyle(TextStyle):

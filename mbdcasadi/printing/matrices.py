@@ -9,8 +9,8 @@ import casadi as ca
 
 from ..errors import ModelError
 from .latex import LatexStyle
-from .terms import LIMIT, write
-from .text import TextStyle
+from .terms import TextStyle
+from .text import LIMIT, write
 
 
 def _entries(matrix: Any, style: TextStyle, limit: int, function: str) -> list[list[str]]:

@@ -1,22 +1,11 @@
-"""From forms to pieces of output, in the style of plain text or of LaTeX."""
+"""Pieces of output, and the style of plain text."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
-
-import casadi as ca
-
-from ..errors import ModelError
-from ..numerics.graph import count_of_operations
-from .forms import Form, Forms, Number, Operation, Product, Scaled, Sum, Symbol
-from .walk import forms_of, is_short
-
-if TYPE_CHECKING:
-    from .text import TextStyle
-
-#: Most operations, symbols and numbers that are written out.
-LIMIT = 400
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import ClassVar
 
 # Precedence of operators, as in Python.
 OR, AND, NOT, COMPARISON, SUM, PRODUCT, POWER, ATOM = range(8)
@@ -56,93 +45,89 @@ class Term:
         return self.negative and self.level >= PRODUCT
 
 
-def scalar(expression: Any, function: str) -> ca.SX:
-    """Expression of one entry.
+class TextStyle:
+    """Style of plain text that Python can read."""
 
-    Raises
-    ------
-    ModelError
-        For anything else.
-    """
-    try:
-        expression = expression if isinstance(expression, ca.SX) else ca.SX(expression)
-    except (TypeError, NotImplementedError):
-        raise ModelError(f"{function}: takes an expression in casadi.SX or a number, got {expression!r}") from None
-    if not expression.is_scalar():
-        raise ModelError(f"{function}: takes a scalar, got shape {expression.shape}; use matrix_{function}")
-    return expression
+    words: ClassVar[dict[str, str]] = {"and": "and", "or": "or", "not": "not "}
+
+    def symbol(self, name: str) -> Term:
+        return Term(name)
+
+    def number(self, value: float) -> Term:
+        return Term(digits(abs(value)), negative=value < 0)
+
+    def wrapped(self, text: str) -> str:
+        return f"({text})"
+
+    def within(self, term: Term, level: int) -> str:
+        """Text of an operand of an operation of a level: in parentheses if it binds less tightly."""
+        if term.level < level or (term.negative and level > SUM):
+            return self.wrapped(term.signed)
+        return term.signed
+
+    def unsigned(self, term: Term) -> Term:
+        """Return the term as a factor, whose sign is drawn in front of the product."""
+        if term.level >= PRODUCT:
+            return replace(term, negative=False)
+        return Term(self.wrapped(term.signed))
+
+    def sum(self, terms: Sequence[Term]) -> Term:
+        terms = [term if term.level >= SUM else Term(self.wrapped(term.signed)) for term in terms]
+        rest = "".join(f" {'-' if term.negative else '+'} {term.text}" for term in terms[1:])
+        return Term(terms[0].text + rest, SUM, terms[0].negative)
+
+    def product(self, number: float, above: Sequence[Term], below: Sequence[Term]) -> Term:
+        """Write a number times the factors above, over those below."""
+        negative = (number < 0) != (sum(term.opposite for term in [*above, *below]) % 2 == 1)
+        above, below = list(above), list(below)
+        if abs(number) != 1 or not above:
+            above.insert(0, self.number(abs(number)))
+        return replace(self.fraction(above, below) if below else self.factors(above), negative=negative)
+
+    def factors(self, terms: Sequence[Term]) -> Term:
+        terms = [self.unsigned(term) for term in terms]
+        if len(terms) == 1:
+            return terms[0]
+        text = terms[0].text
+        for before, term in pairwise(terms):
+            text += self.times(before, term) + term.text
+        return Term(text, PRODUCT, bare=terms[-1].bare)
+
+    def times(self, a: Term, b: Term) -> str:
+        return "*"
+
+    def fraction(self, above: Sequence[Term], below: Sequence[Term]) -> Term:
+        return Term(f"{self.factors(above).text}/{self.within(self.factors(below), POWER)}", PRODUCT)
+
+    def power(self, a: Term, exponent: Term) -> Term:
+        return Term(f"{self.within(a, ATOM)}**{self.within(exponent, ATOM)}", POWER)
+
+    def comparison(self, a: Term, sign: str, b: Term) -> Term:
+        return Term(f"{self.within(a, SUM)} {sign} {self.within(b, SUM)}", COMPARISON)
+
+    def logic(self, word: str, a: Term, b: Term) -> Term:
+        level = AND if word == "and" else OR
+        return Term(f"{self.within(a, level)} {self.words[word]} {self.within(b, level)}", level)
+
+    def negation(self, a: Term) -> Term:
+        return Term(f"{self.words['not']}{self.within(a, NOT)}", NOT)
+
+    def choice(self, condition: Term, a: Term, b: Term) -> Term:
+        return self.call("if_else", [condition, a, b])
+
+    def call(self, name: str, arguments: Sequence[Term]) -> Term:
+        return Term(f"{name}({', '.join(a.signed for a in arguments)})")
+
+    def too_long(self, count: int) -> str:
+        return f"… ({count} operations)"
 
 
-def write(expression: ca.SX, style: TextStyle, limit: int) -> str:
-    """Scalar expression in a style."""
-    if expression.nnz() == 0:
-        return "0"
-    if not is_short(expression, limit):
-        return style.too_long(count_of_operations(expression))
-    forms, whole = forms_of(expression)
-    writer = _Writer(forms, style)
-    return writer.term(whole).signed
-
-
-class _Writer:
-    """Terms of all forms of a table; each below those it is made of."""
-
-    def __init__(self, forms: Forms, style: TextStyle) -> None:
-        self.forms, self.style = forms.table, style
-        self.terms: list[Term] = []
-        for form in self.forms:
-            self.terms.append(self._form(form))
-
-    def term(self, scaled: Scaled) -> Term:
-        """Term of a number times a form."""
-        value, place = scaled
-        form = self.forms[place]
-        if place == Forms.ONE:
-            return self.style.number(value)
-        if value == 1:
-            return self.terms[place]
-        if isinstance(form, Product):
-            return self._product(value, form)
-        if isinstance(form, Sum) and value == -1:
-            return self._sum(value, form)
-        return self.style.product(value, [self.terms[place]], [])
-
-    def _form(self, form: Form) -> Term:
-        if isinstance(form, Number):
-            return self.style.number(form.value)
-        if isinstance(form, Symbol):
-            return self.style.symbol(form.name)
-        if isinstance(form, Sum):
-            return self._sum(1.0, form)
-        if isinstance(form, Product):
-            return self._product(1.0, form)
-        return self._operation(form)
-
-    def _sum(self, sign: float, form: Sum) -> Term:
-        return self.style.sum([self.term((sign * value, place)) for value, place in form.summands])
-
-    def _product(self, value: float, form: Product) -> Term:
-        above, below = (
-            [self._power(self.terms[place], exponent) for place, exponent in powers]
-            for powers in (form.above, form.below)
-        )
-        if form.over != 1:
-            below.insert(0, self.style.number(form.over))
-        return self.style.product(value, above, below)
-
-    def _power(self, base: Term, exponent: int) -> Term:
-        return base if exponent == 1 else self.style.power(base, Term(str(exponent)))
-
-    def _operation(self, form: Operation) -> Term:
-        style, arguments = self.style, [self.term(argument) for argument in form.arguments]
-        if form.kind == "power":
-            return style.power(*arguments)
-        if form.kind == "comparison":
-            return style.comparison(arguments[0], form.name, arguments[1])
-        if form.kind == "logic":
-            return style.logic(form.name, *arguments)
-        if form.kind == "negation":
-            return style.negation(*arguments)
-        if form.kind == "choice":
-            return style.choice(*arguments)
-        return style.call(form.name, arguments)
+def digits(value: float) -> str:
+    """Shortest decimal text of a number that is not negative; six digits if that is long."""
+    exact = repr(float(value)).removesuffix(".0")
+    count = len(exact.partition("e")[0].replace(".", "").strip("0"))
+    text = exact if count <= 9 else f"{value:.6g}"
+    if count <= 3 and value >= 1e6:
+        text = f"{value:.3g}"
+    mantissa, e, exponent = text.partition("e")
+    return f"{mantissa}e{int(exponent)}" if e else mantissa
