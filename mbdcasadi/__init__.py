@@ -106,7 +106,8 @@ if _typing.TYPE_CHECKING:
     from .sweeping.cases import full_factorial, latin_hypercube
     from .sweeping.result import Sweep
     from .sweeping.sweep import sweep
-    from .visual.animation import Animation, animate
+    from .visual.animate import animate
+    from .visual.animation import Animation
     from .visual.drawing.draw import draw
     from .visual.plots.charts import plot_energy, plot_path, plot_phase
     from .visual.plots.identification_plots import plot_residuals
@@ -145,7 +146,8 @@ _LATER = {
     "sweeping.cases": "full_factorial latin_hypercube",
     "sweeping.result": "Sweep",
     "sweeping.sweep": "sweep",
-    "visual.animation": "Animation animate",
+    "visual.animate": "animate",
+    "visual.animation": "Animation",
     "visual.drawing.draw": "draw",
     "visual.plots.charts": "plot_energy plot_path plot_phase",
     "visual.plots.identification_plots": "plot_residuals",

@@ -157,19 +157,17 @@ def _check_outputs(outputs: dict[str, Path], inputs: Sequence[Path]) -> None:
         if outputs["plot"].suffix.lower().lstrip(".") not in formats:
             raise mbd.MechanismError(f"--plot {outputs['plot']}: the name must end in one of .{', .'.join(formats)}")
     if "animate" in outputs:
-        from .visual.animation import writer_for
+        from .visual.animation import check_ending
 
-        writer_for(outputs["animate"])
+        check_ending(outputs["animate"])
 
 
 def _write(motion: mbd.Trajectory, outputs: dict[str, Path]) -> None:
     """Write all outputs, or none of them."""
-    from .visual.animation import writer_for
-
     writers: dict[str, Callable[[Path, Path], None]] = {
         "csv": lambda temporary, _: motion.to_csv(temporary),
         "plot": lambda temporary, path: _draw(motion, temporary, path.suffix.lower().lstrip(".")),
-        "animate": lambda temporary, path: writer_for(path)(mbd.animate(motion), temporary),
+        "animate": lambda temporary, path: mbd.animate(motion).write(temporary, path.suffix.lower()),
         "save": lambda temporary, _: motion.save(temporary),
     }
     with ExitStack() as stack:

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import MechanismError
 from ..model.bodies import Body
 from ..model.mechanism import Mechanism
-from .trajectory import Trajectory
+from .motion import Motion
 
 _LEVELS = ("x", "y", "phi", "vx", "vy", "omega", "ax", "ay", "alpha")
 
@@ -41,7 +41,7 @@ def effort_unit(driver: Any) -> str:
     return "N" if ca.depends_on(driver.rows, places) else "N m"
 
 
-def has_multipliers(motion: Trajectory) -> bool:
+def has_multipliers(motion: Motion) -> bool:
     """Return True if reactions and efforts were computed with the motion."""
     return bool(motion.lam.size) and not bool(np.all(np.isnan(motion.lam)))
 
@@ -125,7 +125,7 @@ def component_names(name: str, shape: tuple[int, int]) -> list[str]:
     return [f"{name}.{axis}" for axis in "xy"] if count == 2 else [f"{name}[{k}]" for k in range(count)]
 
 
-def columns(motion: Trajectory, expressions: Any = None) -> dict[str, np.ndarray]:
+def columns(motion: Motion, expressions: Any = None) -> dict[str, np.ndarray]:
     """Values over time by name, each (n_t,); without expressions the columns of ``Trajectory.to_csv``.
 
     A vector of two gives ``name.x`` and ``name.y``, others ``name[0]`` and so on.
@@ -149,6 +149,6 @@ def columns(motion: Trajectory, expressions: Any = None) -> dict[str, np.ndarray
     return table
 
 
-def phase_numbers(motion: Trajectory) -> np.ndarray:
+def phase_numbers(motion: Motion) -> np.ndarray:
     """Return the number of the phase of a motion by time (n_t,), from 0."""
     return np.repeat(np.arange(len(motion.phases)), [len(phase) for phase in motion.phases])

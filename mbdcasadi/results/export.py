@@ -12,21 +12,19 @@ from ..errors import MechanismError
 from ..numerics.lazy import optional_package
 from ..numerics.writing import whole_file
 from .columns import columns, phase_numbers, read_expressions
+from .motion import Motion
 from .stored_states import ARRAYS, column_names
-from .trajectory import Trajectory
 
 if TYPE_CHECKING:
     import pandas
     import xarray
 
 
-def to_pandas(motion: Trajectory, expressions: dict[str, Any] | None = None) -> pandas.DataFrame:
+def to_pandas(motion: Motion, expressions: dict[str, Any] | None = None) -> pandas.DataFrame:
     """Return a DataFrame whose index is the time ``t``, s.
 
     Parameters
     ----------
-    motion : Trajectory
-        The motion.
     expressions : dict of str to expression, optional
         Scalars keep their names; a vector of two becomes ``name.x`` and
         ``name.y``, others ``name[0]`` and so on. Without, the columns of :func:`to_csv`.
@@ -35,13 +33,11 @@ def to_pandas(motion: Trajectory, expressions: dict[str, Any] | None = None) -> 
     return pd.DataFrame(columns(motion, expressions), index=pd.Index(motion.t, name="t"))
 
 
-def to_xarray(motion: Trajectory, expressions: dict[str, Any] | None = None) -> xarray.Dataset:
+def to_xarray(motion: Motion, expressions: dict[str, Any] | None = None) -> xarray.Dataset:
     """Return a Dataset with the dimension ``t``, s.
 
     Parameters
     ----------
-    motion : Trajectory
-        The motion.
     expressions : dict of str to expression, optional
         One variable each; a vector of two has the dimension ``axis`` (x, y),
         others have the dimensions ``name_0`` and ``name_1``. Without, ``q, v, a`` by
@@ -68,13 +64,11 @@ def to_xarray(motion: Trajectory, expressions: dict[str, Any] | None = None) -> 
     return xr.Dataset(variables, coords=coordinates)
 
 
-def to_csv(motion: Trajectory, path: str | Path, expressions: dict[str, Any] | None = None) -> None:
+def to_csv(motion: Motion, path: str | Path, expressions: dict[str, Any] | None = None) -> None:
     """Write a table with the column ``t`` and one for each quantity; a failure leaves no file behind.
 
     Parameters
     ----------
-    motion : Trajectory
-        The motion.
     path : str or Path
         The file.
     expressions : dict of str to expression, optional

@@ -14,9 +14,9 @@ from ..model.cache import ExpressionKey
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
 from ..numerics.lazy import cached_property
-from .energy_and_drift import Energy
+from .motion import Energy, Statistics
 from .state import Arguments, Arrays, EventOccurrence, State, six
-from .trajectory import Statistics, Trajectory
+from .trajectory import Trajectory
 
 
 def union_of(mechanisms: Iterable[Mechanism]) -> Mechanism:

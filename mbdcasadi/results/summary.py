@@ -8,14 +8,14 @@ import numpy as np
 
 from ..model.expressions import norm
 from .columns import columns, effort_unit, has_multipliers, joints_of, reaction_of
-from .trajectory import Trajectory
+from .motion import Motion
 
 _WIDTH = 20
 #: Loads below this are rounding, N or N m.
 _NOTHING = 1e-9
 
 
-def summary_lines(motion: Trajectory, facts: Mapping[str, str] | None = None) -> list[tuple[str, str]]:
+def summary_lines(motion: Motion, facts: Mapping[str, str] | None = None) -> list[tuple[str, str]]:
     """Return the lines of :func:`summary`, each with its name."""
     mechanism, run, drift, energy = motion.mechanism, motion.statistics, motion.drift, motion.energy.total
     lines = [("model", mechanism.name or "without a name"), ("", _parts(motion)), *(facts or {}).items()]
@@ -31,7 +31,7 @@ def summary_lines(motion: Trajectory, facts: Mapping[str, str] | None = None) ->
     return lines
 
 
-def summary(motion: Trajectory, facts: Mapping[str, str] | None = None) -> str:
+def summary(motion: Motion, facts: Mapping[str, str] | None = None) -> str:
     """Return a summary of a motion as a table, with facts behind the name of the model.
 
     Outputs, wall time, drift, energy, range of each driver's effort, largest reaction of each joint, notes.
@@ -39,7 +39,7 @@ def summary(motion: Trajectory, facts: Mapping[str, str] | None = None) -> str:
     return "\n".join(f"{name:{_WIDTH}}{text}".rstrip() for name, text in summary_lines(motion, facts))
 
 
-def _parts(motion: Trajectory) -> str:
+def _parts(motion: Motion) -> str:
     mechanism = motion.mechanism
     counts = {
         "body bodies": mechanism.bodies,
@@ -56,7 +56,7 @@ def _table(title: str, entries: Mapping[str, str]) -> list[tuple[str, str]]:
     return [(title if k == 0 else "", f"{name:{width}}{text}") for k, (name, text) in enumerate(entries.items())]
 
 
-def _efforts(motion: Trajectory) -> dict[str, str]:
+def _efforts(motion: Motion) -> dict[str, str]:
     entries = {}
     for driver in motion.mechanism.drivers:
         unit = effort_unit(driver)
@@ -65,7 +65,7 @@ def _efforts(motion: Trajectory) -> dict[str, str]:
     return entries
 
 
-def _reactions(motion: Trajectory) -> dict[str, str]:
+def _reactions(motion: Motion) -> dict[str, str]:
     entries = {}
     for joint in joints_of(motion.mechanism):
         reaction = reaction_of(joint)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -17,45 +15,14 @@ from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
 from ..numerics.lazy import cached_property
 from ..numerics.real import real_array
-from .energy_and_drift import Drift, Energy
+from .export import to_csv, to_pandas, to_xarray
 from .finite import refuse_nan
 from .interpolation import cubic, hermite, linear
+from .motion import Drift, Energy, Statistics
 from .notebook import html_table
+from .saving import save
 from .state import Arguments, EventOccurrence, State, six
-
-if TYPE_CHECKING:
-    import pandas
-    import xarray
-
-__all__ = ["Drift", "Energy", "EventOccurrence", "Statistics", "Trajectory"]
-
-
-@dataclass
-class Statistics:
-    """Statistics of the run that computed a trajectory.
-
-    Attributes
-    ----------
-    method : str
-        Integrator or solver.
-    formulation : str
-        Form of the equations that it integrated.
-    seconds : float
-        Wall-clock time of the run, s.
-    restarts : int
-        Number of starts of the integrator.
-    steps : int
-        Number of its steps; 0 of a method without steps.
-    notes : list of str
-        Remarks for the user.
-    """
-
-    method: str = ""
-    formulation: str = ""
-    seconds: float = 0.0
-    restarts: int = 0
-    steps: int = 0
-    notes: list[str] = field(default_factory=list)
+from .summary import summary_lines
 
 
 class Trajectory(HoldsSymbols):
@@ -303,30 +270,7 @@ class Trajectory(HoldsSymbols):
         position, velocity = (np.max(np.abs(x.reshape(len(self), -1)), axis=1, initial=0.0) for x in rows)
         return position, velocity
 
-    # --- tables and files -------------------------------------------------------------------
-    def to_pandas(self, expressions: dict[str, Any] | None = None) -> pandas.DataFrame:
-        """Return a DataFrame over time; without expressions the columns of :meth:`to_csv`."""
-        from .export import to_pandas
-
-        return to_pandas(self, expressions)
-
-    def to_xarray(self, expressions: dict[str, Any] | None = None) -> xarray.Dataset:
-        """Return a Dataset over time; without expressions coordinates, rates and multipliers."""
-        from .export import to_xarray
-
-        return to_xarray(self, expressions)
-
-    def to_csv(self, path: str | Path, expressions: dict[str, Any] | None = None) -> None:
-        """Write a table: ``t``, coordinates by body, reactions on body b by joint, efforts by driver."""
-        from .export import to_csv
-
-        to_csv(self, path, expressions)
-
-    def save(self, path: str | Path) -> None:
-        """Write all arrays to a ``.npz`` file; ``read_trajectory(path, mechanism)``, or all mechanisms, reads it."""
-        from .trajectory_files import save
-
-        save(self, path)
+    to_pandas, to_xarray, to_csv, save = to_pandas, to_xarray, to_csv, save
 
     def __repr__(self) -> str:
         if not self.t.size:
@@ -345,8 +289,6 @@ class Trajectory(HoldsSymbols):
 
     def _repr_html_(self) -> str:
         """Outputs, energy, drift, efforts and largest reactions as a table, for notebooks."""
-        from .summary import summary_lines
-
         if not self.t.size:
             return html_table(repr(self), [])
         lines = summary_lines(self)

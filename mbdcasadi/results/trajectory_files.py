@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import fields
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,50 +13,14 @@ import numpy as np
 from ..equations import Equations, equations
 from ..errors import FileError, MechanismError, warn
 from ..model.mechanism import Mechanism
-from .archives import Archive, read_arrays, write_arrays
+from .archives import Archive, read_arrays
 from .fingerprint import difference, fingerprint
+from .motion import Statistics
 from .phases import PhasedTrajectory, in_whole, union_of
+from .saving import FORMAT, PHASED_FORMAT
 from .state import Arrays, EventOccurrence, State, six
-from .stored_states import (
-    ARRAYS,
-    check_columns,
-    column_names,
-    read_columns,
-    read_states,
-    read_times,
-    refinement,
-    states_of,
-)
-from .trajectory import Statistics, Trajectory
-
-_FORMAT = "mbdcasadi trajectory 1"
-_PHASED_FORMAT = "mbdcasadi phased trajectory 1"
-
-
-def save(motion: Trajectory, path: str | Path) -> None:
-    """Write all arrays, the names they belong to, events and statistics to one NumPy file, without pickle.
-
-    ``.npz`` is usual as its ending, and is not added.
-    """
-    content = _phased_content(motion) if isinstance(motion, PhasedTrajectory) else _content(motion)
-    write_arrays(path, content)
-
-
-def _content(motion: Trajectory) -> dict[str, Any]:
-    """Entries of a motion in one mechanism."""
-    eom = motion.equations
-    content: dict[str, Any] = {"format": _FORMAT, "t": motion.t, "parameters": motion.parameters}
-    content |= {name: getattr(motion, name) for name in ARRAYS}
-    content |= {f"{kind} names": np.array(names, dtype=str) for kind, names in column_names(eom).items()}
-    content["fingerprint"] = fingerprint(eom, motion.arguments)
-    content["missing multipliers"] = motion.missing_multipliers
-    content["statistics"] = json.dumps(asdict(motion.statistics))
-    content["event names"] = np.array([event.name for event in motion.events], dtype=str)
-    content["event t"] = np.array([event.t for event in motion.events], float)
-    content |= states_of([event.state for event in motion.events], eom, "event ")
-    content |= states_of([event.after or event.state for event in motion.events], eom, "event after ")
-    content["event resets"] = np.array([event.after is not None for event in motion.events], dtype=bool)
-    return content
+from .stored_states import check_columns, read_columns, read_states, read_times, refinement
+from .trajectory import Trajectory
 
 
 def read_trajectory(path: str | Path, mechanism: Mechanism | Sequence[Mechanism]) -> Trajectory:
@@ -96,8 +59,8 @@ def read_trajectory(path: str | Path, mechanism: Mechanism | Sequence[Mechanism]
     >>> motion = mbd.read_trajectory("run.npz", model)  # doctest: +SKIP
     """
     mechanisms = _read_mechanisms(mechanism)
-    archive = read_arrays(path, (_FORMAT, _PHASED_FORMAT), "trajectory", "Trajectory.save")
-    if str(archive["format"]) == _PHASED_FORMAT:
+    archive = read_arrays(path, (FORMAT, PHASED_FORMAT), "trajectory", "Trajectory.save")
+    if str(archive["format"]) == PHASED_FORMAT:
         return _read_phased(archive, mechanisms)
     if len(mechanisms) > 1:
         raise FileError(
@@ -164,63 +127,6 @@ def _events(archive: Archive, eom: Equations, parameters: np.ndarray) -> list[Ev
 
 
 # --- motions through several mechanisms -----------------------------------------------------
-def _phased_content(motion: PhasedTrajectory) -> dict[str, Any]:
-    """Entries of a motion through several mechanisms."""
-    parts, whole = motion.phases, motion.mechanism
-    mechanisms = list(dict.fromkeys(part.mechanism for part in parts))
-    content: dict[str, Any] = {
-        "format": _PHASED_FORMAT,
-        "t": motion.t,
-        "parameter names": np.array([p.label for p in whole.parameters], dtype=str),
-        "parameters": np.reshape(motion.parameters_by_phase, (len(parts), len(whole.parameters))),
-        "phase mechanisms": np.array([mechanisms.index(part.mechanism) for part in parts]),
-        "phase lengths": np.array([len(part) for part in parts]),
-        "phase statistics": json.dumps([asdict(part.statistics) for part in parts]),
-        "missing multipliers": json.dumps([part.missing_multipliers for part in parts]),
-        "statistics": json.dumps(asdict(motion.statistics)),
-    }
-    for k, mechanism in enumerate(mechanisms):
-        its_parts, eom = [part for part in parts if part.mechanism is mechanism], equations(mechanism)
-        prefix = f"mechanism {k} "
-        content |= {prefix + name: np.vstack([getattr(part, name) for part in its_parts]) for name in ARRAYS}
-        content |= {f"{prefix}{kind} names": np.array(names, dtype=str) for kind, names in column_names(eom).items()}
-        content[f"{prefix}fingerprint"] = fingerprint(eom, its_parts[0].arguments)
-    return content | _events_of(motion, mechanisms)
-
-
-def _events_of(motion: PhasedTrajectory, mechanisms: Sequence[Mechanism]) -> dict[str, Any]:
-    """Entries of the events: their states by mechanism, and the places of each event's states there."""
-    states: list[list[State]] = [[] for _ in mechanisms]
-    values: list[np.ndarray] = []
-    rows = []
-    for event in motion.events:
-        places = []
-        for state in (event.state, event.after):
-            if state is None:
-                places += [-1, -1]
-                continue
-            k = mechanisms.index(state.mechanism)
-            places += [k, len(states[k])]
-            states[k].append(state)
-            values.append(state.whole.parameters)
-        rows.append([_phase_of(event, motion), *places])
-    content: dict[str, Any] = {
-        "event names": np.array([event.name for event in motion.events], dtype=str),
-        "event t": np.array([event.t for event in motion.events], float),
-        "event places": np.reshape(rows, (len(rows), 5)).astype(int),
-        "event parameters": np.reshape(values, (len(values), motion.parameters.size)),
-    }
-    for k, (mechanism, its_states) in enumerate(zip(mechanisms, states, strict=True)):
-        content |= states_of(its_states, equations(mechanism), f"mechanism {k} event ")
-    return content
-
-
-def _phase_of(event: EventOccurrence, motion: PhasedTrajectory) -> int:
-    """Number of the phase within which an event took place; -1 of a change between phases."""
-    for k, part in enumerate(motion.phases):
-        if any(own.name == event.name and own.t == event.t for own in part.events):
-            return k
-    return -1
 
 
 def _read_phased(archive: Archive, candidates: Sequence[Mechanism]) -> PhasedTrajectory:
