@@ -138,21 +138,21 @@ class _Builder:
         c, s = np.cos(phi), np.sin(phi)
         return np.array([[c, s], [-s, c]]) @ (point - [x, y])
 
-    def _marker(self, body: Body, point: np.ndarray, direction: float = 0.0) -> Marker:
+    def marker(self, body: Body, point: np.ndarray, direction: float = 0.0) -> Marker:
         """Marker at a global point with a global direction; its angle is the one within half a turn."""
         angle = np.angle(np.exp(1j * (direction - self.truth[body][2])))
         return body.at(*self._local(body, point), angle=angle)
 
-    def _free_marker(self, body: Body) -> Marker:
+    def free_marker(self, body: Body) -> Marker:
         x, y = self.truth[body][:2]
-        return self._marker(body, np.array([x, y]) + self.rng.uniform(-0.6, 0.6, 2), self.rng.uniform(-3, 3))
+        return self.marker(body, np.array([x, y]) + self.rng.uniform(-0.6, 0.6, 2), self.rng.uniform(-3, 3))
 
-    def _at_truth(self, expression) -> float:
+    def at_truth(self, expression) -> float:
         """Value at the true pose and t = 0."""
         symbols = [*(b.q for b in self.bodies), mbd.t, self.length]
         return float(ca.Function("f", symbols, [expression])(*(self.truth[b] for b in self.bodies), 0.0, 0.3))
 
-    def _wiggle(self, value: float) -> object:
+    def wiggle(self, value: float) -> object:
         """The value, sometimes as a function of time that has it at t = 0."""
         return value + 0.1 * mbd.sin(2 * mbd.t) if self.rng.random() < 0.3 else value
 
@@ -191,12 +191,12 @@ class _Builder:
     def _drive(self) -> None:
         candidates: list[ca.SX] = [j.angle for j in self.joints if hasattr(j, "angle")]
         candidates += [j.displacement for j in self.joints if hasattr(j, "displacement")]
-        points = [self._free_marker(b) for b in self.bodies]
+        points = [self.free_marker(b) for b in self.bodies]
         candidates += [e for m in points for e in (m.angle, m.x, m.y)]
         candidates += [m.x + 0.5 * m.angle + w * m.y for m in points for w in (-1.0, 0.4, 2.0)]
         weakest = self.rng.permutation(len(candidates))
         for k in weakest:
-            value = self._at_truth(candidates[k]) + 0.1 * mbd.sin(mbd.t)
+            value = self.at_truth(candidates[k]) + 0.1 * mbd.sin(mbd.t)
             driver = mbd.Driver(f"driver {len(self.drivers)}", candidates[k], value)
             if self._is_independent(driver, spare=0):
                 self.drivers.append(driver)
@@ -208,7 +208,7 @@ class _Builder:
         while len(self.jacobian) < 3 * self.count:
             direction = np.linalg.svd(self.jacobian)[2][-1]
             expression = ca.dot(ca.DM(direction), q)
-            value = self._at_truth(expression) + 0.1 * mbd.sin(mbd.t)
+            value = self.at_truth(expression) + 0.1 * mbd.sin(mbd.t)
             driver = mbd.Driver(f"driver {len(self.drivers)}", expression, value)
             assert self._is_independent(driver, spare=0)
             self.drivers.append(driver)
@@ -225,7 +225,7 @@ class _Builder:
                 forces.append(force)
         return forces
 
-    def _use(self, symbol):
+    def use(self, symbol):
         self.uses.add(symbol)
         if symbol is self.state:
             self.uses.add(self.input)
@@ -234,71 +234,71 @@ class _Builder:
 
 def _revolute(make: _Builder, name: str, a: Body, b: Body):
     point = make.rng.uniform(-1.5, 1.5, 2)
-    return mbd.Revolute(name, make._marker(a, point), make._marker(b, point))
+    return mbd.Revolute(name, make.marker(a, point), make.marker(b, point))
 
 
 def _weld(make: _Builder, name: str, a: Body, b: Body):
     point, direction = make.rng.uniform(-1.5, 1.5, 2), make.rng.uniform(-3, 3)
-    return mbd.Weld(name, make._marker(a, point, direction), make._marker(b, point, direction))
+    return mbd.Weld(name, make.marker(a, point, direction), make.marker(b, point, direction))
 
 
 def _translational(make: _Builder, name: str, a: Body, b: Body):
     point, direction = make.rng.uniform(-1.5, 1.5, 2), make.rng.uniform(-3, 3)
     along = make.rng.uniform(-0.8, 0.8) * np.array([np.cos(direction), np.sin(direction)])
-    return mbd.Translational(name, make._marker(a, point, direction), make._marker(b, point + along, direction))
+    return mbd.Translational(name, make.marker(a, point, direction), make.marker(b, point + along, direction))
 
 
 def _distance(make: _Builder, name: str, a: Body, b: Body):
-    first, second = make._free_marker(a), make._free_marker(b)
-    length = make._at_truth(mbd.distance(first, second))
+    first, second = make.free_marker(a), make.free_marker(b)
+    length = make.at_truth(mbd.distance(first, second))
     if length < 0.2:
         return None
     if make.rng.random() < 0.3:
-        return mbd.Distance(name, first, second, make._use(make.length) + (length - 0.3))
-    return mbd.Distance(name, first, second, make._wiggle(length))
+        return mbd.Distance(name, first, second, make.use(make.length) + (length - 0.3))
+    return mbd.Distance(name, first, second, make.wiggle(length))
 
 
 def _point_on_line(make: _Builder, name: str, a: Body, b: Body):
-    line, point = make._free_marker(a), make._free_marker(b)
-    offset = make._at_truth(ca.dot(line.y_axis, point.position - line.position))
-    return mbd.PointOnLine(name, line, point, make._wiggle(offset))
+    line, point = make.free_marker(a), make.free_marker(b)
+    offset = make.at_truth(ca.dot(line.y_axis, point.position - line.position))
+    return mbd.PointOnLine(name, line, point, make.wiggle(offset))
 
 
 def _rack(make: _Builder, name: str, a: Body, b: Body):
-    return mbd.RackAndPinion(name, make._free_marker(a), make._free_marker(b), make.rng.uniform(0.1, 0.5))
+    return mbd.RackAndPinion(name, make.free_marker(a), make.free_marker(b), make.rng.uniform(0.1, 0.5))
 
 
 def _absolute(kind: type, coordinate: Callable) -> Callable:
     def make_it(make: _Builder, name: str, a: Body, b: Body):
-        marker = make._free_marker(a if b.is_ground else b)
-        return kind(name, marker, make._wiggle(make._at_truth(coordinate(marker))))
+        marker = make.free_marker(a if b.is_ground else b)
+        return kind(name, marker, make.wiggle(make.at_truth(coordinate(marker))))
 
     return make_it
 
 
 def _absolute_distance(make: _Builder, name: str, a: Body, b: Body):
-    marker, point = make._free_marker(a if b.is_ground else b), make.rng.uniform(-2, 2, 2)
-    length = make._at_truth(mbd.distance(marker, point))
-    return mbd.AbsoluteDistance(name, marker, point, make._wiggle(length)) if length > 0.2 else None
+    marker, point = make.free_marker(a if b.is_ground else b), make.rng.uniform(-2, 2, 2)
+    length = make.at_truth(mbd.distance(marker, point))
+    return mbd.AbsoluteDistance(name, marker, point, make.wiggle(length)) if length > 0.2 else None
 
 
 def _relative(kind: type, coordinate: Callable) -> Callable:
     def make_it(make: _Builder, name: str, a: Body, b: Body):
-        first, second = make._free_marker(a), make._free_marker(b)
-        return kind(name, first, second, make._wiggle(make._at_truth(coordinate(second) - coordinate(first))))
+        first, second = make.free_marker(a), make.free_marker(b)
+        return kind(name, first, second, make.wiggle(make.at_truth(coordinate(second) - coordinate(first))))
 
     return make_it
 
 
 def _constraint(make: _Builder, name: str, a: Body, b: Body):
-    first, second = make._free_marker(a), make._free_marker(b)
+    first, second = make.free_marker(a), make.free_marker(b)
     expression = first.x * mbd.cos(second.angle) + 0.5 * second.y**2 - first.angle + 0.2 * mbd.sin(mbd.t)
-    return mbd.Constraint(name, expression - make._at_truth(expression))
+    return mbd.Constraint(name, expression - make.at_truth(expression))
 
 
 def _force(frame: str) -> Callable:
     def make_it(make: _Builder, name: str, a: Body, b: Body):
-        at = make._free_marker(b if a.is_ground else a)
+        at = make.free_marker(b if a.is_ground else a)
         vector = [make.rng.normal(), make.rng.normal() * mbd.cos(mbd.t) - 0.5 * at.vx]
         opposite = b if at.body is a and make.rng.random() < 0.6 else None
         return mbd.Force(name, at, vector, frame=frame, opposite=opposite)
@@ -307,31 +307,31 @@ def _force(frame: str) -> Callable:
 
 
 def _torque(make: _Builder, name: str, a: Body, b: Body):
-    return mbd.Torque(name, a, make._use(make.input) * 0.3 + make.rng.normal(), opposite=b)
+    return mbd.Torque(name, a, make.use(make.input) * 0.3 + make.rng.normal(), opposite=b)
 
 
 def _actuator(make: _Builder, name: str, a: Body, b: Body):
-    return mbd.Torque(name, a, 2.0 * make._use(make.state), opposite=b)
+    return mbd.Torque(name, a, 2.0 * make.use(make.state), opposite=b)
 
 
 def _tsda(make: _Builder, name: str, a: Body, b: Body):
-    first, second = make._free_marker(a), make._free_marker(b)
-    length = make._at_truth(mbd.distance(first, second))
+    first, second = make.free_marker(a), make.free_marker(b)
+    length = make.at_truth(mbd.distance(first, second))
     if length < 0.4:
         return None
-    stiffness = 20 * make._use(make.length) if make.rng.random() < 0.4 else make.rng.uniform(1, 20)
+    stiffness = 20 * make.use(make.length) if make.rng.random() < 0.4 else make.rng.uniform(1, 20)
     free, damping = make.rng.uniform(0.1, 1.0), make.rng.uniform(0, 2)
     return mbd.TSDA(name, first, second, stiffness=stiffness, free_length=free, damping=damping, actuator=0.3)
 
 
 def _rsda(make: _Builder, name: str, a: Body, b: Body):
     stiffness, free, damping = make.rng.uniform(0.1, 5), make.rng.uniform(-1, 1), make.rng.uniform(0, 1)
-    first, second = make._free_marker(a), make._free_marker(b)
+    first, second = make.free_marker(a), make.free_marker(b)
     return mbd.RSDA(name, first, second, stiffness=stiffness, free_angle=free, damping=damping)
 
 
 def _generalized(make: _Builder, name: str, a: Body, b: Body):
-    first, second = make._free_marker(a), make._free_marker(b)
+    first, second = make.free_marker(a), make.free_marker(b)
     pairs = [(first.x * second.y, 0.4 + mbd.t), (first.angle - 2 * second.angle, -0.1 * (first.vy + second.vx))]
     return mbd.GeneralizedForce(name, pairs)
 

@@ -111,7 +111,7 @@ def test_values_of_a_cost_function():
 
 
 def test_a_path_of_equilibria_keeps_what_it_followed(monkeypatch):
-    own, calls = Follower._advance, []
+    own, calls = Follower.advance, []
 
     def advance(self, point, step):
         calls.append(step)
@@ -119,7 +119,7 @@ def test_a_path_of_equilibria_keeps_what_it_followed(monkeypatch):
             signal.raise_signal(signal.SIGINT)
         return own(self, point, step)
 
-    monkeypatch.setattr(Follower, "_advance", advance)
+    monkeypatch.setattr(Follower, "advance", advance)
     with pytest.raises(mbd.Interrupted, match="partial holds") as caught:
         mbd.equilibrium_path(ROD, K, 30, 40)
     path = caught.value.partial

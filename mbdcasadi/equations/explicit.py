@@ -112,7 +112,7 @@ def explicit_rows(eom: Equations, *, curved: bool = True, angles: bool = False) 
     linear_rows = _solve(positions, set())
     solved = {int(eom.position_rows[row.place]) for row in linear_rows}
     left = {k for place, row in enumerate(rows) if place not in solved for k in row.coordinates}
-    return _solve(positions, _connected(positions, left)) if left else linear_rows
+    return _solve(positions, connected(positions, left)) if left else linear_rows
 
 
 def tree_rows(eom: Equations) -> dict[int, tuple[int, dict[int, float]]]:
@@ -173,7 +173,7 @@ def _solve(rows: list[_Row], lasting: set[int], curved: int = CURVED) -> list[Ex
     return solved
 
 
-def _connected(rows: list[_Row], coordinates: set[int]) -> set[int]:
+def connected(rows: list[_Row], coordinates: set[int]) -> set[int]:
     """Coordinates that rows connect with some."""
     holding: dict[int, list[int]] = {}
     for place, row in enumerate(rows):

@@ -220,7 +220,7 @@ class Follower:
         usual = 1.0 / self.steps
         control = StepControl(usual, SMALLEST_STEP * usual, usual)
         while len(self._points) < MOST_POINTS:
-            following = self._advance(point, control.step)
+            following = self.advance(point, control.step)
             if following is None:
                 if not control.refuse():
                     raise EquilibriumError(
@@ -267,7 +267,7 @@ class Follower:
         tangent = tangent / np.linalg.norm(tangent)
         return tangent if before is None or tangent @ before >= 0 else -tangent
 
-    def _advance(self, point: _Point, step: float) -> _Point | None:
+    def advance(self, point: _Point, step: float) -> _Point | None:
         """Equilibrium at an advance along the tangent of a point; None if there is none nearby."""
         seen, size = self._seen, self._size[self._seen]
         guess, row = point.x.copy(), np.zeros(point.x.size)
@@ -318,7 +318,7 @@ class Follower:
         points = {inner: low, outer: high}
         while outer - inner > ACCURACY:
             middle = (inner + outer) / 2
-            between = self._advance(low, middle)
+            between = self.advance(low, middle)
             if between is None or not inner < middle < outer:
                 break
             points[middle] = between
@@ -337,7 +337,7 @@ class Follower:
 
         def eigenvalue(advance: float) -> float:
             if advance not in points:
-                between = self._advance(low, advance)
+                between = self.advance(low, advance)
                 if between is None:
                     raise EquilibriumError(
                         f"equilibrium_path: the critical point near {self.parameter.label} = {low.x[-1]:.8g} "

@@ -156,7 +156,7 @@ def test_against_the_equations_in_all_coordinates(make, unlimited, monkeypatch):
     """At any independent state: constraints met, and accelerations and reactions those of the whole system."""
     if unlimited:  # every explicit row, as if nothing spoke against it
         monkeypatch.setattr(explicit, "CURVED", 9)
-        monkeypatch.setattr(explicit, "_connected", lambda rows, coordinates: set())
+        monkeypatch.setattr(explicit, "connected", lambda rows, coordinates: set())
     mechanism = make()
     compare(mechanism, np.random.default_rng(0), least=2 if unlimited else 1)
 
@@ -165,7 +165,7 @@ def test_against_the_equations_in_all_coordinates(make, unlimited, monkeypatch):
 def test_random_mechanisms(seed, monkeypatch):
     """The same for joints of all kinds, with every explicit row solved."""
     monkeypatch.setattr(explicit, "CURVED", 9)
-    monkeypatch.setattr(explicit, "_connected", lambda rows, coordinates: set())
+    monkeypatch.setattr(explicit, "connected", lambda rows, coordinates: set())
     compare(random_mechanism(seed), np.random.default_rng(seed), least=0)
 
 
