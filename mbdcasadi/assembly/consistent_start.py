@@ -80,11 +80,11 @@ def _refuse_inconsistent(numeric: NumericEquations, state: State, time: float, q
     phi, _ = numeric.position(time, q)
     jacobian, nu = numeric.velocity(time, q)
     rows = np.abs(np.concatenate([phi, jacobian @ v - nu]))
-    angular = np.concatenate([eom.angular_rows[eom.position_rows], eom.angular_rows])
+    angular = np.concatenate([eom.position_angular_rows, eom.angular_rows])
     excess = rows / position_limits(numeric, angular)
     if largest(excess) > 1:
         worst = int(np.argmax(excess >= (1 - 1e-9) * largest(excess)))  # of equal ones the first
-        names = [eom.row_names[k] for k in eom.position_rows] + list(eom.row_names)
+        names = [*eom.position_names, *eom.row_names]
         level = "position" if worst < phi.size else "velocity"
         raise SimulationError(
             f"the state given as initial= breaks the constraint {names[worst]} at {level} level by {rows[worst]:.3g} "
@@ -112,7 +112,7 @@ def position_limits(numeric: NumericEquations, angular: np.ndarray | None = None
         True for those of the other rows that are angles.
     """
     length = numeric.scale.length
-    rows = numeric.eom.angular_rows[numeric.eom.position_rows] if angular is None else angular
+    rows = numeric.eom.position_angular_rows if angular is None else angular
     return CONSISTENCY_TOLERANCE * np.where(rows, 1.0, max(min(1.0, 10 * length), 1e-3 * length))
 
 

@@ -149,6 +149,21 @@ class Equations:
         """Numbers of coordinates, velocities, accelerations, first-order states, multipliers and inputs."""
         return tuple(symbols.numel() for symbols in (self.q, self.v, self.a, self.z, self.lam, self.u))
 
+    @property
+    def position_jacobian(self) -> ca.SX:
+        """Rows of ``Phi_q`` that are position constraints, in the order of ``Phi``."""
+        return self.Phi_q[self.position_rows.tolist(), :]
+
+    @cached_property
+    def position_names(self) -> tuple[str, ...]:
+        """Names of the rows of ``Phi``."""
+        return tuple(self.row_names[k] for k in self.position_rows)
+
+    @property
+    def position_angular_rows(self) -> np.ndarray:
+        """True for rows of ``Phi`` in angles of bodies alone, which are in rad."""
+        return self.angular_rows[self.position_rows]
+
     @cached_property
     def _known(self) -> set[int]:
         return {s.element_hash() for group in self.symbols for s in ca.vertsplit(group)}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import casadi as ca
+import numpy as np
 
 from ..printing import matrix_to_latex, matrix_to_text, to_latex, to_text
 from .derivation import Equations
@@ -37,22 +38,17 @@ def equations_as_text(eom: Equations) -> str:
 
 def _constraints_as_text(eom: Equations) -> list[str]:
     """Rows, Jacobian and right sides."""
-    n, m, velocity_level = eom.q.numel(), eom.lam.numel(), eom.velocity_rows.numel()
+    n, m = eom.q.numel(), eom.lam.numel()
     lines = []
-    position_names = [eom.row_names[k] for k in eom.position_rows]
-    if position_names:
-        lines += ["", "Phi", *_rows(position_names, ca.vertsplit(eom.Phi))]
-    if velocity_level:
-        lines += ["", "velocity-level rows, zero", *_rows(_velocity_names(eom), ca.vertsplit(eom.velocity_rows))]
+    if eom.position_names:
+        lines += ["", "Phi", *_rows(eom.position_names, ca.vertsplit(eom.Phi))]
+    if eom.velocity_rows.numel():
+        names = np.delete(eom.row_names, eom.position_rows).tolist()
+        lines += ["", "velocity-level rows, zero", *_rows(names, ca.vertsplit(eom.velocity_rows))]
     if n <= LARGEST_MATRIX:
         lines += ["", "Phi_q", matrix_to_text(eom.Phi_q, list(eom.row_names), list(eom.coordinate_names))]
     lines += ["", "nu", *_rows(eom.row_names, [eom.nu[k] for k in range(m)])]
     return [*lines, "", "gamma", *_rows(eom.row_names, [eom.gamma[k] for k in range(m)])]
-
-
-def _velocity_names(eom: Equations) -> list[str]:
-    position = set(eom.position_rows.tolist())
-    return [name for k, name in enumerate(eom.row_names) if k not in position]
 
 
 def _rows(names, entries) -> list[str]:

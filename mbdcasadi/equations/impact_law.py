@@ -127,7 +127,7 @@ class ImpactLaw:
         self.row_names = (*eom.row_names, *names)
         #: position rows that hold at the instant, those of the mechanism first, and their names
         self.positions = ca.vertcat(eom.Phi, self.momentary)
-        self.position_names = (*(eom.row_names[k] for k in eom.position_rows), *names)
+        self.position_names = (*eom.position_names, *names)
 
     def _refuse_foreign(self) -> None:
         for joint in self.restitution:

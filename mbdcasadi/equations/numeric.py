@@ -121,8 +121,7 @@ class NumericEquations:
     @cached_property
     def _position(self) -> Evaluator:
         eom = self.eom
-        rows = [int(k) for k in eom.position_rows]
-        return self._evaluator("position", lambda: ([eom.t, eom.q, eom.p], [eom.Phi, eom.Phi_q[rows, :]]))
+        return self._evaluator("position", lambda: ([eom.t, eom.q, eom.p], [eom.Phi, eom.position_jacobian]))
 
     @cached_property
     def velocity_function(self) -> ca.Function:
@@ -163,7 +162,7 @@ class NumericEquations:
         eom = self.eom
         jacobian, nu = self.velocity(t, q)
         missed = np.r_[self.position(t, q)[0], jacobian @ v - nu]
-        names = [*(eom.row_names[k] for k in eom.position_rows), *(f"the rate of {name}" for name in eom.row_names)]
+        names = [*eom.position_names, *(f"the rate of {name}" for name in eom.row_names)]
         worst = int(np.argmax(np.abs(missed))) if missed.size else 0
         return (names[worst], float(missed[worst])) if missed.size else ("", 0.0)
 
@@ -287,7 +286,7 @@ class NumericEquations:
         """Names of the position rows that have no finite value, or no finite slope, at a pose."""
         phi, jacobian = self.position(t, q)
         finite = np.isfinite(phi) & np.all(np.isfinite(jacobian), axis=1)
-        return [self.eom.row_names[row] for row, well in zip(self.eom.position_rows, finite, strict=True) if not well]
+        return [name for name, well in zip(self.eom.position_names, finite, strict=True) if not well]
 
     def accelerations(
         self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray, *, redundant: bool

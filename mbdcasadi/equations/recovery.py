@@ -113,8 +113,7 @@ class Recovery:
 
 def _position_step(eom: Equations) -> ca.Function:
     weights = ca.SX.sym("w", eom.q.numel())
-    jacobian = eom.Phi_q[[int(k) for k in eom.position_rows], :]
-    towards = _towards(jacobian, weights, eom.angular_rows[eom.position_rows])
+    towards = _towards(eom.position_jacobian, weights, eom.position_angular_rows)
     moved = ca.densify(eom.q - towards(eom.Phi))
     left = ca.Function("left", [eom.t, eom.q, eom.p], ca.cse([ca.norm_inf(ca.densify(eom.Phi))]))
     return ca.Function("position_step", [eom.t, eom.q, eom.p, weights], [moved, left(eom.t, moved, eom.p)])

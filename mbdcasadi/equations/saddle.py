@@ -135,7 +135,7 @@ def stabilised_solution(
     algorithms for constrained multibody dynamics", Nonlinear Dynamics 5, 1994.
     """
     drift = ca.SX(eom.lam.numel(), 1)
-    drift[[int(k) for k in eom.position_rows]] = eom.Phi
+    drift[eom.position_rows.tolist()] = eom.Phi
     gamma = eom.gamma - 2 * rate * (eom.Phi_q @ eom.v - eom.nu) - rate**2 * drift
     return saddle_point_solution(eom, force, gamma, augmentation=augmentation, redundant=True, refinements=REFINEMENTS)
 

@@ -229,8 +229,7 @@ class Model:
     def _pose_rows(self) -> tuple[ca.SX, ca.SX]:
         eom = self.eom
         conditions = stacked(self.levels[0])
-        rows = [int(k) for k in eom.position_rows]
-        return ca.vertcat(eom.Phi, conditions), ca.vertcat(eom.Phi_q[rows, :], ca.jacobian(conditions, eom.q))
+        return ca.vertcat(eom.Phi, conditions), ca.vertcat(eom.position_jacobian, ca.jacobian(conditions, eom.q))
 
     @cached_property
     def _velocity_rows(self) -> tuple[ca.SX, ca.SX]:

@@ -254,9 +254,8 @@ def _check_motion(frame: Trajectory, tolerance: float) -> None:
     """Refuse a motion that breaks the constraints at any level."""
     eom = frame.equations
     names = eom.row_names
-    position_names = [names[k] for k in eom.position_rows]
     levels = (
-        ("position", eom.Phi, position_names, frame.q, "m or rad"),
+        ("position", eom.Phi, eom.position_names, frame.q, "m or rad"),
         ("velocity", eom.Phi_q @ eom.v - eom.nu, names, frame.v, "m/s or rad/s"),
         ("acceleration", eom.Phi_q @ eom.a - eom.gamma, names, frame.a, "m/s² or rad/s²"),
     )

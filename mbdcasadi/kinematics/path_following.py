@@ -197,11 +197,7 @@ class Continuation(MotionFollower):
         v = project_velocity(jacobian, nu, np.zeros(q.size))
         at_velocity = np.zeros(eom.lam.numel()) if closest.converged is False else jacobian @ v - nu
         residual = closest.residual if not closest.converged else at_velocity[eom.position_rows]
-        rows = [
-            eom.row_names[eom.position_rows[k]]
-            for k in np.argsort(-np.abs(residual))
-            if abs(residual[k]) > self._contradiction
-        ]
+        rows = [eom.position_names[k] for k in np.argsort(-np.abs(residual)) if abs(residual[k]) > self._contradiction]
         if not rows:
             return None
         return AssemblyError(

@@ -60,11 +60,10 @@ def difference(eom: Equations, there: np.ndarray, here: np.ndarray) -> str:
 
 def _quantities(eom: Equations) -> list[tuple[str, Sequence[str], ca.SX]]:
     """Quantities that the equations are made of: what they are, of what by name, and a column of expressions."""
-    positions = [eom.row_names[int(k)] for k in eom.position_rows]
     states = [state.label for state in eom.mechanism.states]
     return [
         ("the mass or inertia at", eom.coordinate_names, eom.mass_diagonal),
-        ("the constraint", positions, eom.Phi),
+        ("the constraint", eom.position_names, eom.Phi),
         ("the rate of the constraint", eom.row_names, eom.Phi_q @ eom.v - eom.nu),
         ("the acceleration of the constraint", eom.row_names, eom.gamma),
         ("the force at", eom.coordinate_names, eom.Q),

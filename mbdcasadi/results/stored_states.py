@@ -54,19 +54,17 @@ def read_times(archive: Archive) -> np.ndarray:
 
 def read_columns(archive: Archive, prefix: str, eom: Equations, count: int) -> Arrays:
     """Return ``q, v, a, z, lam, u`` by time."""
-    sizes = (x.numel() for x in (eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u))
     return six(
         archive.numbers(prefix + name, count, size, unknown=name != "q")
-        for name, size in zip(ARRAYS, sizes, strict=True)
+        for name, size in zip(ARRAYS, eom.sizes, strict=True)
     )
 
 
 def states_of(states: Sequence[State], eom: Equations, prefix: str) -> dict[str, Any]:
     """Return the entries of single states of one mechanism, with their impulses and obstacles."""
-    sizes = zip(ARRAYS, (eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u), strict=True)
     content: dict[str, Any] = {
-        prefix + name: np.reshape([getattr(state, name) for state in states], (len(states), symbols.numel()))
-        for name, symbols in sizes
+        prefix + name: np.reshape([getattr(state, name) for state in states], (len(states), size))
+        for name, size in zip(ARRAYS, eom.sizes, strict=True)
     }
     impulses = [None if s.impulses is None else _by_name(s.impulses) for s in states]
     content[f"{prefix}impulses"] = json.dumps(impulses)

@@ -182,7 +182,7 @@ class LiveModel:
             "q0": start.q.tolist(), "v0": start.v.tolist(), "z0": start.z.tolist(),
             "u0": start.inputs.tolist(), "p0": numeric.p.tolist(),
             "estimate": {"q": (start.q if from_state else q).tolist(), "v": (start.v if from_state else v).tolist()},
-            "positionRows": [int(k) for k in eom.position_rows],
+            "positionRows": eom.position_rows.tolist(),
             "jacobian": _triplets(eom.Phi_q),
             "slope": _triplets(ca.jacobian(eom.Q, eom.lam)) if eom.Q_depends_on_lam else None,
             "conditions": {"count": len(self._positions), **self._slopes(self._positions, eom.q)},
