@@ -216,10 +216,8 @@ class PoseProblem(NearestProblem):
 
     def open_parts(self, values: np.ndarray) -> dict[str, float]:
         """Residuals of the elements that stay open, largest first."""
-        numeric = self.numeric
-        closed = np.abs(values) <= GAP_TOLERANCE * np.where(
-            numeric.eom.position_angular_rows, 1.0, numeric.scale.length
-        )
+        angular, length = self.numeric.eom.position_angular_rows, self.numeric.scale.length
+        closed = np.abs(values) <= GAP_TOLERANCE * np.where(angular, 1.0, length)
         return {name: value for name, value in self._residuals(np.where(closed, 0.0, values)).items() if value > 0}
 
     def _residuals(self, values: np.ndarray) -> dict[str, float]:
