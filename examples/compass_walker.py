@@ -1,7 +1,7 @@
 """How does a pair of legs walk down a slope without a motor, and what brings it back if it is pushed?
 
 Two legs with a hip (Goswami et al. 1998). One foot is pinned, the other one
-swings; where it lands, it is pinned by a plastic impact and the first one is let go. A rough
+swings; where it lands, it is pinned by a plastic impact and the first one is released. A rough
 simulated step is enough for optimal control over two phases to find the gait; its Floquet
 multipliers say how fast a push is forgotten.
 """

@@ -1,7 +1,7 @@
 """How fast does a wheel without a rim roll down a slope, and does it find that speed again?
 
 Eight spokes, no rim, no motor (McGeer 1990). The wheel turns about the spoke it stands on; where
-the next one lands it is pinned by a plastic impact and the old one is let go. Slow starts become
+the next one lands it is pinned by a plastic impact and the old one is released. Slow starts become
 faster and fast ones slower: the largest Floquet multiplier says by how much from step to step.
 """
 

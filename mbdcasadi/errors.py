@@ -89,7 +89,7 @@ class MechanismWarning(UserWarning):
     """A remark on a result that is valid."""
 
 
-#: How the names of files between a remark and the line that called begin: decorators may stand
+#: Beginnings of the names of files between a remark and the line that called: decorators may come
 #: before an analysis, and a lazy attribute around it.
 _OWN = (str(Path(__file__).parent), contextlib.__file__, functools.__file__)
 

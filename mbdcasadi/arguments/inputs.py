@@ -51,7 +51,7 @@ class Signals:
     ----------
     parametrised : casadi.SX
         The inputs (n_u,) in ``t, q, v, z, p``, the channel, and the symbols of `levels` in place of the numbers
-        that were given, so that what is compiled serves other numbers too.
+        that were given, so that compiled functions serve other numbers too.
     levels : casadi.SX
         Symbols of the inputs that are numbers.
     level_values : numpy.ndarray
@@ -161,7 +161,7 @@ class Signals:
         return self.kept(eom, ("input",), make)
 
     def kept(self, eom: Equations, key: tuple[Any, ...], make: Callable[[], T], *, bounded: bool = False) -> T:
-        """Return what was made for a mechanism, a key and inputs of this structure; made once, as a cache has it."""
+        """Return the object of a mechanism, a key and inputs of this structure; made once, as a cache has it."""
 
         def made() -> tuple[T, ca.SX]:
             # the expression is kept beside it: a hash in the structure is unique only while the node lives

@@ -1,4 +1,4 @@
-"""The point nearest to an estimate that meets rows and conditions: what the problems of pose and velocity share."""
+"""The point nearest to an estimate that meets rows and conditions: base of the problems of pose and velocity."""
 
 from __future__ import annotations
 

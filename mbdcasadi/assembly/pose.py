@@ -27,7 +27,7 @@ from .nearest_problem import NearestProblem, residuals_by_element
 LARGEST_TURN = 0.3
 #: Residual from which a row counts as open in a message, rad or characteristic lengths.
 GAP_TOLERANCE = 1e-6
-#: By how much an estimate is moved out of a singular pose, rad and characteristic lengths.
+#: Displacement of an estimate out of a singular pose, rad and characteristic lengths.
 SINGULAR_PERTURBATION = 1e-4
 
 

@@ -1,4 +1,4 @@
-"""Effective masses of constraint rows: by which light bodies, and such without mass, are solved for accurately.
+"""Effective masses of constraint rows: accurate solutions for bodies that are light or have no mass.
 
 With ``S = Phi_q M⁻¹ Phi_q^T`` the multipliers of a body of little inertia are
 differences of large numbers: the pin of a pendulum of 50 kg with an inertia of
@@ -6,7 +6,7 @@ differences of large numbers: the pin of a pendulum of 50 kg with an inertia of
 it. ``M + Phi_q^T A Phi_q`` in place of ``M`` takes the constraints in before
 it is inverted. The solution stays what it was for any positive diagonal A; it
 is most accurate if A holds the effective masses of the rows, ``diag(S⁻¹)``:
-what a row accelerates if all others hold. The eigenvalues of
+the mass that a row accelerates if all others hold. The eigenvalues of
 ``A^½ S A^½`` are then above ``1/m`` with m rows, however masses differ.
 """
 
@@ -19,9 +19,9 @@ from .scale import Scale, generic_poses
 
 #: Masses and inertias (by the square of the characteristic length) that differ by less are never light.
 ALIKE = 1e-6
-#: By how much rows may depend on each other, 1 / (1 - R²), before effective masses are used: rounding times it remains.
+#: Largest dependence of rows on each other, 1 / (1 - R²), without effective masses: rounding times it remains.
 DEPENDENCE = 1e6
-#: Mass that stands for none beside the largest one.
+#: Mass in place of zero, relative to the largest one.
 NONE = 1e-24
 
 
@@ -45,8 +45,8 @@ def effective_masses(eom: Equations, p: np.ndarray, mass: np.ndarray, scale: Sca
     scaled = [matrix * scale.coordinates / units[:, None] for matrix in jacobians if np.all(np.isfinite(matrix))]
     if not scaled:
         return np.full(eom.lam.numel(), total) if np.any(mass == 0) else None
-    # what has no mass counts as much as the lightest part that has: a force on it is balanced by multipliers, and their
-    # rounding is divided by this mass
+    # a coordinate without mass counts as much as the lightest one with mass: a force on it is balanced by multipliers,
+    # and their rounding is divided by this mass
     lightest = float(np.min(alike[alike > 0], initial=total))
     root = np.sqrt(np.maximum(np.where(alike > 0, alike, lightest), NONE * total))
     masses = np.array([_effective(matrix / root, total) for matrix in scaled])

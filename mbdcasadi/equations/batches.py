@@ -58,7 +58,7 @@ class Values:
         return self._places.get(symbol.element_hash())
 
     def rate_places(self, places: np.ndarray) -> np.ndarray:
-        """Places of the rates of change of symbols at places; of what has none that is known, the place of zero."""
+        """Places of the rates of change of symbols at places; the place of zero if no rate is known."""
         rates = np.full(places.shape, self._zero)
         rates[places == 0] = self._one
         for group, rate in (("q", "v"), ("v", "a"), ("z", "z_rate")):
@@ -72,7 +72,7 @@ class Values:
         return places - self._starts["q"]
 
     def bodies(self, places: list[int]) -> tuple[tuple[int, int], ...]:
-        """For each place of a coordinate of a body the first one of the same body, and which of the three it is.
+        """First place of the same body, and number among the three coordinates, by place of a coordinate.
 
         Elements of one batch belong to bodies in the same way. (-1, -1) for anything else.
         """

@@ -118,8 +118,8 @@ def explicit_rows(eom: Equations, *, curved: bool = True, angles: bool = False) 
 def tree_rows(eom: Equations) -> dict[int, tuple[int, dict[int, float]]]:
     """Position rows that give coordinates one after the other, from the ground along the pins of a tree.
 
-    However many coordinates another one is given in: what is left are mostly angles. Rows that
-    depend on time are left alone, and all of them if one has a value that jumps.
+    A coordinate may be given in any number of others; those that remain are mostly angles. Rows that
+    depend on time are left out, and all of them if one has a value that jumps.
 
     Returns
     -------

@@ -115,7 +115,7 @@ class NumericEquations:
 
     @property
     def light_key(self) -> bytes | None:
-        """Key of what is compiled with these effective masses."""
+        """Key of functions compiled with these effective masses."""
         return None if self.augmentation is None else self.augmentation.tobytes()
 
     @cached_property
@@ -179,7 +179,7 @@ class NumericEquations:
 
     @property
     def typical_step(self) -> np.ndarray:
-        """Half a radian for angles, and what it moves at the characteristic length for displacements (n,)."""
+        """Half a radian for angles; for displacements its arc at the characteristic length (n,)."""
         return 0.5 * self.scale.coordinates
 
     @property
@@ -264,7 +264,7 @@ class NumericEquations:
         """Coordinates in which something moves that neither has mass nor is held by joints."""
         if not self.massless:
             return []
-        # how much mass there is does not matter: what moves nothing that has any moves without
+        # the amount of mass does not matter: a motion that moves no coordinate with mass is one without mass
         free = self.rank(t, q).null_columns
         values, vectors = np.linalg.eigh(free.T @ ((self.mass > 0)[:, None] * free))
         empty = free @ vectors[:, values <= WITHOUT_MASS]

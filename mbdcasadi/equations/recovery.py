@@ -44,7 +44,7 @@ class Recovery:
 
     @cached_property
     def position_step(self) -> ca.Function:
-        """``(t, q, p, weights) -> (q, |Phi|)``: one step towards ``Phi = 0``, and what is left after it."""
+        """``(t, q, p, weights) -> (q, |Phi|)``: one step towards ``Phi = 0``, and the residual after it."""
         return self._kept("position step", lambda: _position_step(self.numeric.eom))
 
     @cached_property

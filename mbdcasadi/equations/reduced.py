@@ -142,7 +142,7 @@ class ReducedEquations:
 
 
 def _some(column: ca.SX, places: list[int]) -> ca.SX:
-    """Some of the entries as a column, which one without entries is, too."""
+    """Some of the entries as a column, also if there are none."""
     return column[places] if places else ca.SX(0, 1)
 
 
@@ -152,14 +152,14 @@ def _coordinates(eom: Equations, solved: list[ExplicitRow], error: ca.SX) -> ca.
     by_independent: dict[int, ca.SX] = {}
     for one, miss in zip(solved, ca.vertsplit(error), strict=True):
         coordinate = symbols[one.coordinate]
-        row = _put_in(rows[one.place], {k: (symbols[k], by_independent[k]) for k in one.given})
+        row = _substituted(rows[one.place], {k: (symbols[k], by_independent[k]) for k in one.given})
         value = (miss - ca.substitute(row, coordinate, ca.SX(0))) / one.factor
         by_independent |= {k: ca.substitute(by_independent[k], coordinate, value) for k in one.moved}
         by_independent[one.coordinate] = value
     return ca.vertcat(*[by_independent.get(k, symbol) for k, symbol in enumerate(symbols)])
 
 
-def _put_in(row: ca.SX, substitutions: dict[int, tuple[ca.SX, ca.SX]]) -> ca.SX:
+def _substituted(row: ca.SX, substitutions: dict[int, tuple[ca.SX, ca.SX]]) -> ca.SX:
     if not substitutions:
         return row
     symbols, values = zip(*substitutions.values(), strict=True)

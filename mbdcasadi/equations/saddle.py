@@ -9,7 +9,7 @@ LDL factorisation. If bodies are light or have no mass, ``M`` is replaced by
 ``M + Phi_q^T A Phi_q`` and ``Q`` by ``Q + Phi_q^T A gamma``, with effective
 masses A of the rows (see :mod:`.augmentation`): the solution stays the same,
 since ``Phi_q a = gamma``, and the matrix is regular exactly if the joints hold
-what has no mass. Redundant rows make ``S`` singular; ``S + epsilon D`` with a
+all coordinates without mass. Redundant rows make ``S`` singular; ``S + epsilon D`` with a
 diagonal D of its size and refinement gives the multipliers of least norm.
 """
 
@@ -168,7 +168,7 @@ def forward_dynamics(
     symbols = [ca.MX.sym(name, *arg.shape) for name, arg in zip(names, arguments, strict=True)]
     solution = root(ca.MX.zeros(unknowns.numel()), *symbols)
     n = eom.q.numel()
-    # the iteration may stop above its own tolerance by rounding; what is no solution becomes NaN
+    # the iteration may stop above its own tolerance by rounding; anything else than a solution becomes NaN
     left_over = ca.mmax(ca.fabs(ca.densify(function(solution, *symbols))))
     solved = left_over <= SOLUTION_TOLERANCE * (1 + ca.mmax(ca.fabs(solution)))
     solution = ca.if_else(solved, solution, ca.MX.nan(unknowns.numel()))

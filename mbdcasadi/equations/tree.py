@@ -48,13 +48,13 @@ class TreeCoordinates:
         self.v = ca.densify(ca.jtimes(self.q, eom.q[self.independent], eom.v[self.independent]))
 
     def places_in(self, x: ca.SX) -> list[int]:
-        """Places of what is independent in a state ``(q, v, …)``."""
+        """Places of the independent entries of a state ``(q, v, …)``."""
         n = self.q.numel()
         return [*self.independent, *(n + k for k in self.independent), *range(2 * n, x.numel())]
 
     @cached_property
     def _slopes(self) -> ca.SX:
-        """Of all coordinates by the independent ones."""
+        """Derivatives of all coordinates by the independent ones."""
         return ca.jacobian(self.q, self._eom.q[self.independent])
 
     @property

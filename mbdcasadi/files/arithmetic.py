@@ -1,7 +1,7 @@
 """Arithmetic in time, as the field ``fun`` of a model file holds it.
 
 The text is read by Python's own grammar into a syntax tree, and the tree is
-walked: what is not arithmetic is refused, and nothing is ever run as code.
+walked: anything but arithmetic is refused, and nothing is ever run as code.
 """
 
 from __future__ import annotations

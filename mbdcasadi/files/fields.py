@@ -11,7 +11,7 @@ import casadi as ca
 from ..errors import FileError, warn
 from .arithmetic import parse_arithmetic
 
-#: Fields that any object may have: what it is, and what no analysis needs.
+#: Fields that any object may have: its kind, and remarks that no analysis needs.
 COMMON = ("name", "id", "type", "vis", "comment")
 _REQUIRED: Any = object()
 

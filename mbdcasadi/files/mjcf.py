@@ -62,7 +62,7 @@ def read_mjcf(path: str | Path) -> Mechanism:
     Raises
     ------
     FileError
-        For what is not planar or not known, with the element and its line.
+        For an element that is not planar or not known, with its line.
 
     Warns
     -----
@@ -166,7 +166,7 @@ class _Reader:
 
     # --- the tree ------------------------------------------------------------------------
     def robot(self) -> Robot:
-        """Return what the file describes."""
+        """Return the bodies and joints of the file."""
         robot = self._robot
         world = Link(self.root, "world", None, np.eye(3), np.zeros(3))
         robot.links.append(world)

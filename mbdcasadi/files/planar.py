@@ -122,7 +122,7 @@ class PlanarBuilder:
         self._names: set[str] = set()
 
     def mechanism(self) -> Mechanism:
-        """Return the mechanism; what is not planar or has no mass is refused by name and line."""
+        """Return the mechanism; parts that are not planar or have no mass are refused by name and line."""
         robot = self.robot
         for link in robot.links:
             if link.joints:

@@ -62,11 +62,11 @@ class Link(RobotPart):
 
     #: None for the world
     parent: Link | None
-    #: of its frame in the world (3, 3), (3,)
+    #: pose of its frame in the world (3, 3), (3,)
     rotation: np.ndarray
     position: np.ndarray
     masses: list[Mass] = field(default_factory=list)
-    #: by which it moves, the first one next to the parent; none if it is fixed to it
+    #: joints by which it moves, the first one next to the parent; none if it is fixed
     joints: list[SpatialJoint] = field(default_factory=list)
 
     @property

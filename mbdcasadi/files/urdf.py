@@ -47,7 +47,7 @@ def read_urdf(path: str | Path, *, gravity: Sequence[float] = (0.0, 0.0, -9.81))
     Raises
     ------
     FileError
-        For what is not planar or not known, with the element and its line.
+        For an element that is not planar or not known, with its line.
     ModelError
         For a gravity that is not three numbers.
 

@@ -1,7 +1,7 @@
 """A mechanism as a functional mock-up unit (FMI 2.0 and 3.0): co-simulation and model exchange.
 
 ======================  ====================================================================
-``export``              what is asked for, checked
+``export``              the arguments, checked
 ``functions``           the equations, outputs and start as functions that are written as C
 ``variables``           names, units and value references
 ``description``         ``modelDescription.xml`` and ``buildDescription.xml``

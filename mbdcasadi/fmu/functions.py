@@ -29,7 +29,7 @@ from ..simulation.stepping.explicit_system import compared_quantities, dynamics_
 
 #: Regularisation of the rows of a start, relative to their own size: constraints and conditions may imply each other.
 REGULARISATION = 1e-9
-#: Value of a limit at the start, relative to what it can be, that counts as held.
+#: Value of a limit at the start, relative to its range, that counts as held.
 HELD = 1e-6
 
 

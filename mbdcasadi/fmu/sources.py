@@ -50,7 +50,7 @@ def source_files(unit: Unit) -> dict[str, str]:
 
 
 def _sizes(unit: Unit) -> list[str]:
-    """Lines with what is a whole number."""
+    """Lines with the whole numbers."""
     model, variables = unit.model, unit.variables
     eom = model.eom
     sizes = {

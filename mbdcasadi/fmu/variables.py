@@ -17,7 +17,7 @@ from ..errors import ModelError
 from ..model.symbols import Input, Parameter
 from .functions import Model
 
-#: Exponents of SI base units, of what is declared by a name that is known: kg, m, s, A, rad, and a factor.
+#: Exponents of the SI base units kg, m, s, A and rad in units that are known by name, and a factor.
 UNITS: dict[str, dict[str, float]] = {
     "1": {},
     "s": {"s": 1},
@@ -61,7 +61,7 @@ class Variable:
     causality : str
         In the words of FMI.
     start : float or None
-        Start value of what can be set.
+        Start value of a variable that can be set.
     unit : str
         Unit, or nothing if it is not known.
     lower, upper : float

@@ -27,7 +27,7 @@ SEARCH = 5
 PROBE = 1e-3
 #: Share of a displacement that must be left for the direction to count as a motion.
 FOLLOWED_SHARE = 0.3
-#: A pose with a small singular value is singular if it is below this share of what it is in poses nearby.
+#: A pose with a small singular value is singular if it is below this share of its value in poses nearby.
 SINGULAR_SHARE = 1e-3
 #: Share of a random displacement that must be lost for single directions to be looked at.
 LOST_SHARE = 0.02
@@ -59,7 +59,7 @@ class Mobility:
 
 
 def mobility(numeric: NumericEquations, t: float, q: np.ndarray) -> Mobility:
-    """Find the rank of the constraints in poses near a consistent one; drivers let go for the excursions.
+    """Find the rank of the constraints in poses near a consistent one; drivers are released for the excursions.
 
     References
     ----------
@@ -140,7 +140,7 @@ class Joints:
         return self._solved(with_distance, pose + distance * size * motion)
 
     def _solved(self, equations: Equations, start: np.ndarray) -> np.ndarray | None:
-        # in lengths and angles alone: what moves and how far is no matter of masses
+        # in lengths and angles alone: mobility does not depend on masses
         sizes = self._numeric.scale.coordinates
         outcome = solve(equations, start, 1 / sizes**2, sizes=sizes, iterations=60)
         return refine_root(equations, outcome.x, 1 / sizes**2, sizes=sizes) if outcome.converged else None

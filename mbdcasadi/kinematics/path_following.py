@@ -82,7 +82,7 @@ class Continuation(MotionFollower):
     def _batch(
         self, before: float, times: np.ndarray, *state: np.ndarray, careful: bool = False
     ) -> tuple[np.ndarray, ...]:
-        """As many of the times as the compiled recursion solves on the branch.
+        """Motion at as many of the times as the compiled recursion solves on the branch.
 
         Parameters
         ----------

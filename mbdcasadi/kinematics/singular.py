@@ -43,7 +43,7 @@ MEANING = {
 
 
 def singular_pose(numeric: NumericEquations, t: float, q: np.ndarray) -> SingularPose | None:
-    """Return what is singular about a pose, to the accuracy of a pose; None if poses nearby have the same rank."""
+    """Return the singularity of a pose, to the accuracy of a pose; None if poses nearby have the same rank."""
     around = mobility(numeric, t, q)
     return describe_singularity(numeric, t, q, around) if around.singular else None
 

@@ -56,7 +56,7 @@ class LinearModel:
         self.A, self.B, self.C, self.D = A, B, C, D
         self.state_names, self.input_names, self.output_names = state_names, input_names, output_names
         self.state, self.rate, self.directions = state, rate, directions
-        #: how many of the states are positions
+        #: number of states that are positions
         self.speeds = speeds
 
     @property

@@ -39,7 +39,7 @@ class Cache(Mapping[Hashable, Any]):
         If `bounded`, the value may be forgotten when others have been requested since; for keys of which there may be
         any number.
         """
-        # without the lock, since what is kept for good is requested often and never removed
+        # without the lock, since permanent entries are requested often and never removed
         if key in self._kept:
             return self._kept[key]
         with self._lock:

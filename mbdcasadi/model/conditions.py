@@ -36,9 +36,9 @@ class Condition:
     opposite: Condition | None = None
     #: range of the expression below zero until the opposite side becomes active
     span: float = math.inf
-    #: whether it is a component of a length that is to be zero
+    #: true if it is a component of a length that is to be zero
     component: bool = False
-    #: whether it defines a symbol that stands for a part of a cost, and can always be met
+    #: true if it defines the symbol of a part of a cost, so that it can always be met
     definition: bool = False
 
     @cached_property

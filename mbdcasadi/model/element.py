@@ -66,7 +66,7 @@ class Element(Immutable, HoldsSymbols, HasQuantities):
         zero then, and are not evaluated.
     likeness : hashable, optional
         Elements for which it is equal have the same expressions in the coordinates of their own :attr:`bodies`, so that
-        what is found for one holds for all of them. None if it is not known.
+        a result for one of them holds for all. None if it is not known.
     """
 
     kind: ClassVar[str] = "element"

@@ -90,7 +90,7 @@ def _plain(value: Any) -> Any:
 
 
 def _constant(value: Any) -> float | None:
-    """Return the number behind a scalar that is no expression, else None."""
+    """Return the value of a constant scalar; None for an expression."""
     if isinstance(value, ca.SX) and not (value.is_scalar() and value.is_constant()):
         return None
     try:

@@ -86,7 +86,7 @@ def quantity(
 
 
 class HasQuantities:
-    """Base class of what has quantities with ranges, which :attr:`limits` keeps of those that are expressions."""
+    """Base class of objects whose quantities have ranges; :attr:`limits` keeps the ranges of expressions."""
 
     limits: tuple[Limit, ...] = ()
 
@@ -207,7 +207,7 @@ def number_pairs(values: Any, what: str) -> np.ndarray:
 def triple(value: Any, what: str, name: str, form: str) -> np.ndarray:
     """Return three finite numbers as an array (3,)."""
     try:
-        if isinstance(value, str | bytes):  # it has entries, and they are no numbers
+        if isinstance(value, str | bytes):  # its entries are not numbers
             raise TypeError
         values = [number(v, what, name) for v in value]
     except TypeError:

@@ -88,7 +88,7 @@ def keyboard_interrupts(analysis: str, partial: Callable[[], Any] | None = None)
     Parameters
     ----------
     partial : callable, optional
-        Returns what was computed so far; None if that is nothing.
+        Returns the results so far; None if there are none.
     """
     with interruptible() as interruption:
         try:
@@ -106,7 +106,7 @@ def keyboard_interrupts(analysis: str, partial: Callable[[], Any] | None = None)
 
 
 def call(function: Any, *arguments: Any) -> Any:
-    """Call compiled code quietly; Ctrl-C in it comes back as what it is, not as a failure or as nothing."""
+    """Call compiled code quietly; Ctrl-C in it is raised as such, not as a failure or as nothing."""
     with quiet(), interruptible() as interruption:
         try:
             result = function(*arguments)
@@ -128,7 +128,7 @@ def is_singular(error: BaseException) -> bool:
 def call_each(function: ca.Function, *arguments: Any) -> list[np.ndarray]:
     """Call a compiled function for many points by column; results are NaN at points with a singular matrix.
 
-    One such point would else take all others with it: the batch is divided until it stands alone.
+    One such point would else take all others with it: the batch is divided until that point is alone.
 
     Parameters
     ----------

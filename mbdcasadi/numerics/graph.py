@@ -9,14 +9,14 @@ import casadi as ca
 
 #: Names of the operations of CasADi, in small letters.
 _NAMES = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
-#: Instructions that are no operations.
+#: Instructions that are not operations.
 _ENDS = frozenset((ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_PARAMETER))
 
 
 def operations(
     expressions: Sequence[ca.SX] | ca.SX, kinds: Collection[int] | None = None
 ) -> Iterator[tuple[int, ca.SX]]:
-    """Yield the operations of expressions, operands before what is made of them: their kinds and nodes.
+    """Yield the operations of expressions, operands before the operations on them: their kinds and nodes.
 
     Parameters
     ----------

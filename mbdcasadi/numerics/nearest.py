@@ -195,8 +195,8 @@ def project_with_inequalities(
 ) -> np.ndarray | None:
     """Nearest point under inequalities, by an active set.
 
-    One that is broken is held as an equality; one that would let go towards
-    the target, as its multiplier says, is released.
+    A broken inequality is held as an equality; it is released if its multiplier
+    says that it would open towards the target.
 
     Parameters
     ----------

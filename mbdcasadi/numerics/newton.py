@@ -25,7 +25,7 @@ from .tolerances import ACCURACY, CONVERGED, SMALLEST_SHARE
 #: ``x -> (residual, jacobian)``.
 Equations = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
-#: Singular values below this share are no directions for :func:`newton`.
+#: Singular values below this share are not directions for :func:`newton`.
 SMALLEST_SINGULAR_VALUE = 1e-14
 
 T = TypeVar("T")
@@ -65,12 +65,12 @@ class _Terms:
 
 
 def backtrack(attempt: Callable[[float], T | None], smallest: float = SMALLEST_SHARE) -> T | None:
-    """Return what the first share of a step gives that is accepted, of 1, 1/2, 1/4 …; None if none is.
+    """Return the result of the first share of a step that is accepted, of 1, 1/2, 1/4 …; None if none is.
 
     Parameters
     ----------
     attempt : callable
-        Takes a share, returns what it led to, or None to have it halved.
+        Takes a share, returns the result, or None to have the share halved.
     smallest : float
         Smallest share that is tried.
     """

@@ -15,7 +15,7 @@ def path_of(path: Any) -> Path:
     Raises
     ------
     FileError
-        For anything that is no text and no path.
+        For anything but a text or a path.
     """
     if not isinstance(path, str | os.PathLike) or "\0" in str(path):
         raise FileError(f"the path of a file is a text or a pathlib.Path, got {path!r}")

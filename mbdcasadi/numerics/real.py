@@ -15,7 +15,7 @@ def real_array(values: Any) -> np.ndarray:
     Raises
     ------
     TypeError, ValueError
-        For what are not numbers, and for complex ones.
+        For anything but real numbers.
     """
     array = np.asarray(values)
     if array.dtype.kind == "c":

@@ -152,9 +152,9 @@ def _narrowed(
     Parameters
     ----------
     first : callable
-        By the values between the parts (k, parts - 1), the first part to go on from (k,).
+        By the values between the parts (k, parts - 1), the first part to keep (k,).
     count : int
-        Number of parts to go on from.
+        Number of parts to keep.
     width : float
         Width of the brackets at the end, relative to the first one.
     """

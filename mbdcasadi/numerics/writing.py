@@ -25,7 +25,7 @@ def writable(path: str | Path) -> Path:
     Raises
     ------
     FileError
-        If the path is no path or names a folder, and if its folder does not exist or nothing may be written there.
+        If the path is not a path or names a folder, and if its folder does not exist or nothing may be written there.
     """
     target = path_of(path)
     try:
@@ -53,11 +53,11 @@ def _obstacle(target: Path) -> str:
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
-    """Give a path to write to, which takes the place of `path` when the block ends without an error.
+    """Give a path to write to; the file there replaces `path` when the block ends without an error.
 
-    The new file stands beside the old one until then, so that a failure
-    leaves what was there before, and nothing else. It is on the disk before it
-    takes the place of the old one. A device or a pipe is written directly.
+    Until then the new file is beside the old one, so that a failure
+    leaves the old file and nothing else. It is on the disk before it
+    replaces the old one. A device or a pipe is written directly.
 
     Parameters
     ----------

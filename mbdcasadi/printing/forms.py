@@ -1,9 +1,9 @@
-"""Algebra of what is printed: sums and products flattened, with like terms and factors collected.
+"""Algebra of printed expressions: sums and products flattened, with like terms and factors collected.
 
 CasADi keeps the binary operations in the order in which they were called, so
 that derivatives come as ``0.4*w*cos(phi)*w`` and ``-(-0.25*x - 0.4*y)``. A
 table of forms holds them as a textbook has them. Each form is there once,
-below the forms it is made of: what goes through the table needs no recursion.
+below the forms it is made of, so that a pass through the table needs no recursion.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Scaled = tuple[float, int]
 
 @dataclass(frozen=True)
 class Number:
-    """A number that is not a coefficient: one, and what is zero or not finite."""
+    """A number that is not a coefficient: one, zero, or a number that is not finite."""
 
     value: float
 
@@ -60,7 +60,7 @@ class Operation:
     arguments : tuple of (float, int)
         Operands.
     identity : int
-        Tells apart what has the same name and operands.
+        Distinguishes operations of the same name and operands.
     """
 
     kind: str

@@ -30,7 +30,7 @@ def to_text(expression: Any, limit: int = LIMIT) -> str:
         A scalar.
     limit : int
         Most operations, symbols and numbers to write out, shared parts counted
-        wherever they stand; a longer expression is written as ``… (N operations)``.
+        at each occurrence; a longer expression is written as ``… (N operations)``.
 
     Returns
     -------

@@ -96,7 +96,7 @@ def read_expressions(expressions: Any) -> dict[str, ca.SX]:
 
 
 def read_lines(expressions: Any) -> dict[str, tuple[list[str], ca.SX]]:
-    """Check what is drawn, {label: expression} or {label: {name: scalar}}: names of lines and their column."""
+    """Check the expressions of a plot, {label: expression} or {label: {name: scalar}}: names of lines and a column."""
     lines: dict[str, tuple[list[str], ca.SX]] = {}
     for label, drawn in _items(expressions):
         if not isinstance(drawn, Mapping):

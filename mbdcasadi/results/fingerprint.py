@@ -59,7 +59,7 @@ def difference(eom: Equations, there: np.ndarray, here: np.ndarray) -> str:
 
 
 def _quantities(eom: Equations) -> list[tuple[str, Sequence[str], ca.SX]]:
-    """Quantities that the equations are made of: what they are, of what by name, and a column of expressions."""
+    """Quantities in the equations: a description, the names of the entries, and a column of expressions."""
     states = [state.label for state in eom.mechanism.states]
     return [
         ("the mass or inertia at", eom.coordinate_names, eom.mass_diagonal),

@@ -17,7 +17,7 @@ def refuse_nan(eom: Equations, expression: ca.SX, values: np.ndarray, arguments:
     """Raise an error if an expression is NaN at a state although all that it depends on is finite.
 
     Unknown quantities may be NaN: the multipliers of a kinematic analysis. The values have the time first; the
-    arguments ``t, q, v, a, z, lam, u, p`` are (n_t, k), or (1, k) for what does not vary.
+    arguments ``t, q, v, a, z, lam, u, p`` are (n_t, k), or (1, k) if constant.
     """
     missing = np.isnan(values)
     if not missing.any():

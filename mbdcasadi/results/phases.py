@@ -22,8 +22,8 @@ from .trajectory import Trajectory
 def union_of(mechanisms: Iterable[Mechanism]) -> Mechanism:
     """Return a mechanism with all parts of several, in whose symbols a motion through them is expressed.
 
-    It is for names and symbols; nothing moves by its equations. Of forces with the same name, such as gravity, the
-    first one stands for all. A :class:`ModelError` is raised if different joints, inputs, parameters or states have the
+    It is for names and symbols; nothing moves by its equations. Of forces with the same name, such as gravity, only
+    the first one is taken. A :class:`ModelError` is raised if different joints, inputs, parameters or states have the
     same name.
     """
     different = list(dict.fromkeys(mechanisms))

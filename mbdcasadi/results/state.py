@@ -49,7 +49,7 @@ class State(HoldsSymbols):
         Impulses of constraints at the instant, by their rows: of a state just after an impact. The name of a
         constraint may take its place if the mechanism does not have it, as read from a file.
     whole : State, optional
-        The same state as one of all mechanisms of a motion: what the mechanism does not have is read there.
+        The same state as one of all mechanisms of a motion, for quantities that the mechanism does not have.
 
     Examples
     --------

@@ -60,7 +60,7 @@ def _at_pose(numeric: NumericEquations, expression: ca.SX, t: float, q: np.ndarr
 def report_validity(motion: Trajectory, others: Sequence[str] = ()) -> None:
     """Warn of conditions that are broken at an output, and of other findings, and note them in the statistics.
 
-    Conditions on what the analysis does not know (a contact force in kinematics) are left out.
+    Conditions on quantities that the analysis does not know (a contact force in kinematics) are left out.
     """
     motion.statistics.notes += others
     remarks = [*others, *_broken_at_outputs(motion)]

@@ -21,7 +21,7 @@ from ..numerics.roots import bracketed_root
 from .equilibrium import Equilibrium, EquilibriumError, equilibrium_of
 from .statics import NEUTRAL, Statics
 
-#: Points of a path that is asked to go on for ever.
+#: Most points of a path.
 MOST_POINTS = 2000
 #: Smallest step of a path, as a share of the usual one.
 SMALLEST_STEP = 1e-6
@@ -125,7 +125,7 @@ class CriticalState:
         The equilibrium there.
     kind : {"limit", "bifurcation", "flutter"}
         At a limit point the path turns back, and the mechanism snaps through;
-        at a bifurcation the path goes on, and another one crosses it. From
+        at a bifurcation the path continues, and another one crosses it. From
         flutter on, under forces without potential, feedback or negative
         damping, oscillations grow.
     direction : numpy.ndarray

@@ -17,9 +17,9 @@ NEWTON_TURN = 0.5
 SHORTEST_DESCENT = 1e-6
 #: Steps downhill.
 STEPS = 400
-#: A step this small (in levers) ends the way downhill: Newton's method takes over.
+#: A step this small (in levers) ends the descent: Newton's method takes over.
 END_OF_DESCENT = 1e-6
-#: By how much a pose is moved out of an unstable equilibrium, in levers, and how often.
+#: Displacement out of an unstable equilibrium, in levers, and number of attempts.
 UNSTABLE_PERTURBATION, PERTURBATIONS = 1e-2, 4
 
 

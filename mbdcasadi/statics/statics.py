@@ -231,7 +231,7 @@ class Statics:
 
     # --- free directions --------------------------------------------------------------------
     def follow(self, x: np.ndarray) -> np.ndarray:
-        """The same pose with the multipliers and first-order states that balance what can be balanced."""
+        """The same pose with the multipliers and first-order states that balance the loads as far as they can."""
         c, basis = self._free(x)
         x = x.copy()
         for _ in range(3):

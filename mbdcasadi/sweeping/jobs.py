@@ -1,4 +1,4 @@
-"""Batches of cases, with what is compiled for them."""
+"""Batches of cases, with the functions compiled for them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ RANGES, PROBED = 8, 200
 
 
 class Jobs:
-    """Batches of cases with what is compiled for them.
+    """Batches of cases with the functions compiled for them.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Jobs:
         self.width = setup.grid.size * sum(e.numel() for _, e in named)
 
     def _prepare(self, outputs: list[ca.SX]) -> None:
-        """Make what the cases share."""
+        """Make the objects that the cases share."""
         varied = [k for k in range(self.setup.p.size) if np.ptp(self._plan.p[:, k]) > 0]
         self._motion, spread = self.setup.motion(varied, in_state=False), self._spread()
         if self._resolves_more(self._motion.poses_from, spread):
@@ -199,7 +199,7 @@ def jobs_of(plan: Plan, named: list[tuple[Any, ca.SX]]) -> Jobs:
 
 
 def batch_size(size: int | None, count: int) -> int:
-    """Return the number of cases in a batch: what the user asks for, or what cuts the cases into some batches."""
+    """Return the number of cases in a batch: the user's, or one that divides the cases into some batches."""
     if size is None:
         return max(1, min(LARGEST_BATCH, -(-count // BATCHES)))
     return whole(size, "sweep", "batch", 1)

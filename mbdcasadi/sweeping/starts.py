@@ -24,7 +24,7 @@ class StartPath:
     """The path from one start to those at other parameters: a compiled function and arrays, nothing of the model.
 
     The parameters are changed in steps, so that every case stays on the branch
-    of the first; what does not arrive in small turns is not reached. All cases
+    of the first; a start that is not reached in small turns is given up. All cases
     take the same even steps, since one call of compiled code moves them all.
 
     Parameters

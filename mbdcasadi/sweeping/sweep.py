@@ -59,7 +59,7 @@ def sweep(
     The workers receive ``casadi.Function`` objects and arrays: they
     find the starts of their cases by continuation from that of one of them, and
     integrate. A start that is not reached this way is assembled here. A
-    case that fails is kept as such, with its message, and the others go on.
+    case that fails is kept as such, with its message, and the others are run.
 
     Parameters
     ----------

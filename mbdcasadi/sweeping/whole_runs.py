@@ -135,7 +135,7 @@ class WholeParcel:
         self.said = ""
 
     def __getstate__(self) -> dict[str, Any]:
-        # functions travel; what was compiled is found again in the user's folder
+        # functions travel; compiled code is found again in the user's folder
         own = ("_cache", "_free", "_stopped", "_running", "said")
         return {name: value for name, value in self.__dict__.items() if name not in own}
 

@@ -24,7 +24,7 @@ _JOINT = "\N{NO-BREAK SPACE}"
 def stacked(
     width: float, height: float, count: int, ratios: Sequence[float] | None = None
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure with axes one above the other, which share what is across."""
+    """Return a figure with axes one above the other, which share the horizontal axis."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained")
@@ -32,7 +32,7 @@ def stacked(
 
 
 def over_time(figure: Figure, stack: Sequence[Axes]) -> Figure:
-    """Name what is across axes one above the other, and align their labels."""
+    """Label the time axis below axes one above the other, and align their labels."""
     stack[-1].set_xlabel("t, s")
     figure.align_ylabels(stack)
     return figure
@@ -46,7 +46,7 @@ def two_spines(axes: Axes) -> None:
 
 
 def dress(axes: Axes, label: str, name: bool = False) -> None:
-    """Give axes their label, a grid, and room about what does not change.
+    """Give axes their label, a grid, and room about constant lines.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ PAPER = 400.0
 MOST_FRAMES = 20_000
 
 
-#: Tolerance of traces and curves as they are drawn, relative to what they span.
+#: Tolerance of traces and curves as they are drawn, relative to their extent.
 DRAWN = 2e-4
 
 
@@ -92,7 +92,7 @@ class Film:
 
     @cached_property
     def curves(self) -> dict[str, dict[str, np.ndarray]]:
-        """By label: lines by name, over the times of :attr:`fine`."""
+        """Lines by name, by label, over the times of :attr:`fine`."""
         return {
             label: dict(zip(names, values.T, strict=True))
             for (label, (names, _)), values in zip(self.plots.items(), self.lines[1:], strict=True)

@@ -134,7 +134,7 @@ def write_gif(film: Film, forces: bool, path: Path) -> None:
 
 
 def _common_colours(image: np.ndarray) -> list[int]:
-    """Return the most common colours of an image, so that areas stay exactly what they are.
+    """Return the most common colours of an image, so that areas keep their exact colours.
 
     They are eight apart, since Pillow looks for the nearest colour on a lattice of four.
     """

@@ -25,7 +25,7 @@ NARROW = 1e-13
 #: Jump that is rounding: relative to the values on the border, to those at the ends of the first bracket, and to the
 #: jump a little way off the border. Over a continuous border the difference grows from nothing.
 SAME_VALUE, NOISE, GROWN = 1e-9, 1e-13, 1e-4
-#: That little way, relative to the first bracket.
+#: Distance from the border at which that jump is taken, relative to the first bracket.
 OFFSET = 1e-7
 #: Points of a border without which nothing is concluded.
 FEWEST_HITS = 4
@@ -141,7 +141,7 @@ class _Trial:
         return self._slopes(points, self._values).full().reshape(-1, count, size)
 
     def _brackets(self) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """By switch, pairs of points with its border between them."""
+        """Pairs of points with the border of a switch between them, by switch."""
         share = np.linspace(0, 1, POINTS)
         begin, end = self._points(LINES), self._points(LINES)
         lines = begin[:, :, None] + (end - begin)[:, :, None] * share

@@ -14,11 +14,11 @@ from ...numerics.scattered import scattered
 from ..derivation import Equations
 from .time_breaks import AWAY_FROM_CORNERS, TimeBreaks, TimeFunctions, merge_breaks, resolution
 
-#: Highest derivative whose jump makes the accelerations jump, by what depends on time.
+#: Highest derivative whose jump makes the accelerations jump, by the kind of quantity.
 _ACCELERATIONS_JUMP = {"position": 2, "velocity": 1, "force": 0}
 #: Difference of two estimates of the size of a jump, relative to it, that is rounding.
 ROUNDED_SIZE = 1e-3
-#: By how much the estimated pose is changed before rows are evaluated in it: in a special pose a jump may vanish.
+#: Change of the estimated pose before rows are evaluated in it: in a special pose a jump may vanish.
 _GENERIC = 1e-3
 
 
@@ -35,7 +35,7 @@ class ConstraintJump:
     time : float
         s.
     level : {"position", "velocity"}
-        A position that jumps is no motion; a velocity that jumps takes an impulse.
+        No motion follows a position that jumps; a velocity that jumps takes an impulse.
     size : float
         By how much, in `unit`.
     unit : str
@@ -155,8 +155,8 @@ class ExplicitTime:
         TimeBreaks
             All instants; ``.order`` counts derivatives of what switches itself.
         numpy.ndarray of bool
-            At which of them accelerations jump, so that an integrator must start again (k,); it may go on
-            smoothly from the others, but must not step over them.
+            At which of them accelerations jump, so that an integrator must start again (k,); at the others
+            it may continue, but must not step over them.
         """
         breaks = {kind: group.breaks(p, start, end) for kind, group in self._groups.items()}
         whole = merge_breaks(list(breaks.values()))

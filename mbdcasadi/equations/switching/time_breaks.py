@@ -46,7 +46,7 @@ class TimeBreaks:
         Lowest derivative that jumps there (k,): 0 for the value itself, 1, 2,
         or 3 if all of these are continuous (the knot of a spline, the end of a ``step``).
     transients : numpy.ndarray
-        Instants and durations (j, 2) of what is smooth and short: the peak of
+        Instants and durations (j, 2) of smooth, short changes: the peak of
         ``exp(-((t - 5)/w)**2)``, the middle of ``tanh((t - 5)/w)``.
     width : float
         Distance below which two instants are one, by rounding, s.
@@ -110,7 +110,7 @@ class TimeFunctions:
         #: maximal subexpressions in time and known symbols alone
         self.parts = column[timed.tolist()] if timed.size else ca.SX(0, 1)
         zeros, integers, transients = time_switches(self.parts, t) if timed.size else ([], [], [])
-        # a quotient whose numerator depends on other symbols is no part, but has its poles in time
+        # a quotient whose numerator depends on other symbols is not a part, but has its poles in time
         divisors = depending_on_time(divisors_among(rest, names, parts), t) if timed.size else []
         zeros, transients = distinct([*zeros, *divisors]), distinct([*transients, *divisors])
         #: functions of time and known symbols at whose zeros something switches (j,)
@@ -191,7 +191,7 @@ class TimeFunctions:
     def sides(
         self, p: np.ndarray, start: float, times: np.ndarray, end: float, side: float = SIDE
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Limits of ``f, f', f''`` of the expressions before and after instants, and what is rounding between them.
+        """Limits of ``f, f', f''`` of the expressions on both sides of instants, and their rounding errors.
 
         Each (3, expressions, k). They are evaluated at a distance `side`, relative to that of the next instant.
         """
@@ -205,7 +205,7 @@ def _values(function: ca.Function, p: np.ndarray, times: np.ndarray) -> np.ndarr
 def _sides(
     function: ca.Function, p: np.ndarray, start: float, times: np.ndarray, end: float, side: float = SIDE
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Limits on both sides, and what is rounding; see :meth:`TimeFunctions.sides`."""
+    """Limits on both sides, and the rounding error; see :meth:`TimeFunctions.sides`."""
     borders = np.r_[start, times, end]
     gap = np.minimum(np.diff(borders)[:-1], np.diff(borders)[1:])
     width = resolution(start, end)

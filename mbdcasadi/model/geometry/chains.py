@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Branching(Exception):
-    """More than two pieces meet; carries the point."""
+    """Error for more than two pieces that meet, with the point."""
 
     def __init__(self, point: np.ndarray):
         super().__init__(f"more than two lines meet at ({point[0]:.6g}, {point[1]:.6g})")

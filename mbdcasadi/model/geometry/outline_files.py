@@ -80,7 +80,7 @@ def loops_of_dxf(
     try:
         return _by_depth([loop * factor for loop in closed_chains(pieces, JOINED * size)], path)
     except Branching as branching:
-        raise FileError(f"{path}: {branching} in the drawing; leave out what is no outline by layer=") from None
+        raise FileError(f"{path}: {branching} in the drawing; select the layer of the outlines by layer=") from None
 
 
 def _hidden(document: Any, layer: str | None, path: Any) -> Callable[[Any], bool]:
@@ -134,8 +134,8 @@ def _library(name: str, path: Any) -> Any:
 def _prepared(drawing: ElementTree.Element, path: Any) -> bytes:
     """A drawing as svgelements understands it.
 
-    Pixels stand in place of metric lengths, which it knows to six digits only, and masks and symbols, which are not
-    drawn where they stand, are taken out.
+    Metric lengths, which it reads to six digits only, are replaced by pixels; masks and symbols, which are not
+    drawn in place, are removed.
     """
     hidden = {part for kind in ("mask", "symbol") for part in drawing.iter() if _tag(part) == kind}
     names = {part.get("id") for part in hidden}

@@ -282,7 +282,7 @@ class Polygon(Shape):
         """Return the shape of the closed outlines of an SVG drawing, by svgelements.
 
         Outlines inside others are holes, and outlines inside holes are parts again; open lines and
-        what is not drawn where it stands (``defs``, masks) do not count. The y axis points up, as it is seen.
+        parts that are not drawn in place (``defs``, masks) do not count. The y axis points up, as it is seen.
 
         Parameters
         ----------

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 #: Width of a figure, inches, and the bounds of its height to its width.
 WIDTH, FLAT, TALL = 7.2, 0.34, 1.1
-#: Least width of what is shown to its height.
+#: Least width of a picture to its height.
 NARROW = 0.4
 #: Times at which traces are taken, or a few more.
 TIMES = 300
@@ -81,7 +81,7 @@ def draw(
     Raises
     ------
     MechanismError
-        For what cannot be drawn, and for a trace or several poses of a single state.
+        If something cannot be drawn, and for a trace or several poses of a single state.
 
     Examples
     --------
@@ -155,7 +155,7 @@ def _settle(axes: Axes, fresh: bool) -> tuple[float, np.ndarray]:
     return points, box
 
 
-# --- what is drawn -------------------------------------------------------------------------
+# --- contents -------------------------------------------------------------------------
 def subject(source: Any) -> State | Trajectory:
     """State or trajectory of anything that can be drawn; a mechanism is assembled."""
     for name in ("trajectory", "state", "mechanism"):

@@ -42,7 +42,7 @@ def with_placed_names(scene: Scene, poses: np.ndarray, box: np.ndarray, scale: f
     poses : numpy.ndarray
         (n_t, frames, 4); a name keeps its side of the point over all of them.
     box : numpy.ndarray
-        Corners ``[[x, y], [x, y]]`` of what is shown, m.
+        Corners ``[[x, y], [x, y]]`` of the picture, m.
     scale : float
         Points of the paper to a metre.
     """

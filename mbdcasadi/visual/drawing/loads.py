@@ -65,9 +65,9 @@ def draw_loads(pen: Pen, loads: Sequence[tuple[Any, Load]]) -> dict[str, float]:
     diagonal = scene.diagonal_of(pen.box())
     values = pen.sample.sizes(ca.vertcat(*[ca.norm_2(load.value) for _, load in loads]))
     couple = np.array([load.value.numel() == 1 for _, load in loads])
-    values[:, ~np.isfinite(values).all(axis=0)] = 0.0  # what is not known, as forces of a current in kinematics
+    values[:, ~np.isfinite(values).all(axis=0)] = 0.0  # not known, as forces of a current in kinematics
     scale = {}
-    # rounding errors of what is zero are no loads: a couple is compared with forces at the size of the picture
+    # rounding errors are not loads: a couple is compared with forces at the size of the picture
     noise = NOISE * float(np.max(values / np.where(couple, diagonal, 1.0)))
     turning = min(COUPLE, COUPLE_UNITS * pen.unit / diagonal)
     for kind, which, longest in (("N", ~couple, ARROW), ("N m", couple, turning)):

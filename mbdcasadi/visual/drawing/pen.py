@@ -210,13 +210,13 @@ class Pen:
         frame = self.on(place)
         return place.position, (frame.number, float(frame.shift[0]), float(frame.shift[1]))
 
-    # --- what comes last -----------------------------------------------------------------------
+    # --- drawn at the end -----------------------------------------------------------------------
     def later(self, draw: Callable[[np.ndarray], None]) -> None:
-        """Draw when the extent of all else is known: ``draw(box)`` with ``[[x, y], [x, y]]``, m."""
+        """Defer a mark until the extent of all others is known: ``draw(box)`` with ``[[x, y], [x, y]]``, m."""
         self._later.append((self.item, draw))
 
     def finish(self) -> None:
-        """Draw what was left for later."""
+        """Draw the deferred marks."""
         if not self._later:
             return
         box = self.box()

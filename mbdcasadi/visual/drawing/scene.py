@@ -35,7 +35,7 @@ class Mark:
     item : int or None
         Number of the item it belongs to.
     group : str
-        "" for what is always there, or the name of a group that can be left out ("loads").
+        "" for a mark that is always there, or the name of a group that can be left out ("loads").
     """
 
     frame: int

@@ -14,7 +14,7 @@ from ...results.trajectory import Trajectory
 from ..course import Course
 from .packing import Packer
 
-#: Levels of precision: digits of the largest value of a quantity that are right, the tolerance of what is drawn,
+#: Levels of precision: digits of the largest value of a quantity that are right, the tolerance of the drawing,
 #: relative to the picture, and the most values that a page holds.
 LEVELS = ((2, 5e-4, np.inf), (3, 1e-4, 600_000), (4, 2e-5, 60_000), (5, 1e-5, 40_000))
 #: Knots of one digit more for each knot: of smooth motions, with polynomials of degree five.
@@ -38,9 +38,9 @@ class Column:
     name : str
         Its name, for messages.
     unit : str
-        Numbers of one unit share what counts as a rounding error; "" for what is only drawn.
+        Numbers of one unit share a size of rounding errors; "" for a column that is only drawn.
     size : float
-        Of what is drawn: its value for the length 1 m, or the angle 1 rad.
+        Of a column that is drawn: its value for the length 1 m, or the angle 1 rad.
     optional : bool
         True if it is left out if it is not known.
     index : int
@@ -74,11 +74,11 @@ class Columns:
         self._groups: dict[Hashable, list[Column]] = {}
 
     def drawn(self, group: Hashable, expression: Any, name: str, size: float = 1.0) -> Column:
-        """Add what is drawn: a coordinate, an angle, or the component of an arrow with its value for the length 1 m."""
+        """Add a coordinate, an angle, or the component of an arrow with its value for the length 1 m."""
         return self._add(group, Column(ca.SX(expression), name, size=size))
 
     def number(self, group: Hashable, expression: Any, label: str, name: str, optional: bool = False) -> Column:
-        """Add what is read as a number; its unit is what follows the last comma of its label."""
+        """Add a number to be read; its unit follows the last comma of its label."""
         return self._add(group, Column(ca.SX(expression), name, unit=label.rpartition(", ")[2], optional=optional))
 
     def _add(self, group: Hashable, column: Column) -> Column:
@@ -122,7 +122,7 @@ class Columns:
         return packer.packed() | {"precision": digits}
 
     def _sizes(self, columns: list[Column], largest: np.ndarray) -> np.ndarray:
-        """Largest size of each column; at least what is a rounding error in its unit."""
+        """Largest size of each column; at least that of a rounding error in its unit."""
         units: dict[str, float] = {}
         for column, value in zip(columns, largest, strict=True):
             units[column.unit] = max(units.get(column.unit, 0.0), float(value))
@@ -177,7 +177,7 @@ def _kinds(values: np.ndarray, tolerance: np.ndarray) -> tuple[np.ndarray, np.nd
 def _followed(
     course: Course, tolerances: Callable[[int, float], list[np.ndarray]]
 ) -> tuple[int, float, list[np.ndarray]]:
-    """Digits, tolerance of what is drawn, and knots of the finest level that a page can hold."""
+    """Digits, tolerance of the drawing, and knots of the finest level that a page can hold."""
     digits, picture = LEVELS[0][:2]
     best = None
     for finer, drawn, most in LEVELS:

@@ -55,8 +55,8 @@ class LiveModel:
     Raises
     ------
     MechanismError
-        For what a page cannot follow: exact stick and slip, inequalities at the start, operations without a
-        counterpart in JavaScript, friction on redundant joints; and for sliders of what the mechanism does not have.
+        If the page cannot follow the mechanism: exact stick and slip, inequalities at the start, operations without a
+        counterpart in JavaScript, friction on redundant joints; and for a slider that the mechanism does not have.
     """
 
     def __init__(self, mechanism: Any, initial: Any, parameters: Any, inputs: Any):

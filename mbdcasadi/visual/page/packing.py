@@ -10,7 +10,7 @@ import numpy as np
 
 from ..course import POINTS, QUANTUM
 
-#: Extrapolation goes on with fewer points while its weights add up to more than this.
+#: Largest sum of the weights of an extrapolation; above it fewer points are used.
 LARGEST_WEIGHTS = 64.0
 
 

@@ -1,4 +1,4 @@
-"""Phase plots, energies with what the integration lost of them, and paths of equilibria."""
+"""Phase plots, energies with the loss by integration, and paths of equilibria."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of an identification: data and model, and what is left between them."""
+"""Pictures of an identification: data, model and residuals."""
 
 from __future__ import annotations
 

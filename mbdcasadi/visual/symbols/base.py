@@ -144,7 +144,7 @@ def glyph_of(element: Any, pen: Pen) -> Glyph:
 
 
 class Hidden(Glyph):
-    """Glyph of what has no place: weight, controllers, friction in a joint that is drawn itself."""
+    """Glyph of elements without a place: weight, controllers, friction in a joint that is drawn itself."""
 
     def draw(self) -> None:
         """Draw nothing."""

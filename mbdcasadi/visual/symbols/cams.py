@@ -16,7 +16,7 @@ from .base import glyph
 
 #: Points of an outline.
 POINTS = 180
-#: Curves up to this length, in units, are drawn from end to end; of longer ones what is about the path of the point.
+#: Curves up to this length, in units, are drawn from end to end; of longer ones the part about the path of the point.
 SHORT = 80.0
 
 
@@ -80,7 +80,7 @@ def point_on_curve(joint: PointOnCurve, pen: Pen) -> None:
 
 
 def _slot(pen: Pen, curve: Curve, parameter: Any, half: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middle line and both edges of a slot: of a long open one, what is about the path of the point."""
+    """Middle line and both edges of a slot: of a long open one, the part about the path of the point."""
     low, high = curve.lower, curve.upper
     whole = pen.curve(curve.point, np.linspace(low, high, POINTS))
     if not curve.closed and np.hypot(*np.ptp(whole, axis=0)) > SHORT * pen.unit:

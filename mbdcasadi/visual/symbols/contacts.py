@@ -33,7 +33,7 @@ class ContactGlyph(Glyph, of=Contact):
 
 @singledispatch
 def edge(outline: Any, pen: Pen) -> None:
-    """Draw an outline that others touch; a dot for one of a kind that is not known."""
+    """Draw an outline that others touch; a dot if its kind is not known."""
     pen.dot(pen.on(outline.marker))
 
 

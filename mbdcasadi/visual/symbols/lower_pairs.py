@@ -117,7 +117,7 @@ def _rail(frame: Frame, pen: Pen, reach: tuple[float, float], bottom: float, top
 
 
 def _rod_through(loops: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray] | None:
-    """Boxes ``[[x, y], [x, y]]`` of a rod along x and of what it carries between its ends, if loops have that shape."""
+    """Boxes ``[[x, y], [x, y]]`` of a rod along x and of the part between its ends, if loops have that shape."""
     boxes = [np.array([loop.min(axis=0), loop.max(axis=0)]) for loop in loops if len(loop) > 2]
     for rod in boxes:
         others = [box for box in boxes if box is not rod]

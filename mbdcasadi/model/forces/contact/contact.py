@@ -137,7 +137,7 @@ class Contact(Element):
 
     @cached_property
     def forces(self) -> tuple[tuple[ca.SX, ca.SX], ...]:
-        """For each place the point (2,), m, and the force on a (2,), N; that on b is opposite."""
+        """Point (2,), m, and force on a (2,), N, of each place; that on b is opposite."""
         return tuple((place.touch.point, place.force) for place in self._places)
 
     @cached_property
