@@ -123,7 +123,7 @@ def _carried(numeric: NumericEquations, before: State, what: str) -> tuple[np.nd
         if body not in theirs.bodies:
             raise SimulationError(
                 f"{what}: body '{body.name}' of the new mechanism is not in the one before, and so its place is not "
-                "known; bodies may leave, not come",
+                "known; bodies may be removed, not added",
                 time=before.t,
             )
     q, v = eom.estimate[0].copy(), np.zeros(eom.q.numel())

@@ -329,7 +329,7 @@ class NumericEquations:
         broken = [] if finite else self.forces_not_finite(t, q, v, z, u)
         if broken:
             raise SingularityError(
-                f"the force of {', '.join(broken)} is not finite at t = {t:.6g} s: data of a spline that are left, a "
+                f"the force of {', '.join(broken)} is not finite at t = {t:.6g} s: a spline outside its data, a "
                 "division by zero, or a root of a negative number (a length or a volume that has become negative)",
                 time=t,
             )

@@ -327,7 +327,7 @@ class _Reader:
         if kind not in needed:
             raise element.refuse(f"is of the type '{kind}', whose mass is not computed; give the body an inertial")
         if size.size < needed[kind] or np.any(size[: needed[kind]] <= 0):
-            raise element.refuse(f"needs {needed[kind]} positive numbers in size, a {kind} as it is")
+            raise element.refuse(f"needs {needed[kind]} positive numbers in size, as a {kind}")
         if kind == "sphere":
             r = size[0]
             return 4 / 3 * np.pi * r**3, np.full(3, 0.4 * r**2)
@@ -421,7 +421,7 @@ class _Reader:
             return element.number("kv", "1"), 0.0, -element.number("kv", "1"), 0.0
         for attribute, known in (("dyntype", ("none",)), ("gaintype", ("fixed",)), ("biastype", ("none", "affine"))):
             if element.get(attribute, known[0]) not in known:
-                raise element.refuse(f"has the {attribute} '{element.get(attribute)}'; read is {' or '.join(known)}")
+                raise element.refuse(f"has the {attribute} '{element.get(attribute)}'; it must be {' or '.join(known)}")
         gain = float(element.numbers("gainprm", "1")[0])
         bias = np.zeros(3)
         if element.get("biastype", "none") == "affine":

@@ -119,7 +119,7 @@ class EffortProblem:
             k = int(np.argmax(short > 0))
             raise SingularityError(
                 f"the efforts {names} cannot make the motion at t = {times[k]:.6g} s: in that pose they work against "
-                "the joints alone (a dead point for them); let them act at another place",
+                "the joints alone (a dead point for them); apply them at another place",
                 time=float(times[k]),
             )
 

@@ -181,7 +181,7 @@ class Continuation(MotionFollower):
             return None
         return AssemblyError(
             f"the motion cannot be continued beyond t = {now:.9g} s: {', '.join(rows)} has no finite value from there "
-            "on: data of a spline that end, a division by zero, or a root of a negative number; what was computed is "
+            "on: a spline outside its data, a division by zero, or a root of a negative number; what was computed is "
             "in .partial",
             time=now,
             partial=motion,

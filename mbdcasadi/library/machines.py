@@ -141,9 +141,7 @@ def cam_follower(
     roller = None if roller_radius is None else number(roller_radius, what, "roller_radius")
     aside = number(offset, what, "offset")
     if roller is None and aside != 0:
-        raise ModelError(
-            f"{what}: the offset {aside:g} m is one of a roller; a flat face has none, give roller_radius="
-        )
+        raise ModelError(f"{what}: the offset {aside:g} m belongs to a roller, not to a flat face; give roller_radius=")
     outline = _profile(program, base, roller, aside) if outline is None else outline
     m = masses_of(masses, 2, what)
     # an offset to the left of the direction of the lift is on the side of -x

@@ -125,7 +125,7 @@ class LinearModel:
         try:
             inner = np.linalg.solve(matrices, np.broadcast_to(self.B, (points.size, *self.B.shape)))
         except np.linalg.LinAlgError:
-            raise MechanismError("transfer_function: s is a pole of the model; evaluate beside it") from None
+            raise MechanismError("transfer_function: s is a pole of the model; evaluate next to it") from None
         response = self.C @ inner + self.D
         return response[0] if np.ndim(s) == 0 else response
 

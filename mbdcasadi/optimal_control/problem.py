@@ -269,5 +269,5 @@ def _refuse_coming(before: Phase, phase: Phase) -> None:
             owner = getattr(role.owner, "name", symbol.name()) if role is not None else symbol.name()
             raise ModelError(
                 f"phase '{phase.name}': '{owner}' is not in the phase '{before.name}' before it, and so its place is "
-                "not known; bodies may leave, not come"
+                "not known; bodies may be removed, not added"
             )

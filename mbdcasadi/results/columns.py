@@ -52,7 +52,7 @@ def default_expressions(mechanism: Mechanism, *, loads: bool) -> dict[str, ca.SX
 
     def add(name: str, value: Any) -> None:
         if name in named or name == "t":
-            raise MechanismError(f"two columns would be called '{name}'; give the expressions by other names")
+            raise MechanismError(f"two columns would be called '{name}'; give the expressions other names")
         named[name] = ca.SX(value)
 
     for body in mechanism.bodies:

@@ -245,12 +245,12 @@ def _read_phased_events(
     names = archive.names("event names", times.size)
     rows = archive.numbers("event places", times.size, 5).astype(int)
     if np.any(rows[:, 0] >= phases) or np.any(rows[:, [1, 3]] >= len(mechanisms)) or np.any(rows[:, 1] < 0):
-        raise archive.refuse("the entry 'event places' is not one of places")
+        raise archive.refuse("the entry 'event places' does not hold places")
     places = [(k, place, times[i], i) for i, row in enumerate(rows) for k, place in (row[1:3], row[3:5]) if k >= 0]
     values = archive.numbers("event parameters", len(places), len(labels))
     by_place = {(k, place): (time, values[i]) for i, (k, place, time, _) in enumerate(places)}
     if len(by_place) < len(places):
-        raise archive.refuse("the entry 'event places' is not one of places")
+        raise archive.refuse("the entry 'event places' does not hold places")
     states: dict[tuple[int, int], State] = {}
     for k, mechanism in enumerate(mechanisms):
         state_places = sorted(place for number, place in by_place if number == k)

@@ -233,7 +233,7 @@ def _check_reactions(statics: Statics, x: np.ndarray) -> None:
         raise EquilibriumError(
             f"equilibrium: the pose is singular, and no finite reactions hold the load in it (those that balance it "
             f"nearby, {pose.reaction:.3g} N, are {pose.factor:.2g} times the load, and depend on rounding): "
-            f"{pose.text}; move the mechanism out of this pose, or take the load off",
+            f"{pose.text}; move the mechanism out of this pose, or remove the load",
             time=statics.t,
         )
     warn_of(pose)

@@ -151,7 +151,7 @@ MJCF = """<mujoco>
             "muscle is not supported; motor, position, velocity and general are",
         ),
         ("", '<actuator><motor joint="no"/></actuator>', "motor names the joint 'no', which does not exist"),
-        ("", '<actuator><general joint="j" dyntype="filter"/></actuator>', "has the dyntype 'filter'; read is none"),
+        ("", '<actuator><general joint="j" dyntype="filter"/></actuator>', "has the dyntype 'filter'; it must be none"),
         ("", '<compiler boundmass="0.1"/>', "has boundmass, which is not read"),
         ('<body name="c" gravcomp="1"/>', "", "body 'c' has gravcomp = '1', which is not read"),
         ('<geom size="0.1" shellinertia="true"/>', "", "geom has shellinertia = 'true', which is not read"),

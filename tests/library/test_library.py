@@ -166,7 +166,7 @@ def test_names_of_parts():
         (lambda: LIBRARY.five_bar(angles=(1,)), "five_bar: angles must be two numbers"),
         (lambda: LIBRARY.planetary_gear(planets="x"), "planetary_gear: planets must be a whole number of at least 1"),
         (lambda: LIBRARY.pendulum_chain(np.nan), "pendulum_chain: links must be a whole number"),
-        (lambda: LIBRARY.cam_follower(PROGRAM, offset=0.01), "cam_follower: the offset 0.01 m is one of a roller"),
+        (lambda: LIBRARY.cam_follower(PROGRAM, offset=0.01), "cam_follower: the offset 0.01 m belongs to a roller"),
         (lambda: LIBRARY.quick_return(crank=0.3), "quick_return: the distance 0.25 m must be longer"),
         (lambda: LIBRARY.planetary_gear(planets=0), "planetary_gear: planets must be a whole number"),
         (lambda: LIBRARY.pendulum_chain(0), "pendulum_chain: links must be a whole number"),

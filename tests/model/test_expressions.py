@@ -315,7 +315,7 @@ def test_spline_of_numbers_and_of_arrays():
     found = spline(np.array([[0.0, 0.5], [0.75, 1.0]]), [0, 1], [0, 4], kind="linear")
     np.testing.assert_array_equal(found, [[0, 2], [3, 4]])
     assert spline([], [0, 1], [0, 4], kind="linear").shape == (0,)
-    with pytest.raises(ModelError, match=r"x = 1\.5 is outside the data, 0\.0 … 1\.0; say outside="):
+    with pytest.raises(ModelError, match=r"x = 1\.5 is outside the data, 0\.0 … 1\.0; give outside="):
         spline([0.5, 1.5], [0, 1], [0, 3], kind="linear")
 
 

@@ -76,12 +76,12 @@ def test_wrong_input_is_named(pendulum):
         (mbd.plot_phase, (motion, {"x": arm.x, "r": arm.position}), "two scalars"),
         (mbd.plot_phase, (motion.initial, {"x": arm.x, "y": arm.y}), "takes a motion"),
         (mbd.plot_energy, (motion.initial,), "takes a motion"),
-        (mbd.plot_path, (motion, {"x": arm.x}), "what equilibrium_path returns"),
+        (mbd.plot_path, (motion, {"x": arm.x}), "the result of equilibrium_path"),
         (mbd.plot_path, (motion, {}), "nothing to draw"),
-        (mbd.plot_modes, ([],), "what linearize returns"),
-        (mbd.plot_modes, (3,), "what linearize returns"),
-        (mbd.plot_modes, ([motion],), "what linearize returns"),
-        (mbd.plot_solution, (motion,), "what optimize returns"),
+        (mbd.plot_modes, ([],), "the result of linearize"),
+        (mbd.plot_modes, (3,), "the result of linearize"),
+        (mbd.plot_modes, ([motion],), "the result of linearize"),
+        (mbd.plot_solution, (motion,), "the result of optimize"),
     ):
         with pytest.raises(mbd.MechanismError, match=error):
             call(*arguments)

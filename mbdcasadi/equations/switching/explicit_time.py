@@ -57,7 +57,7 @@ class ConstraintJump:
     def remedy(self) -> str:
         """Advice, in words."""
         if self.level == "position":
-            return "no motion follows a jump; prescribe the way between the two values over a time, as mbd.step does"
+            return "no motion follows a jump; prescribe a transition over some time, as mbd.step does"
         return "that takes an impulse; round the corner off, as mbd.step and cubic splines do"
 
 

@@ -198,7 +198,7 @@ def _values(x: Any, xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) -> 
     if outside == "error" and np.any(bad := (numbers < xs[0] - slack) | (numbers > xs[-1] + slack)):
         raise ModelError(
             f"spline: x = {numbers[bad].flat[0]} is outside the data, {xs[0]} … {xs[-1]}; "
-            "say outside='constant', 'linear' or 'periodic' to extend them"
+            "give outside='constant', 'linear' or 'periodic' to extend them"
         )
     symbol = ca.SX.sym("x")
     curve = ca.Function("spline", [symbol], [_curve(symbol, xs, ys, kind, outside)])

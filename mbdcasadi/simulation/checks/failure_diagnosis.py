@@ -42,7 +42,7 @@ def cause_of_failure(
         broken = numeric.forces_not_finite(time, pose, v, z, numeric.eom.input_values)
         if broken:
             return (
-                f"{', '.join(broken)} is not finite there: data of a spline that are left, a division by zero, "
+                f"{', '.join(broken)} is not finite there: a spline outside its data, a division by zero, "
                 f"or a root of a negative number ({said}){remarks}"
             )
     values = numeric.rank(t, q).singular_values

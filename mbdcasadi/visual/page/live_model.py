@@ -252,7 +252,7 @@ def _sliders(mechanism: Mechanism, start: State, parameters: Any, inputs: Any) -
     ):
         listed = [asked] if isinstance(asked, kind) else own if asked is None else asked
         if isinstance(listed, dict) or not isinstance(listed, Sequence):
-            raise MechanismError(f"animate: {name}= takes a list of what gets a slider, got {asked!r}")
+            raise MechanismError(f"animate: {name}= takes a list of parameters and inputs, got {asked!r}")
         for symbol in listed:
             index = place_of(symbol, own)
             if index is None:

@@ -54,7 +54,7 @@ def plot_phase(motions: Any, expressions: Mapping[str, Any]) -> Figure:
 
     pair = read_expressions(expressions)
     if len(pair) != 2 or any(e.numel() != 1 for e in pair.values()):
-        raise MechanismError("plot_phase: takes two scalars {label: expression}, the first across, the second up")
+        raise MechanismError("plot_phase: takes two scalars {label: expression}, first horizontal, then vertical")
     named = motions if isinstance(motions, Mapping) else {"": motions}
     figure = Figure(figsize=(7.2, 4.8), layout="constrained")
     axes, drawn = figure.subplots(), {}
@@ -124,7 +124,7 @@ def plot_path(path: EquilibriumPath, expressions: Mapping[str, Any]) -> Figure:
     if not quantities:
         raise MechanismError("plot_path: there is nothing to draw; give {label: expression}")
     if not hasattr(path, "least_stiffness"):
-        raise MechanismError(f"plot_path: takes what equilibrium_path returns, got {path!r}")
+        raise MechanismError(f"plot_path: takes the result of equilibrium_path, got {path!r}")
     figure, stack = stacked(6.4, 0.8 + 2.8 * len(quantities), len(quantities))
     for axes, (label, (names, column)) in zip(stack, quantities.items(), strict=True):
         values = path[column].reshape(len(path), -1)

@@ -41,7 +41,7 @@ def plot_residuals(fit: Fit, labels: Sequence[str] | None = None) -> Figure:
 
     experiments = getattr(fit, "experiments", None)
     if experiments is None:
-        raise MechanismError(f"plot_residuals: takes what identify returns, got {fit!r}")
+        raise MechanismError(f"plot_residuals: takes the result of identify, got {fit!r}")
     count = {len(e.labels) for e in experiments}
     if labels is not None and (isinstance(labels, str) or count != {len(labels)}):
         raise MechanismError(

@@ -42,7 +42,7 @@ def plot_modes(model: Any, count: int | None = None) -> Figure:
 
     modes = list(model.modes() if hasattr(model, "modes") else model if isinstance(model, Sequence) else ())
     if not modes or not all(hasattr(mode, "shape") and hasattr(mode, "at") for mode in modes):
-        raise MechanismError(f"plot_modes: takes what linearize returns, or some of its modes, got {model!r}")
+        raise MechanismError(f"plot_modes: takes the result of linearize, or some of its modes, got {model!r}")
     shown = modes[: min(len(modes), 6) if count is None else whole(count, "plot_modes", "count", 1)]
     across = min(len(shown), 3)
     down = -(-len(shown) // across)

@@ -49,7 +49,7 @@ def plot_solution(solution: Solution, expressions: Mapping[str, Any] | None = No
         inputs; bars say when which limit holds the motion back.
     """
     if not hasattr(solution, "active_limits"):
-        raise MechanismError(f"plot_solution: takes what optimize returns, got {solution!r}")
+        raise MechanismError(f"plot_solution: takes the result of optimize, got {solution!r}")
     states = _usual_states(solution) if expressions is None else _named(expressions)
     inputs, active, loads = (
         solution.problem.mechanism.inputs,

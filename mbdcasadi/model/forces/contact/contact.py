@@ -165,7 +165,7 @@ class Contact(Element):
         if not within:
             return ()
         if any(isinstance(outline, HalfPlane) for outline in (self.a, self.b)):  # nothing leaves it on a far side
-            how = "an outline is wholly inside the half-plane, deeper than a law of small penetrations means"
+            how = "an outline is wholly inside the half-plane, deeper than a law for small penetrations allows"
         else:
             how = "the surfaces penetrate deeper than the thickness of the outlines allows"
         message = f"{self.description}: its law is too soft: {how}; take a stiffer law, or thicker outlines"
