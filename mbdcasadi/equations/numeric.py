@@ -63,7 +63,7 @@ class NumericEquations:
         eom.mechanism.check_values(self.p)
         self.mass = eom.masses(self.p)
         # of the pose that was looked at last: analyses begin with several questions about one pose
-        self._last: dict[str, tuple[tuple[bytes, ...], Any]] = {}
+        self._last: dict[str, tuple[tuple[Any, ...], Any]] = {}
 
     @cached_property
     def weights(self) -> np.ndarray:
@@ -193,7 +193,7 @@ class NumericEquations:
 
     def _of_pose(self, question: str, t: float, q: np.ndarray, answer: Callable[[], T]) -> T:
         """Return the answer to a question about a pose, which is kept until another pose is asked about."""
-        return self.of_state(question, (t, q), answer)
+        return self._of(question, (t, q.tobytes()), answer)
 
     def of_state(self, question: str, parts: tuple[Any, ...], answer: Callable[[], T]) -> T:
         """Return the answer to a question about a state, which is kept until another state is asked about.
@@ -203,7 +203,10 @@ class NumericEquations:
         parts : tuple of array_like
             The time and what else of the state the answer depends on.
         """
-        state = tuple([np.asarray(part, float).tobytes() for part in parts])
+        state = tuple([part.tobytes() if isinstance(part, np.ndarray) else part for part in parts])
+        return self._of(question, state, answer)
+
+    def _of(self, question: str, state: tuple[Any, ...], answer: Callable[[], T]) -> T:
         last = self._last.get(question)
         if last is None or last[0] != state:
             last = self._last[question] = state, answer()

@@ -211,7 +211,7 @@ class Model:
         return checks
 
     @cached_property
-    def validity(self) -> list[ValidityCondition]:
+    def validity(self) -> tuple[ValidityCondition, ...]:
         """Conditions under which the elements are valid."""
         return validity_conditions(self.eom.mechanism)
 

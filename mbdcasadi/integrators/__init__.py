@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 from ..errors import SimulationError
-from .base import Integrator
+from .base import ABSTOL, RELTOL, Integrator, required_compiler
 from .bdf import BDF
 from .dop853 import DOP853
 from .idas import IDAS
@@ -17,6 +18,7 @@ __all__ = ["BDF", "DOP853", "IDAS", "INTEGRATORS", "Integrator", "Rosenbrock", "
 
 #: Every method that ``method=`` takes by its name.
 INTEGRATORS: tuple[type[Integrator], ...] = (IDAS, RungeKutta, Rosenbrock, DOP853, BDF)
+_BY_NAME = {kind.name: kind for kind in INTEGRATORS}
 
 
 def as_integrator(
@@ -44,17 +46,27 @@ def as_integrator(
     SimulationError
         For a name that is not in the list, and for settings beside an object.
     """
-    settings: dict[str, Any] = {"reltol": reltol, "abstol": abstol, "jit": jit or None, "options": options}
-    settings = {name: value for name, value in settings.items() if value is not None}
     if isinstance(method, Integrator):
+        offered: dict[str, Any] = {"reltol": reltol, "abstol": abstol, "jit": jit or None, "options": options}
+        settings = {name: value for name, value in offered.items() if value is not None}
         if settings:
             raise SimulationError(
                 f"{', '.join(f'{name}=' for name in settings)} stands beside method={method!r}, which carries its own "
                 "settings; give them there"
             )
         return method
-    for kind in INTEGRATORS:
-        if isinstance(method, str) and method == kind.name:
-            return kind(**settings)
-    names = ", ".join((*(kind.name for kind in INTEGRATORS), *besides))
-    raise SimulationError(f"method must be one of {names}, or an integrator such as IDAS(), got {method!r}")
+    kind = _BY_NAME.get(method) if isinstance(method, str) else None
+    if kind is None:
+        names = ", ".join((*_BY_NAME, *besides))
+        raise SimulationError(f"method must be one of {names}, or an integrator such as IDAS(), got {method!r}")
+    tolerances = (RELTOL if reltol is None else reltol, ABSTOL if abstol is None else abstol)
+    if options is not None or any(type(tolerance) is not float for tolerance in tolerances):
+        return kind(*tolerances, jit=jit, options=options)
+    if jit:
+        required_compiler()
+    return _with_tolerances(kind, *tolerances, bool(jit))
+
+
+@lru_cache
+def _with_tolerances(kind: type[Integrator], reltol: float, abstol: float, jit: bool) -> Integrator:
+    return kind(reltol, abstol, jit=jit)

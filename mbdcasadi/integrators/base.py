@@ -97,7 +97,7 @@ class Integrator(Immutable):
             raise SimulationError(f"{type(self).__name__} takes no options, got {', '.join(map(repr, self.options))}")
         self._refuse_lengths_of_steps()
         if self.jit:
-            _compiler()
+            required_compiler()
 
     def _refuse_lengths_of_steps(self) -> None:
         """Raise for options that would not be in seconds: CasADi's integrator runs over pieces of length 1."""
@@ -156,7 +156,7 @@ class Integrator(Immutable):
     def _compiler_options(self) -> dict[str, Any]:
         if not self.jit:
             return {}
-        flags = {"compiler": _compiler(), "flags": ["-O2"], "verbose": False}
+        flags = {"compiler": " ".join(required_compiler().command), "flags": ["-O2"], "verbose": False}
         return {"jit": True, "compiler": "shell", "jit_options": flags}
 
     def __repr__(self) -> str:
@@ -191,12 +191,12 @@ def tightened(tolerance: float, factor: float, tightest: float) -> float:
     return max(tolerance / factor, min(tolerance, tightest))
 
 
-def _compiler() -> str:
-    """Command of the C compiler."""
+def required_compiler() -> build.Compiler:
+    """Return the C compiler that ``jit`` needs, or raise if there is none."""
     using = build.compiler()
     if using is None:
         raise SimulationError(
             "jit=True needs a C compiler, and none is on the path (of gcc, clang, cc, or the one that $CC names); "
             "install one or leave jit out"
         )
-    return " ".join(using.command)
+    return using

@@ -20,9 +20,12 @@ MOST_WARNINGS = 3
 VALIDITY_TOLERANCE = 1e-6
 
 
-def validity_conditions(mechanism: Mechanism) -> list[ValidityCondition]:
+def validity_conditions(mechanism: Mechanism) -> tuple[ValidityCondition, ...]:
     """Conditions of all elements of a mechanism."""
-    return [c for element in mechanism.elements for c in getattr(element, "validity_conditions", ())]
+    return mechanism.cache.get_or_create(
+        "validity conditions",
+        lambda: tuple(c for element in mechanism.elements for c in getattr(element, "validity_conditions", ())),
+    )
 
 
 def broken_at_pose(numeric: NumericEquations, t: float, q: np.ndarray) -> tuple[str, ...]:
@@ -76,7 +79,7 @@ def _broken_at_outputs(motion: Trajectory) -> list[str]:
     """Messages of the conditions that are broken at an output, which become notes."""
     conditions = validity_conditions(motion.mechanism)
     if conditions and not has_multipliers(motion):
-        conditions = [c for c in conditions if not ca.depends_on(c.expression, motion.equations.lam)]
+        conditions = tuple(c for c in conditions if not ca.depends_on(c.expression, motion.equations.lam))
     if not conditions or not motion.t.size:
         return []
     remarks = []

@@ -14,6 +14,7 @@ from ..equations.numeric import NumericEquations
 from ..integrators import Integrator
 from ..numerics.console import Interruption
 from ..numerics.lazy import cached_property
+from ..numerics.lending import Lending
 from .formulations import choose_formulation
 from .outputs import Outputs
 from .path import Path, StatesAt
@@ -146,3 +147,8 @@ class Stepper(ABC):
         IntegrationFailure
             If it does not get there.
         """
+
+
+def lending_of(numeric: NumericEquations) -> Lending:
+    """Integrators and runs in C that are kept for a mechanism."""
+    return numeric.eom.mechanism.cache.get_or_create("integrators", Lending)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from ..equations import Equations
 from ..equations.numeric import NumericEquations
 from ..errors import SimulationError
 
@@ -25,21 +26,36 @@ SMALLEST_FOR_FRICTION = 1e-13
 
 def narrowest_friction(numeric: NumericEquations) -> tuple[float, Any, str] | None:
     """The narrowest width over which friction is smoothed, its element, and words for it; None without any."""
-    widths: list[tuple[float, Any, str]] = []
-    eom = numeric.eom
-    for element in eom.mechanism.elements:
-        for name, words in NARROW.items():
-            width = getattr(element, name, None)
-            if width is None:
-                continue
-            width = ca.SX(width)
-            if not width.is_constant():
-                if ca.depends_on(width, ca.vertcat(*eom.symbols[:-1])):
-                    continue
-                width = ca.Function("width", [eom.p], [width])(numeric.p)
-            value = float(width)
-            widths.append((value, element, words.format(value)))
-    return min(widths, key=lambda entry: entry[0], default=None)
+    smoothed = numeric.eom.mechanism.cache.get_or_create("widths of friction", lambda: _widths(numeric.eom))
+    if smoothed is None:
+        return None
+    widths = smoothed.function(numeric.p).full().ravel()
+    k = int(np.argmin(widths))
+    element, words = smoothed.owners[k]
+    return float(widths[k]), element, words.format(widths[k])
+
+
+class _Widths(NamedTuple):
+    """Widths over which friction is smoothed as a function of the parameters, and the element and words for each."""
+
+    function: ca.Function
+    owners: list[tuple[Any, str]]
+
+
+def _widths(eom: Equations) -> _Widths | None:
+    """Widths over which the friction of a mechanism is smoothed, as far as they do not change along a motion."""
+    offered = [
+        (ca.SX(getattr(element, name)), element, words)
+        for element in eom.mechanism.elements
+        for name, words in NARROW.items()
+        if getattr(element, name, None) is not None
+    ]
+    varying = ca.vertcat(*eom.symbols[:-1])
+    known = [entry for entry in offered if not ca.depends_on(entry[0], varying)]
+    if not known:
+        return None
+    function = ca.Function("widths", [eom.p], [ca.densify(ca.vertcat(*[width for width, _, _ in known]))])
+    return _Widths(function, [(element, words) for _, element, words in known])
 
 
 def absolute_tolerance(numeric: NumericEquations, asked: float) -> float:

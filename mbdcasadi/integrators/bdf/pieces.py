@@ -87,7 +87,7 @@ class NativeIntegrator(CompiledIntegrator):
     def _stretch(self, problem: InitialValueProblem, start: float, x: np.ndarray, part: slice) -> Stretch:
         """The problem from a state over some of its intervals."""
         system = self._runner.system
-        parameters, levels = system.input.numel_in(4), system.input.numel_in(5)
+        parameters, levels = system.constants
         channels = np.zeros((problem.times.size, 0)) if problem.u is None else problem.u.T
         return Stretch(
             start,

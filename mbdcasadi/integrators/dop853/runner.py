@@ -33,6 +33,4 @@ class ExplicitRunner(Runner):
 
     def _without_c(self, reason: str) -> Run:
         self.said = f"dop853 ran step by step, without C: {reason}"
-        s = self.system
-        key = ("stepwise", s.input, s.dynamics, s.quadrature, s.projection, s.switching)
-        return self._lent(key, lambda: StepwiseRun(s, self.watched, self._cache))
+        return StepwiseRun(self.system, self.watched, self._cache)

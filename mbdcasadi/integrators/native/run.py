@@ -8,7 +8,9 @@ import threading
 import weakref
 from collections.abc import Sequence
 from ctypes import c_char, c_double, c_int, c_longlong, c_void_p
+from dataclasses import fields
 from functools import cache
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -27,12 +29,18 @@ EXTRA_ROWS = 2048
 EXTRA_BYTES = 4_000_000
 #: Constants that the engines take from ``stretch``.
 CONSTANTS = ("LEAST", "MOST", "MOST_SAMPLES", "PROJECTIONS", "LOOSE")
-#: Numbers of a system and settings of a stretch, under the names of the engine.
+#: Bytes of room for these that are kept from one call to the next, at most.
+MOST_KEPT = 2 * EXTRA_BYTES
+#: Numbers of a system, what a stretch gives at addresses that stay, its settings, and what is handed on from one
+#: stretch to the next, under the names of the engine.
 SIZES = ("coordinates", "states", "multipliers", "inputs", "integrals", "switches")
+GIVEN = ("x", "p", "levels", "weights")
 SETTINGS = (
     "start", "reltol", "abstol", "max_step", "most_steps", "every_step", "spacing", "keep_samples", "fall",
     "stiff_after",
 )  # fmt: skip
+PROGRESS = tuple(field.name for field in fields(Progress))
+_GIVEN, _SETTINGS, _PROGRESS = (attrgetter(*names) for names in (GIVEN, SETTINGS, PROGRESS))
 #: Folder of the C that all methods share.
 FOLDER = Path(__file__).parent
 #: By their numbers in C.
@@ -153,7 +161,6 @@ class NativeRun:
     ):
         self.library, self.system, self.codes, self.watched = library, system, tuple(codes), watched
         self._halt = np.zeros(1, np.int32)
-        self._halt_address = self._halt.ctypes.data
         self._state = self.compiled
         found = _structure("system_t")(
             **{name: getattr(system, name) for name in SIZES},
@@ -171,6 +178,19 @@ class NativeRun:
         if not self._run:
             raise MemoryError("no memory for the run in C")
         weakref.finalize(self, library.mbd_free, self._run)
+        self._rows, self._arrays = _Rows(system, 0), _Arrays()
+        self._given = [np.zeros(size) for size in (system.size, *system.constants, system.coordinates)]
+        #: what is the same in every task
+        self._fixed: dict[str, Any] = {
+            **dict(zip(GIVEN, map(self._arrays.address, self._given), strict=True)),
+            "channel": system.channel,
+            "accuracy": ACCURACY,
+            "halt": self._halt.ctypes.data,
+            "samples": SAMPLES,
+        }
+        if watched is not None:
+            self._fixed["direction"] = self._arrays.ints(watched.direction)
+            self._fixed["decides"] = self._arrays.ints(watched.decides)
 
     @property
     def compiled(self) -> tuple[bool, ...]:
@@ -191,38 +211,46 @@ class NativeRun:
         extra = 0
         if s.every_step or s.keep_samples or self.watched is not None or s.fall:
             extra = MOST_SAMPLES + max(min(EXTRA_ROWS, EXTRA_BYTES // (8 * self.system.size + 16)), 64)
-        rows, arrays = _Rows(self.system, s.times.size + 8 + extra), _Arrays()
-        task = self._task(s, progress, rows, arrays)
+        arrays = _Arrays()
+        task = self._task(s, progress, s.times.size + 8 + extra, arrays)
         self.library.mbd_advance(self._run, ctypes.addressof(task))
-        for name in vars(progress):
-            setattr(progress, name, getattr(task, name))
+        vars(progress).update(zip(PROGRESS, _PROGRESS(task), strict=True))
+        rows, count = self._rows, task.recorded
+        if rows.size > MOST_KEPT:
+            self._rows = _Rows(self.system, 0)
         return Reached(
-            **{name: array[: task.recorded].copy() for name, array in vars(rows).items()},
-            **{name: getattr(task, name) for name in ("steps", "rejected", "evaluations", "least_regularity")},
-            status=_STATUS[task.status],
+            rows.times[:count].copy(),
+            rows.x[:count].copy(),
+            rows.integrals[:count].copy(),
+            rows.index[:count].copy(),
+            _STATUS[task.status],
+            task.steps,
+            task.rejected,
+            task.evaluations,
+            task.least_regularity,
         )
 
-    def _task(self, s: Stretch, progress: Progress, rows: _Rows, arrays: _Arrays) -> Any:
-        """A stretch for the engine, which reads arrays that are kept in `arrays` and writes into the rows."""
+    def _task(self, s: Stretch, progress: Progress, capacity: int, arrays: _Arrays) -> Any:
+        """A stretch for the engine, which writes so many states at most; it reads what is kept in `arrays`."""
+        for place, values in zip(self._given, _GIVEN(s), strict=True):
+            place[:] = values
+        if self._rows.times.size < capacity:
+            self._rows = _Rows(self.system, capacity)
         task = _structure("stretch_t")(
-            **{name: getattr(s, name) for name in SETTINGS},
-            **{name: arrays.doubles(getattr(s, name)) for name in ("x", "times", "channels", "p", "levels", "weights")},
+            **self._fixed,
+            **self._rows.addresses,
             **vars(progress),
-            **{f"out_{name}": arrays.address(array) for name, array in vars(rows).items()},
+            **dict(zip(SETTINGS, _SETTINGS(s), strict=True)),
             count=s.times.size,
+            times=arrays.doubles(s.times),
             stops=arrays.ints(s.stops),
-            channel=self.system.channel,
-            accuracy=ACCURACY,
-            halt=self._halt_address,
-            samples=SAMPLES,
-            capacity=rows.times.size,
+            channels=arrays.doubles(s.channels),
+            capacity=capacity,
         )
-        watched = self.watched
-        if watched is not None:
+        if self.watched is not None:
             for name in ("offset", "band", "side"):
                 values = getattr(s, name)
-                setattr(task, name, arrays.doubles(values if values.size else np.zeros(watched.size)))
-            task.direction, task.decides = arrays.ints(watched.direction), arrays.ints(watched.decides)
+                setattr(task, name, arrays.doubles(values if values.size else np.zeros(self.watched.size)))
         return task
 
     def complete(
@@ -276,8 +304,7 @@ class NativeRun:
             Times up to which they came, s.
         """
         arrays, count = _Arrays(), cases.times.shape[-1]
-        rows = _Rows(self.system, count + 8)  # lives as long as the call
-        task = self._task(common, Progress(), rows, arrays)
+        task = self._task(common, Progress(), count + 8, arrays)
         number = len(cases.starts)
         status, reached = np.zeros(number, np.int32), np.zeros(number)
         entry = _entry(output, 0)
@@ -301,11 +328,14 @@ class NativeRun:
 
 
 class _Rows:
-    """Room for the states that a call returns."""
+    """Room for the states that a call returns, at addresses by the names of the engine."""
 
     def __init__(self, system: ExplicitSystem, capacity: int):
         self.times, self.x = np.empty(capacity), np.empty((capacity, system.size))
         self.integrals, self.index = np.empty((capacity, system.integrals)), np.empty(capacity, np.int64)
+        parts, self._arrays = vars(self).copy(), _Arrays()
+        self.size = sum(part.nbytes for part in parts.values())
+        self.addresses = {f"out_{name}": self._arrays.address(part) for name, part in parts.items()}
 
 
 class _Arrays:

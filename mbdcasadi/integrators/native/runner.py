@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from functools import partial
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar, Protocol
 
 import casadi as ca
 import numpy as np
@@ -14,7 +13,6 @@ import numpy as np
 from ...model.cache import Cache
 from ...numerics.c_code import UnsupportedOperation
 from ...numerics.lazy import cached_property
-from ...numerics.lending import Lending
 from . import build
 from .code import Code
 from .run import NativeRun, engine
@@ -23,9 +21,6 @@ from .stretch import Cases, ExplicitSystem, Progress, Reached, Stretch, Watched
 #: Operations of equations, once a step, and least number of steps after which a run comes back: for progress, and the
 #: choice to compile.
 SLICE, SHORTEST_SLICE = 10_000_000, 20
-
-
-_R = TypeVar("_R", bound="Run")
 
 
 class Run(Protocol):
@@ -73,7 +68,6 @@ class Runner(ABC):
         self.system, self.watched = system, watched
         self._cache, self._compiles = cache, compiles
         self._codes: tuple[Code, ...] = ()
-        self._borrowed: tuple[tuple[object, ...], Run] | None = None
         self._using = build.compiler()
         self.said = ""
         self.run: Run = self._made(self._using)
@@ -102,38 +96,19 @@ class Runner(ABC):
             return self._without_c(str(error))
         if self._compiles:
             self._compile(using, np.inf)
-        self._describe()
         return self._native()
 
     def _native(self) -> NativeRun:
         """A run in C with what is compiled now."""
+        self._describe()
+        return NativeRun(self._library, self.system, self._codes, self.watched)
 
-        def make() -> NativeRun:
-            return NativeRun(self._library, self.system, self._codes, self.watched)
-
-        return self._lent(self._key, make)
-
-    def _lent(self, key: tuple[object, ...], make: Callable[[], _R]) -> _R:
-        """A run that served an earlier one without events; a new one with events."""
-        if self.watched is not None:
-            return make()
-        run: _R = self._lending.borrow(key, make)
-        self._borrowed = key, run
-        return run
-
-    @property
-    def _key(self) -> tuple[object, ...]:
-        return self._library, *((code, code.library is None) for code in self._codes)
-
-    @property
-    def _lending(self) -> Lending:
-        return self._cache.get_or_create("explicit runs", Lending)
-
-    def release(self) -> None:
-        """Give compiled functions and buffers back for later runs."""
-        if self._borrowed is not None:
-            self._lending.give_back(*self._borrowed)
-            self._borrowed = None
+    def take_compiled(self) -> None:
+        """Run the compiled code that there is now: others may have compiled it since."""
+        if not self.run.is_current:
+            self.run = self._native()
+        elif isinstance(self.run, NativeRun):
+            self._describe()
 
     def _code(self, using: build.Compiler) -> tuple[Code, ...]:
         s = self.system
@@ -184,7 +159,7 @@ class Runner(ABC):
     @property
     def is_interpreted(self) -> bool:
         """True if equations are interpreted that may be compiled."""
-        return bool(self._codes) and self._codes[0].library is None
+        return isinstance(self.run, NativeRun) and self._codes[0].library is None
 
     def advance(self, s: Stretch, progress: Progress) -> Reached:
         """Integrate over a stretch, or a part of it."""
@@ -199,9 +174,7 @@ class Runner(ABC):
         end = float(s.times[-1])
         done = (float(reached.times[-1]) - s.start) / (end - s.start) if reached.times.size else 0.0
         self._compile(self._using, seconds * (1 - done) / done if done > 0 else 0.0)
-        if not self.run.is_current:
-            self.run = self._native()
-        self._describe()
+        self.take_compiled()
         return reached
 
     def run_cases(self, cases: Cases, common: Stretch, output: ca.Function, values: np.ndarray) -> Any:

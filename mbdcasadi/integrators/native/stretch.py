@@ -106,6 +106,11 @@ class ExplicitSystem:
         return int(self.input.numel_out(0))
 
     @cached_property
+    def constants(self) -> tuple[int, int]:
+        """Numbers of parameters and of levels of the inputs."""
+        return int(self.input.numel_in(4)), int(self.input.numel_in(5))
+
+    @cached_property
     def channel(self) -> int:
         """Number of values that change by interval."""
         return int(self.input.numel_in(6))

@@ -476,4 +476,4 @@ def refuse_events(events: Any, analysis: str) -> None:
 
 def read_events(events: Any) -> tuple[Event, ...]:
     """Events as they were given, checked."""
-    return listed_by_name(events, Event, "events=")
+    return events if isinstance(events, tuple) and not events else listed_by_name(events, Event, "events=")

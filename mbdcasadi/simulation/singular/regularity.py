@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as ca
 import numpy as np
 
@@ -41,16 +43,15 @@ class Regularity:
 
     def __init__(self, numeric: NumericEquations, t: float, q: np.ndarray):
         self.numeric = numeric
-        self.is_needed = bool(numeric.eom.lam.numel()) and numeric.eom.has_loops
+        eom = numeric.eom
+        self.is_needed = eom.has_loops
         if not self.is_needed:
             return
-        left_out = set()
+        left_out: tuple[int, ...] = ()
         if numeric.has_redundant_rows(t, q):
-            left_out = set(dependent_rows(numeric.scale.scaled(numeric.velocity(t, q)[0])))
-        rows = tuple(k for k in range(numeric.eom.lam.numel()) if k not in left_out)
-        eom = numeric.eom
+            left_out = tuple(dependent_rows(numeric.scale.scaled(numeric.velocity(t, q)[0])))
         self._function = eom.mechanism.cache.get_or_create(
-            ("regularity", rows), lambda: Evaluator(_regularity(eom, list(rows)))
+            ("regularity", left_out), lambda: Evaluator(_regularity(eom, left_out))
         )
 
     def at(self, times: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -108,7 +109,8 @@ def singular_time(numeric: NumericEquations, path: Path) -> float | None:
     return float(times[k]) if values[k] < ENTRY * np.max(values) else None
 
 
-def _regularity(eom: Equations, rows: list[int]) -> ca.Function:
+def _regularity(eom: Equations, left_out: Sequence[int]) -> ca.Function:
+    rows = np.setdiff1d(range(eom.lam.numel()), left_out).tolist()
     columns = ca.SX.sym("scale", eom.q.numel())
     jacobian = eom.Phi_q[rows, :] @ ca.diag(columns)
     size = ca.sum2(jacobian**2)

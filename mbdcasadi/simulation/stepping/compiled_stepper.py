@@ -22,13 +22,12 @@ from ...integrators.compiled import (
 )
 from ...numerics.console import Interruption
 from ...numerics.least_squares import largest
-from ...numerics.lending import Lending
 from ..contact.compiled_elements import compiled_elements
 from ..contact.watched_terms import WatchedTerms, watched_terms
 from ..formulations import Formulation, Regularised, choose_formulation
 from ..path import Path, StatesAt, states_from_start
 from ..schedule import PIECES, Piece
-from ..stepper import PRECISE, Counts, SteppedSystem, Stepper
+from ..stepper import PRECISE, Counts, SteppedSystem, Stepper, lending_of
 from .explicit_system import explicit_system
 
 #: Rate at which drift decays in the regularised form, by piece, and by radian that a body turns.
@@ -257,11 +256,6 @@ def _path(piece: Piece, x: np.ndarray, states: np.ndarray, since: np.ndarray) ->
     """Path from a state through those at all times of a piece, with the integrals since its start."""
     increments = np.diff(since, axis=0, prepend=np.zeros((1, since.shape[1])))
     return Path(np.append(piece.start, piece.times), np.vstack([x, states]), increments)
-
-
-def lending_of(numeric: NumericEquations) -> Lending:
-    """Integrators that are kept for a mechanism."""
-    return numeric.eom.mechanism.cache.get_or_create("integrators", Lending)
 
 
 def perturbed(z: np.ndarray) -> np.ndarray:

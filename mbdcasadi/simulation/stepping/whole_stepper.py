@@ -13,7 +13,8 @@ from ...errors import SimulationError, SingularityError
 from ...integrators import Integrator
 from ...integrators.compiled import IntegrationFailure
 from ...integrators.dop853.runner import ExplicitRunner
-from ...integrators.native.stretch import Progress, Reached, Status, Stretch
+from ...integrators.native import build
+from ...integrators.native.stretch import ExplicitSystem, Progress, Reached, Status, Stretch, Watched
 from ...kinematics.singular import singular_pose
 from ...model.events import Event
 from ...numerics.console import Interruption
@@ -25,7 +26,7 @@ from ..outputs import Outputs
 from ..path import Path, StatesAt, states_from_start
 from ..schedule import WATCH_POINTS, Piece
 from ..singular.regularity import FALL
-from ..stepper import PRECISE, Counts, SteppedSystem, Stepper
+from ..stepper import PRECISE, Counts, SteppedSystem, Stepper, lending_of
 from .explicit_system import explicit_system
 
 #: Steps at the limit of stability, and steps that are still to come at that size, from which a motion is too stiff.
@@ -80,12 +81,8 @@ class WholeStepper(Stepper):
         self._watch, self._may_fold, self._spacing = watch, may_fold, system.span / WATCH_POINTS
         terms = watched_terms(self.numeric.eom)
         self._rates, self._keeps_samples = terms.size, bool(terms.owners)
-        self._runner = ExplicitRunner(
-            explicit_system(self.numeric, self.signals, terms),
-            watch.watched(decides),
-            self.numeric.eom.mechanism.cache,
-            compiles=self.integrator.jit,
-        )
+        self._key: tuple[Any, ...] | None = None
+        self._runner = self._borrowed(explicit_system(self.numeric, self.signals, terms), watch.watched(decides))
         self._progress = Progress()
         self._end: tuple[float, np.ndarray] | None = None
         self._last_start: float | None = None
@@ -108,8 +105,22 @@ class WholeStepper(Stepper):
         ]
         return [self._runner.said, *(stiff if self._is_stiff else [])]
 
+    def _borrowed(self, system: ExplicitSystem, watched: Watched | None) -> ExplicitRunner:
+        """What runs a system: kept for the mechanism and lent to this run alone; a new one if there are events."""
+        cache, compiles = self.numeric.eom.mechanism.cache, self.integrator.jit
+        if watched is not None:
+            return ExplicitRunner(system, watched, cache, compiles=compiles)
+        self._key = system, compiles, build.compiler()
+        runner = lending_of(self.numeric).borrow(
+            self._key, lambda: ExplicitRunner(system, None, cache, compiles=compiles)
+        )
+        runner.take_compiled()
+        return runner
+
     def release(self) -> None:
-        self._runner.release()
+        if self._key is not None:
+            lending_of(self.numeric).give_back(self._key, self._runner)
+            self._key = None
 
     # --- integrating -------------------------------------------------------------------------
     def _stretch(

@@ -10,10 +10,13 @@ from ...mechanism import Mechanism
 Senses = tuple[str, ...]
 
 
-def switching(mechanism: Mechanism) -> list[Any]:
+def switching(mechanism: Mechanism) -> tuple[Any, ...]:
     """Elements with exact dry friction."""
-    elements = getattr(mechanism, "elements", ())  # anything but a mechanism is refused by the caller
-    return [element for element in elements if getattr(element, "modes", ())]
+    if not isinstance(mechanism, Mechanism):  # which is refused by the caller
+        return ()
+    return mechanism.cache.get_or_create(
+        "exact friction", lambda: tuple(element for element in mechanism.elements if getattr(element, "modes", ()))
+    )
 
 
 def variant_in(mechanism: Mechanism, senses: Senses) -> Mechanism:
