@@ -195,9 +195,9 @@ class Signals:
         channel : numpy.ndarray, optional
             Values in the interval of each state (rows, k); by default those from its time on.
         """
-        times = np.atleast_1d(np.asarray(t, float))
         if not self.structure:
-            return np.zeros((times.size, 0))
+            return np.zeros((np.size(t), 0))
+        times = np.atleast_1d(np.asarray(t, float))
         evaluator = self.kept(eom, ("inputs",), lambda: Evaluator(self.function(eom)))
         level_values = self.level_values if levels is None else levels
         rows = self.columns_from(times) if channel is None else channel.T

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -111,11 +112,12 @@ def time_grid(times: Any, *, least: int = 2) -> np.ndarray:
         raise SimulationError(f"times must be numbers, got {times!r}") from None
     if grid.ndim != 1 or grid.size < least:
         raise SimulationError(f"times must be a list of at least {least} values, got an array of shape {grid.shape}")
-    finite, increasing = np.isfinite(grid), grid[1:] > grid[:-1]
+    increasing = grid[1:] > grid[:-1]
+    if increasing.all() and math.isfinite(grid[0]) and math.isfinite(grid[-1]):
+        return grid
+    finite = np.isfinite(grid)
     if not finite.all():
         k = int(np.argmin(finite))
         raise SimulationError(f"times must be finite, but times[{k}] is {grid[k]}")
-    if not increasing.all():
-        k = int(np.argmin(increasing))
-        raise SimulationError(f"times must increase, but times[{k}] = {grid[k]} is followed by {grid[k + 1]}")
-    return grid
+    k = int(np.argmin(increasing))
+    raise SimulationError(f"times must increase, but times[{k}] = {grid[k]} is followed by {grid[k + 1]}")

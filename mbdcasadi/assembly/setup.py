@@ -102,7 +102,8 @@ class Setup:
         carried, fixed = carried_by(initial, mechanism), fixed or {}
         over = {key: value for key, value in fixed.items() if isinstance(key, Parameter)}
         self.p = parameter_vector(self.eom, carried["parameters"] | dict(pairs_of(parameters, "parameters=")) | over)
-        _report_exceeded_limits(mechanism, self.p, analysis)
+        if self.p.size:
+            _report_exceeded_limits(mechanism, self.p, analysis)
         self.signals: Signals = read_signals(
             self.eom,
             inputs,

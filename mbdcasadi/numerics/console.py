@@ -53,30 +53,33 @@ class Interruption:
         self.requested = False
 
 
-@contextmanager
-def interruptible(*, raising: bool = True) -> Iterator[Interruption]:
-    """Remember Ctrl-C: inside compiled code it comes back as an error that does not say so.
+class interruptible:
+    """Context that remembers Ctrl-C: inside compiled code it comes back as an error that does not say so.
 
     Parameters
     ----------
     raising : bool, default True
         True if Python code is interrupted too; else who runs must ask `requested`.
     """
-    interruption = Interruption()
-    if threading.current_thread() is not threading.main_thread():
-        yield interruption
-        return
 
-    def remember(number: int, frame: Any) -> None:
-        interruption.requested = True
-        if raising:
+    def __init__(self, *, raising: bool = True):
+        self._raising, self._interruption = raising, Interruption()
+        self._previous: Any = None
+
+    def __enter__(self) -> Interruption:
+        self._is_main = threading.current_thread() is threading.main_thread()
+        if self._is_main:
+            self._previous = signal.signal(signal.SIGINT, self._remember)
+        return self._interruption
+
+    def _remember(self, number: int, frame: Any) -> None:
+        self._interruption.requested = True
+        if self._raising:
             raise KeyboardInterrupt
 
-    previous = signal.signal(signal.SIGINT, remember)
-    try:
-        yield interruption
-    finally:
-        signal.signal(signal.SIGINT, previous)
+    def __exit__(self, *_: Any) -> None:
+        if self._is_main:
+            signal.signal(signal.SIGINT, self._previous)
 
 
 @contextmanager

@@ -78,9 +78,9 @@ class State(HoldsSymbols):
     ):
         self.mechanism = mechanism
         self.t = float(t)
-        self.q, self.v, self.a, self.z, self.lam, self.inputs, self.parameters = (
+        self.q, self.v, self.a, self.z, self.lam, self.inputs, self.parameters = [
             np.asarray(x, float).ravel() for x in (q, v, a, z, lam, u, p)
-        )
+        ]
         self._obstacle, self._whole = obstacle, whole
         self.impulses: Mapping[Any, np.ndarray] | None = None if impulses is None else dict(impulses)
 

@@ -69,10 +69,11 @@ class Trajectory(HoldsSymbols):
     ):
         self.mechanism = mechanism
         self.t = np.asarray(t, float)
-        self.q, self.v, self.a, self.z, self.lam, self.inputs = (
-            np.asarray(x, float).reshape(self.t.size, size)
+        count = self.t.size
+        self.q, self.v, self.a, self.z, self.lam, self.inputs = [
+            np.asarray(x, float).reshape(count, size)
             for x, size in zip((q, v, a, z, lam, u), self.equations.sizes, strict=True)
-        )
+        ]
         self.parameters = np.asarray(p, float).ravel()
         self.events = tuple(events)
         self.statistics = statistics or Statistics()

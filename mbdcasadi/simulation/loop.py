@@ -169,7 +169,7 @@ class Run:
         state = consistent_start(free, setup.initial, begin, setup.signals)
         if state.obstacle is not None:  # there are no accelerations: mass is missing, or the pose is singular
             raise state.obstacle
-        if not np.all(np.isfinite(state.a)):
+        if not np.isfinite(state.a).all():
             _ = state[free.eom.a]  # raises, and names what has no value
         refuse_singular_start(free, state)
         self._set_out_from(state)
@@ -334,7 +334,8 @@ class Run:
             arc.resolution.note(counted)
             if self.keeps_paths:
                 self._paths.append(counted)
-        kept = np.flatnonzero(piece.wanted[:count])
+        kept = piece.wanted[:count]
+        kept = slice(count) if kept.all() else kept.nonzero()[0]
         self._keep(times[kept], x[kept], piece.begins[kept], arc.outputs(passage))
         for crossing in crossings:
             if not arc.decides(crossing.event):
@@ -415,7 +416,7 @@ class Run:
             statistics.formulation = self.modes.prefix + arc.stepper.formulation.name
             if self.redundant:
                 statistics.notes.append(LEAST_NORM)
-            self._record(tuple(np.array(part)[None] for part in state.arguments[:-1]))
+            self._record(tuple([np.array(part)[None] for part in state.arguments[:-1]]))
 
     def _arc_in(self, mode: Any, state: State) -> Arc:
         """The part of the run in a mode, which is entered at a state for the first time."""

@@ -39,7 +39,7 @@ class Path:
 
     def until(self, time: float) -> Path:
         """The part of it up to a time."""
-        count = int(np.searchsorted(self.times, time, side="right"))
+        count = int(self.times.searchsorted(time, side="right"))
         if count == self.times.size:
             return self
         return replace(self, times=self.times[:count], x=self.x[:count], integrals=self.integrals[: max(count - 1, 0)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -71,7 +72,10 @@ class Piece:
     @property
     def inside(self) -> tuple[float, np.ndarray]:
         """Start and outputs for the integrator: by some roundings off the jumps at the ends."""
-        start, times, margin = self.start, self.times, self._margin
+        start, times = self.start, self.times
+        if not (self.starts_at_jump or self.ends_at_jump):
+            return start, times
+        margin = self._margin
         if self.starts_at_jump and times[0] - start > 2 * margin:
             start += margin
         if self.ends_at_jump and times[-1] - np.r_[start, times][-2] > 2 * margin:
@@ -88,15 +92,11 @@ class Piece:
         """
         if times.size == self.times.size and (times == self.times).all():
             return self
-        place = np.minimum(np.searchsorted(self.times, times), self.times.size - 1)
+        place = np.minimum(self.times.searchsorted(times), self.times.size - 1)
         known = self.times[place] == times
-        return replace(
-            self,
-            times=times,
-            wanted=known & self.wanted[place],
-            stops=known & self.stops[place],
-            ends_at_jump=self.ends_at_jump and bool(times[-1] == self.times[-1]),
-        )
+        ends_at_jump = self.ends_at_jump and bool(times[-1] == self.times[-1])
+        wanted, stops = known & self.wanted[place], known & self.stops[place]
+        return Piece(self.start, times, wanted, stops, ends_at_jump, self.starts_at_jump)
 
     def through(self, stops: np.ndarray) -> Piece:
         """The beginning of it up to the last of some further stops; all of it if they are not inside."""
@@ -156,15 +156,16 @@ class Schedule:
             owner = np.repeat(np.arange(pieces.size), pieces - 1)
             place = np.arange(owner.size) - (np.cumsum(pieces - 1) - (pieces - 1))[owner] + 1
             watch = grid[owner] + place * (np.diff(grid) / pieces)[owner]
-        self.times, self.wanted = self._merged(grid[1:], np.concatenate([jumps, samples, stops, watch]))
-        self._stops, self._jumps, self._samples = (self._marked(extra) for extra in (stops, jumps, samples))
+        self.times, self.wanted = self._merged(grid[1:], [jumps, samples, stops, watch])
+        self._stops, self._jumps, self._samples = [self._marked(extra) for extra in (stops, jumps, samples)]
         self._breaks = self._jumps | self._samples
         self._starts_at_jump = self._near(jumps, self.start)
 
-    def _merged(self, grid: np.ndarray, extra: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _merged(self, grid: np.ndarray, others: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Union of the outputs and other times; an output stands for times very near to it."""
-        if not extra.size:
+        if not any([part.size for part in others]):
             return grid, np.ones(grid.size, bool)
+        extra = np.concatenate(others)
         extra = distinct(extra[(extra > self.start + self.tolerance) & (extra < self.end - self.tolerance)])
         extra = extra[np.abs(grid[_nearest(grid, extra)] - extra) > self.tolerance]
         extra = extra[np.r_[True, np.diff(extra) > self.tolerance]] if extra.size else extra
@@ -195,7 +196,7 @@ class Schedule:
 
     def index_after(self, time: float) -> int:
         """Index of the first time after another."""
-        return int(np.searchsorted(self.times, time, side="right"))
+        return int(self.times.searchsorted(time, side="right"))
 
     def next_break(self, first: int) -> int:
         """Index of the next time, from one on, at which the integrator must restart, or of the last one."""

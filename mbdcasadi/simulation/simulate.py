@@ -156,7 +156,7 @@ def simulate(
 def _checked(run: Run, motion: Trajectory, moved: np.ndarray) -> Trajectory:
     """A motion with notes on its tolerances and its ranges, after warnings of what it passed."""
     motion.statistics.notes += notes_on_range(motion, moved, run.integrator.abstol)
-    motion.statistics.notes += grown_error(motion, run.steps)
+    motion.statistics.notes += grown_error(motion)
     _report_exceeded_limits(run.setup.mechanism, motion)
     report_validity(motion, run.unresolved())
     return motion

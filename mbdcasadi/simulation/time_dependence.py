@@ -54,6 +54,10 @@ class TimeDependence:
         return [f"{jump}: the velocities jump there, by the impulse that this takes" for jump in self.velocity_jumps]
 
 
+#: Of equations that do not depend on time.
+INDEPENDENT = TimeDependence(np.zeros(0), np.zeros(0))
+
+
 def time_dependence(setup: Setup) -> TimeDependence:
     """Find out how the equations of a run depend on time."""
     return dependence_at(timed_equations(setup), setup.p, float(setup.grid[0]), float(setup.grid[-1]))
@@ -70,9 +74,8 @@ def timed_equations(setup: Setup, integrands: ca.SX | None = None) -> ExplicitTi
 
 def dependence_at(timed: ExplicitTime, p: np.ndarray, start: float, end: float) -> TimeDependence:
     """Find out how equations depend on time between two times, at values of the parameters."""
-    none = np.zeros(0)
     if not timed.depends:
-        return TimeDependence(none, none)
+        return INDEPENDENT
     constraint_jumps = timed.jumps(p, start, end)
     breaks, restarts = timed.breaks(p, start, end)
     max_step = (end - start) / LEAST_STEPS

@@ -53,7 +53,7 @@ class TrajectoryBuilder:
 
     def trajectory(self) -> Trajectory:
         """Return everything so far."""
-        t, q, v, a, z, lam, u = (np.concatenate(parts) for parts in zip(*self._blocks, strict=True))
+        t, q, v, a, z, lam, u = [np.concatenate(parts) for parts in zip(*self._blocks, strict=True)]
         return Trajectory(
             self.modes.mechanism,
             t,

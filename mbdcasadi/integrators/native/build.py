@@ -40,9 +40,9 @@ class CompilationError(MechanismError):
     """The compiler failed; carries its last line."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Compiler:
-    """A C compiler.
+    """A C compiler; one object for each that is found.
 
     Attributes
     ----------

@@ -32,6 +32,7 @@ LOCATED = 1e-6
 NO_PRESSURE = 1e-9
 #: Points at which an interval is looked at, inside which an expression may have touched zero between two outputs.
 CLOSER_POINTS = 16
+_NONE = np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -163,6 +164,8 @@ class EventWatch:
         x : numpy.ndarray
             The present state.
         """
+        if not self.events:
+            return _NONE, _NONE, _NONE
         offset, band, side = (np.zeros(len(self.events)) for _ in range(3))
         away = AWAY * (1 + largest(x)) if self.resting else 0.0
         for k, event in enumerate(self.events):

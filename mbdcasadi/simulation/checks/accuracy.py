@@ -90,7 +90,7 @@ def small_motions(motion: Trajectory, moved: np.ndarray, abstol: float) -> list[
     """
     if largest(moved) < RESOLVED * abstol:
         return []
-    few = np.flatnonzero((moved > 10 * abstol) & (moved < 1e-2 * RESOLVED * abstol))
+    few = ((moved > 10 * abstol) & (moved < 1e-2 * RESOLVED * abstol)).nonzero()[0]
     if not few.size:
         return []
     names, smallest = motion.equations.coordinate_names, float(moved[few].min())
@@ -101,9 +101,9 @@ def small_motions(motion: Trajectory, moved: np.ndarray, abstol: float) -> list[
     ]
 
 
-def grown_error(motion: Trajectory, steps: int) -> list[str]:
+def grown_error(motion: Trajectory) -> list[str]:
     """Sentence on the error that a long run of a conservative mechanism may have gathered, by its energy."""
-    if steps < MANY_STEPS or len(motion) < 2:
+    if motion.statistics.steps < MANY_STEPS or len(motion) < 2:
         return []
     eom = motion.equations
     values = motion[eom.mechanism.cache.get_or_create("power balance", lambda: _power_balance(eom))]

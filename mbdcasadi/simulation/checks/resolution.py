@@ -98,13 +98,9 @@ class Resolution:
         self._smoothings, self._owner, self._normal = terms.smoothings, terms.owners, terms.normal
         self._validity = terms.validity
         self._closings = GapClosings(stepper, terms)
-        owners = {e: j for j, e in enumerate(self._owner)}
-        self._gap_of = [owners.get(e) for e in terms.smoothed]
         self._last: _Course | None = None
         self._looked_at: tuple[Path, list[Closing]] | None = None
         self._verifications = VERIFICATIONS
-        self._spans = np.array([s.span for s in self._smoothings])
-        self._is_load = np.array([s.scale is not None for s in self._smoothings], dtype=bool)
         self._blocks: list[tuple[np.ndarray, ...]] = []
         self._passed: dict[int, _Finding] = {}
         self._excesses: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
@@ -269,7 +265,7 @@ class Resolution:
         """
         reltol, abstol = self._stepper.integrator.tolerances
         matters = missed * np.diff(path.times)[:, None] > abstol * self._lightest
-        suspected = matters & (missed > MISSED_SHARE * self._spans * seen)
+        suspected = matters & (missed > MISSED_SHARE * self.terms.spans * seen)
         for k in np.flatnonzero(np.any(suspected[:, self._normal], axis=1)):
             if self._verifications <= 0:
                 return
@@ -300,7 +296,7 @@ class Resolution:
         smooth = np.abs(np.diff(gaps, axis=0) - lengths * (rates[:-1] + rates[1:]) / 2) <= SMOOTH * lengths * fastest
         turned = (rates[:-1] < 0) & (rates[1:] > 0)
         is_open = (gaps[:-1] > 0) & (gaps[1:] > 0) & smooth & ~turned
-        for k, owner in enumerate(self._gap_of):
+        for k, owner in enumerate(self.terms.gap_of):
             if owner is not None:
                 open_at[:, k] = is_open[:, owner]
         return open_at
@@ -345,10 +341,10 @@ class Resolution:
         times, lengths, missed, seen = (np.concatenate(part) for part in zip(*self._blocks, strict=True))
         largest = np.max(seen, axis=0)
         # of a load that comes and goes, what is missed is measured by the largest of the time that it lasts
-        spans = self._spans * np.where(self._is_load, _largest_of_episode(seen), seen)
+        spans = self.terms.spans * np.where(self.terms.is_load, _largest_of_episode(seen), seen)
         # a load that could not change a velocity by more than the tolerance does not matter
         matters = missed * lengths[:, None] > abstol * self._lightest
-        counts = (seen > SMALL * largest) & (spans > 0) & (matters | ~self._is_load)
+        counts = (seen > SMALL * largest) & (spans > 0) & (matters | ~self.terms.is_load)
         share = np.where(counts, missed / np.where(spans > 0, spans, 1), 0)
         sentences: dict[str, str] = {}
         for element, smoothing, course in zip(self.terms.smoothed, self._smoothings, share.T, strict=True):

@@ -79,7 +79,7 @@ class UnseenLoads:
         eom = stepper.numeric.eom
         quantities = _quantities(eom, stepper.signals)
         self._count, self.watched, self._quantities = quantities.switches, quantities.number, quantities.function
-        self._z_rate = eom.function(eom.z_rate) if eom.z.numel() else None
+        self._z_rate = eom.function(eom.z_rate) if eom.sizes[3] else None
         # by how much more than these limits something must be missed to be looked at
         self._doubt = 1.0
 

@@ -38,6 +38,10 @@ class WatchedTerms:
         the first), elements with gaps, and conditions between outputs too.
     normal : list of int
         Place among the smoothings of the normal force of each owner.
+    gap_of : list of int or None
+        Place among the owners of the element of each smoothing.
+    spans, is_load : numpy.ndarray
+        Span of each smoothing, and if it is that of a load.
     values : Values
         Places of the symbols in the column that the functions take.
     batches : list of Batch
@@ -68,6 +72,10 @@ class WatchedTerms:
         self.batches = batches_of(eom, self.values, self.elements, self._parts)
         self.rate_functions = [self._rates_of(batch) for batch in self.batches]
         self._compiled: tuple[ca.Function, ca.Function] | None = None
+        owner_places = {e: j for j, e in enumerate(self.owners)}
+        self.gap_of = [owner_places.get(e) for e in self.smoothed]
+        self.spans = np.array([s.span for s in self.smoothings])
+        self.is_load = np.array([s.scale is not None for s in self.smoothings], dtype=bool)
 
     def use_compiled(self, gaps: ca.Function, courses: ca.Function) -> None:
         """Take functions of a column of values: gaps, rates and bounds, and smoothed quantities and their scales."""

@@ -169,15 +169,16 @@ class WholeStepper(Stepper):
             self._refuse_stiffness(piece, reached)
         if not reached.times.size:
             raise IntegrationFailure(FLAGS[reached.status], np.zeros((0, x.size)), np.zeros((0, 0)), piece.start, x)
-        known = reached.index >= 0
-        times = np.where(known, piece.times[reached.index], reached.times)
+        times = reached.times
+        if piece.starts_at_jump or piece.ends_at_jump:  # outputs that were some roundings off these
+            times = np.where(reached.index >= 0, piece.times[reached.index], times)
         self._end = float(times[-1]), reached.x[-1].copy()
         if again:  # it was sent back to meet something with care
             self._progress.step = 0.0
         increments = np.diff(reached.integrals, axis=0, prepend=0.0) if self._rates else reached.integrals
         return Path(
             np.concatenate([[piece.start], times]),
-            np.vstack([x, reached.x]),
+            np.concatenate([x[None], reached.x]),
             increments,
             on_constraints=True,
             is_regular=not self._may_fold or reached.least_regularity > FALL * self._progress.regularity,
