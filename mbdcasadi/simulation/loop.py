@@ -146,7 +146,7 @@ class Run:
                 raise
             finally:
                 builder.statistics.seconds = clock.perf_counter() - began
-                notes = (note for arc in self._arcs.values() for note in arc.stepper.notes)
+                notes = [note for arc in self._arcs.values() for note in arc.stepper.notes]
                 builder.statistics.notes += [*dict.fromkeys(notes), *notes_on_passages(self._passed)]
                 builder.statistics.restarts, builder.statistics.steps = self.starts, self.steps
                 if not self._interruption.requested:  # what was stopped inside a step is not used again
@@ -506,12 +506,12 @@ class Run:
     @property
     def starts(self) -> int:
         """Number of starts of the integrator."""
-        return sum(arc.stepper.counts.starts for arc in self._arcs.values())
+        return sum([arc.stepper.counts.starts for arc in self._arcs.values()])
 
     @property
     def steps(self) -> int:
         """Steps of the integrator."""
-        return sum(arc.stepper.counts.all_steps for arc in self._arcs.values())
+        return sum([arc.stepper.counts.all_steps for arc in self._arcs.values()])
 
     def shortest_load(self) -> float:
         """Duration of the shortest load or contact on the paths that were kept, s; infinite if there is none."""

@@ -180,17 +180,16 @@ class NativeRun:
         weakref.finalize(self, library.mbd_free, self._run)
         self._rows, self._arrays = _Rows(system, 0), _Arrays()
         self._given = [np.zeros(size) for size in (system.size, *system.constants, system.coordinates)]
-        #: what is the same in every task
-        self._fixed: dict[str, Any] = {
+        self._task = _structure("stretch_t")(
             **dict(zip(GIVEN, map(self._arrays.address, self._given), strict=True)),
-            "channel": system.channel,
-            "accuracy": ACCURACY,
-            "halt": self._halt.ctypes.data,
-            "samples": SAMPLES,
-        }
+            channel=system.channel,
+            accuracy=ACCURACY,
+            halt=self._halt.ctypes.data,
+            samples=SAMPLES,
+        )
         if watched is not None:
-            self._fixed["direction"] = self._arrays.ints(watched.direction)
-            self._fixed["decides"] = self._arrays.ints(watched.decides)
+            self._task.direction = self._arrays.ints(watched.direction)
+            self._task.decides = self._arrays.ints(watched.decides)
 
     @property
     def compiled(self) -> tuple[bool, ...]:
@@ -211,11 +210,11 @@ class NativeRun:
         extra = 0
         if s.every_step or s.keep_samples or self.watched is not None or s.fall:
             extra = MOST_SAMPLES + max(min(EXTRA_ROWS, EXTRA_BYTES // (8 * self.system.size + 16)), 64)
-        arrays = _Arrays()
-        task = self._task(s, progress, s.times.size + 8 + extra, arrays)
+        task, arrays = self._task, _Arrays()
+        rows = self._prepare(s, progress, s.times.size + 8 + extra, arrays)
         self.library.mbd_advance(self._run, ctypes.addressof(task))
         vars(progress).update(zip(PROGRESS, _PROGRESS(task), strict=True))
-        rows, count = self._rows, task.recorded
+        count = task.recorded
         if rows.size > MOST_KEPT:
             self._rows = _Rows(self.system, 0)
         return Reached(
@@ -230,28 +229,32 @@ class NativeRun:
             task.least_regularity,
         )
 
-    def _task(self, s: Stretch, progress: Progress, capacity: int, arrays: _Arrays) -> Any:
-        """A stretch for the engine, which writes so many states at most; it reads what is kept in `arrays`."""
+    def _prepare(self, s: Stretch, progress: Progress, capacity: int, arrays: _Arrays) -> _Rows:
+        """Make a stretch the task of the engine, which reads what is kept in `arrays`; return the room for its states.
+
+        Parameters
+        ----------
+        capacity : int
+            Number of states that the engine may write.
+        """
+        task, rows = self._task, self._rows
         for place, values in zip(self._given, _GIVEN(s), strict=True):
             place[:] = values
-        if self._rows.times.size < capacity:
-            self._rows = _Rows(self.system, capacity)
-        task = _structure("stretch_t")(
-            **self._fixed,
-            **self._rows.addresses,
-            **vars(progress),
-            **dict(zip(SETTINGS, _SETTINGS(s), strict=True)),
-            count=s.times.size,
-            times=arrays.doubles(s.times),
-            stops=arrays.ints(s.stops),
-            channels=arrays.doubles(s.channels),
-            capacity=capacity,
-        )
+        for name, value in zip(SETTINGS, _SETTINGS(s), strict=True):
+            setattr(task, name, value)
+        for name, value in vars(progress).items():
+            setattr(task, name, value)
+        if rows.times.size < capacity:
+            rows = self._rows = _Rows(self.system, capacity)
+            for name, address in rows.addresses.items():
+                setattr(task, name, address)
+        task.count, task.capacity = s.times.size, capacity
+        task.times, task.channels, task.stops = arrays.doubles(s.times), arrays.doubles(s.channels), arrays.ints(s.stops)
         if self.watched is not None:
             for name in ("offset", "band", "side"):
                 values = getattr(s, name)
                 setattr(task, name, arrays.doubles(values if values.size else np.zeros(self.watched.size)))
-        return task
+        return rows
 
     def complete(
         self, times: np.ndarray, x: np.ndarray, channels: np.ndarray, p: np.ndarray, levels: np.ndarray
@@ -304,7 +307,7 @@ class NativeRun:
             Times up to which they came, s.
         """
         arrays, count = _Arrays(), cases.times.shape[-1]
-        task = self._task(common, Progress(), count + 8, arrays)
+        self._prepare(common, Progress(), count + 8, arrays)
         number = len(cases.starts)
         status, reached = np.zeros(number, np.int32), np.zeros(number)
         entry = _entry(output, 0)
@@ -323,7 +326,7 @@ class NativeRun:
             wanted=arrays.ints(cases.wanted),
             **{name: array.ctypes.data for name, array in written.items()},
         )
-        self.library.mbd_run_cases(self._run, ctypes.addressof(task), ctypes.addressof(asked), 0, number)
+        self.library.mbd_run_cases(self._run, ctypes.addressof(self._task), ctypes.addressof(asked), 0, number)
         return status, reached
 
 
