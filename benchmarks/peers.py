@@ -201,14 +201,20 @@ class _Watched:
     def __init__(self, function: ca.Function, ledger: Ledger):
         self._function, self._ledger = function, ledger
 
-    def __call__(self, *arguments: Any, **named: Any) -> Any:
-        began = clock()
-        try:
-            return self._function(*arguments, **named)
-        finally:
-            self._ledger.running += clock() - began
-            statistics = self._function.stats()
-            self._ledger.steps += statistics.get("nsteps", statistics.get("n_steps", 0))
+    def buffer(self) -> Any:
+        """Buffers of a call, and what evaluates it."""
+        buffer, evaluate = self._function.buffer()
+
+        def watched() -> None:
+            began = clock()
+            try:
+                evaluate()
+            finally:
+                self._ledger.running += clock() - began
+                statistics = buffer.stats()
+                self._ledger.steps += statistics.get("nsteps", statistics.get("n_steps", 0))
+
+        return buffer, watched
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._function, name)

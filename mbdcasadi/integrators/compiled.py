@@ -20,7 +20,7 @@ import numpy as np
 
 from ..errors import SimulationError
 from ..numerics.console import quiet
-from ..numerics.evaluation import Evaluator
+from ..numerics.evaluation import Evaluator, by_buffers
 from .base import Integrator
 from .failures import flag_of, last_line
 
@@ -326,19 +326,17 @@ class CompiledIntegrator:
         arguments |= {"u": inputs["u"]} if inputs["u"] is not None else {}
         try:
             with quiet():
-                result = function(**arguments)
+                (states, algebraic, integrals), stats = by_buffers(function, arguments, ("xf", "zf", "qf"))
         except RuntimeError as error:
             return flag_of(error)
-        stats = function.stats()
         self.steps = int(stats.get("nsteps", stats.get("n_steps", 0)))
         self.all_steps += self.steps
-        states = result["xf"].full().T
         on_time = np.abs(states[:, -1] - fractions) <= CLOCK_TOLERANCE
         if not np.all(on_time) or not np.all(np.isfinite(states)):
             return "the step size became too small, or a value was not finite"
-        self.integrals = result["qf"].full().T / self._quad_scale
+        self.integrals = integrals / self._quad_scale
         found = states[:, :-1] if self._whole is None else self._whole.rows(states[:, :-1], problem.p)[0]
-        return found, result["zf"].full().T
+        return found, algebraic
 
     def reach(self, problem: InitialValueProblem, flag: str) -> IntegrationFailure:
         """Repeat a piece that failed in parts of it, halved where they fail: the failure with the outputs reached.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import casadi as ca
@@ -101,6 +101,46 @@ class _Buffers:
             self._buffer.set_arg(k, place.reshape(-1).data)
         for k, place in enumerate(self.results):
             self._buffer.set_res(k, place.reshape(-1).data)
+
+
+def by_buffers(
+    function: ca.Function, arguments: Mapping[str, np.ndarray], results: Sequence[str]
+) -> tuple[list[np.ndarray], dict[str, Any]]:
+    """Evaluate any compiled function once, without conversions of its arguments and results.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        With dense arguments and results.
+    arguments : mapping of str to numpy.ndarray
+        Arguments by name (rows, columns); those that are left out are zero.
+    results : sequence of str
+        Names of results.
+
+    Returns
+    -------
+    results : list of numpy.ndarray
+        Each by column (columns, rows).
+    statistics : dict
+        Statistics of the call.
+
+    Raises
+    ------
+    RuntimeError
+        If the evaluation fails.
+    """
+    buffer, evaluate = function.buffer()
+    given = [np.ascontiguousarray(values.T, dtype=float) for values in arguments.values()]
+    for name, values in zip(arguments, given, strict=True):
+        buffer.set_arg(function.index_in(name), values.reshape(-1).data)
+    found = [np.zeros((function.size2_out(name), function.size1_out(name))) for name in results]
+    for name, values in zip(results, found, strict=True):
+        if values.size:
+            buffer.set_res(function.index_out(name), values.reshape(-1).data)
+    evaluate()
+    if buffer.ret():
+        raise RuntimeError(f"{function.name()}: Evaluation failed")
+    return found, buffer.stats()
 
 
 def _places(pattern: ca.Sparsity) -> tuple[tuple[int, int], np.ndarray | slice]:
