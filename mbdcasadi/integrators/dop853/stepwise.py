@@ -220,8 +220,8 @@ class _StretchRun:
             correction = self._norm(moved, f.scale)
             f.next[: self.n_x] = x
             f.k[STAGES] = self._rate(t, f.next)
-        # a sum is finite exactly if its terms are, except for overflow, which does not occur in a motion
-        return correction <= DRIFT and math.isfinite(f.k[STAGES, : self.n_x].sum())
+            f.finite[0] = f.k[STAGES, : self.n_x].sum()
+        return correction <= DRIFT and math.isfinite(float(f.finite[0]))
 
     def _prepare_dense(self) -> None:
         self._f.dense.evaluate()
@@ -245,7 +245,7 @@ class _StretchRun:
 
     def _length_to_switch(self, t: float, h: float, at: _Bracket) -> float:
         """Length with which a step that passes a zero, or ends far before it, is tried again; 0 if it may stay."""
-        if self._switching is None or not math.isfinite(at.error):
+        if not math.isfinite(at.error):
             return 0.0
         self._now = now = self._switches(t + h, self._f.end)
         passes = self._first_zero(at.start, now) <= 1.0
@@ -389,13 +389,14 @@ class _StretchRun:
 
     def _step(self, t: float, end: float, step: float) -> tuple[float, float, float] | None:
         """Take a step: its length, its end and the length of the next one; None if it goes no further."""
-        repeated, at = False, _Bracket(self._now, self._now, self._now)
+        repeated, at = False, None if self._switching is None else _Bracket(self._now, self._now, self._now)
         h, arrival, clipped = _clipped(t, end, step)
         while True:
             self._hint = np.inf
-            at.error = self._attempt(t, h)
-            length = self._length_to_switch(t, h, at)
-            error = at.error
+            error, length = self._attempt(t, h), 0.0
+            if at is not None:
+                at.error = error
+                length, error = self._length_to_switch(t, h, at), at.error
             if length == 0.0 and error < 1.0 and self._arrive(arrival):
                 break
             self.rejected += 1
@@ -417,11 +418,12 @@ class _StretchRun:
         following = max(following, step) if clipped else following
         self.progress.eigenvalue = known = max(float(self._f.eigenvalue[0]), FADING * self.progress.eigenvalue)
         following = min(following, STABLE / known) if known > 0.0 else following
-        if at.left > 0.0:
-            following = at.left
+        left = 0.0 if at is None else at.left
+        if left > 0.0:
+            following = left
         elif self._across:  # beyond the switch the motion is another one
             self._passed, following = t, 0.0
-        self._across = at.left > 0.0
+        self._across = left > 0.0
         return h, arrival, following
 
     def _growth(self, h: float, error: float) -> float:
