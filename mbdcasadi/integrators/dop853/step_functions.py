@@ -89,10 +89,10 @@ class StepFunctions:
         )
 
     def _make_arrive(self) -> ca.Function:
-        """``(t, end, last stage, its rate, scale, …) -> (end, |Phi|, size, correction, rate, regularity, |λ|, finite)``.
+        """``(t, end, last stage, its rate, scale, …) -> (end, |Phi|, size, correction, rate, regularity, |λ|, sum)``.
 
-        The end is brought onto the constraints by one step; the correction is in tolerances. The last result is finite
-        exactly if the rate is: it is its sum, and overflow does not occur in a motion.
+        The end is brought onto the constraints by one step; the correction is in tolerances. The sum is that of the
+        rate, finite exactly if all of it is: overflow does not occur in a motion.
         """
         n, n_x = self.n, self.n_x
         t, end, stage, early = (ca.MX.sym(*g) for g in _symbols("t end stage early", self.n_y))
@@ -187,9 +187,9 @@ class Steps:
         Derivative at the start, last stage, sizes by which errors are measured.
     error, stage_hint : numpy.ndarray
         Error in tolerances and least regularity of the stages (1,).
-    left, size, correction, hint, eigenvalue, finite : numpy.ndarray
+    left, size, correction, hint, eigenvalue, rate_sum : numpy.ndarray
         Constraint residual after one projection, size of the coordinates, correction in tolerances, regularity at
-        the end, ``|lambda|``, and what is finite exactly if the derivative at the end is (1,).
+        the end, ``|lambda|``, and the sum of the derivative at the end (1,).
     """
 
     def __init__(self, functions: StepFunctions):
@@ -201,7 +201,7 @@ class Steps:
         self.y, self.next, self.k = self.known[0], self.known[1], self.known[2 : 3 + STAGES]
         self.scale, self.weights = np.zeros(f.n_x), np.zeros(f.n)
         self.error, self.stage_hint, self.left, self.size, self.correction = (np.zeros(1) for _ in range(5))
-        self.hint, self.eigenvalue, self.finite = (np.zeros(1) for _ in range(3))
+        self.hint, self.eigenvalue, self.rate_sum = (np.zeros(1) for _ in range(3))
         self.held = [np.zeros(f.attempt.nnz_in(k)) for k in range(6, 9)]
         stages = self.k[:STAGES].reshape(-1)
         self.attempt = BufferedFunction(
@@ -212,7 +212,7 @@ class Steps:
         self.arrive = BufferedFunction(
             f.arrive,
             [self.arrival, self.end, self.stage, self.k[STAGES - 1], self.scale, self.weights, *self.held],
-            [self.next, self.left, self.size, self.correction, self.k[STAGES], self.hint, self.eigenvalue, self.finite],
+            [self.next, self.left, self.size, self.correction, self.k[STAGES], self.hint, self.eigenvalue, self.rate_sum],
         )
         self.dense = BufferedFunction(
             f.dense,

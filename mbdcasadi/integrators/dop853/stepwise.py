@@ -220,8 +220,8 @@ class _StretchRun:
             correction = self._norm(moved, f.scale)
             f.next[: self.n_x] = x
             f.k[STAGES] = self._rate(t, f.next)
-            f.finite[0] = f.k[STAGES, : self.n_x].sum()
-        return correction <= DRIFT and math.isfinite(float(f.finite[0]))
+            f.rate_sum[0] = f.k[STAGES, : self.n_x].sum()
+        return correction <= DRIFT and math.isfinite(float(f.rate_sum[0]))
 
     def _prepare_dense(self) -> None:
         self._f.dense.evaluate()

@@ -249,7 +249,8 @@ class NativeRun:
             for name, address in rows.addresses.items():
                 setattr(task, name, address)
         task.count, task.capacity = s.times.size, capacity
-        task.times, task.channels, task.stops = arrays.doubles(s.times), arrays.doubles(s.channels), arrays.ints(s.stops)
+        task.times, task.channels = arrays.doubles(s.times), arrays.doubles(s.channels)
+        task.stops = arrays.ints(s.stops)
         if self.watched is not None:
             for name in ("offset", "band", "side"):
                 values = getattr(s, name)
