@@ -71,10 +71,16 @@ class MotionSetup(Setup):
         super().__init__(mechanism, analysis, times=times, takes_duration=False, **arguments)
         self.differentiable_start = DifferentiableStart(self.numeric, self.initial, self.time, self.signals)
         _ = self.start[self.eom.a]  # raises where there are no accelerations
-        integrator = chosen_integrator(method, SingleMode(self), reltol=reltol, abstol=abstol, analysis=analysis)
+        in_c = isinstance(method, str) and method == "auto" and self._may_run_in_c()
+        settings = {"reltol": reltol, "abstol": abstol, "in_c": in_c}
+        integrator = chosen_integrator(method, SingleMode(self), analysis=analysis, **settings)
         self.integrator = suited_to_friction(integrator, self.numeric)
         stated = abstol is not None or integrator is method
         self._analysis, self._keeps_abstol = analysis, stated if keeps_abstol is None else keeps_abstol
+
+    def _may_run_in_c(self) -> bool:
+        """True if the analysis takes methods that run in C of their own, and the mechanism suits them."""
+        return False
 
     @cached_property
     def start(self) -> State:

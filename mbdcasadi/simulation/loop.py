@@ -334,8 +334,8 @@ class Run:
             arc.resolution.note(counted)
             if self.keeps_paths:
                 self._paths.append(counted)
-        kept = piece.wanted[:count]
-        kept = slice(count) if kept.all() else kept.nonzero()[0]
+        wanted = piece.wanted[:count]
+        kept: Any = slice(count) if wanted.all() else wanted.nonzero()[0]
         self._keep(times[kept], x[kept], piece.begins[kept], arc.outputs(passage))
         for crossing in crossings:
             if not arc.decides(crossing.event):

@@ -138,7 +138,7 @@ def simulate(
             return _through_phases(mechanism, read, method, chosen, arguments, progress=bool(progress))
         setup = Setup(mechanism, "simulate", **arguments, takes_controller=True)
         modes = _modes(setup, read)
-        asked = chosen_integrator(method, modes, **chosen, analysis="simulate")
+        asked = chosen_integrator(method, modes, **chosen, analysis="simulate", in_c=True)
         integrator = suited_to_friction(asked, modes.numeric(modes.free))
         run = Run(setup, modes, read, integrator, progress=bool(progress), interruption=interruption)
         trajectories.append(run.run())
@@ -168,7 +168,7 @@ def _through_phases(
     """Simulate through mechanisms that change at events."""
 
     def integrator_of(modes: Modes) -> Integrator:
-        asked = chosen_integrator(method, modes, **chosen, analysis="simulate")
+        asked = chosen_integrator(method, modes, **chosen, analysis="simulate", in_c=True)
         return suited_to_friction(asked, modes.numeric(modes.free))
 
     run = PhasedRun(mechanism, events, _modes, integrator_of, arguments, progress=progress)
@@ -217,16 +217,24 @@ def _modes(setup: Setup, events: Sequence[Event]) -> Modes:
     return modes
 
 
-def chosen_integrator(method: Any, modes: Modes, *, analysis: str, options: Any = None, **settings: Any) -> Integrator:
-    """The integrator that ``method=`` asks for, with its settings; "auto" decides by the motion at the start."""
+def chosen_integrator(
+    method: Any, modes: Modes, *, analysis: str, options: Any = None, in_c: bool = False, **settings: Any
+) -> Integrator:
+    """The integrator that ``method=`` asks for, with its settings; "auto" decides by the motion at the start.
+
+    Parameters
+    ----------
+    in_c : bool
+        True if the analysis takes methods that run in C of their own; "auto" may then choose one.
+    """
     if options is not None and not isinstance(options, dict):
         raise SimulationError(f"{analysis}: options= takes a dict for the integrator, got {options!r}")
     if method == "auto":
         setup, numeric = modes.setup, modes.numeric(modes.free)
         stiff = numeric.eom.Q_depends_on_lam or _is_stiff(numeric, setup.start, setup.grid, setup.has_redundant_rows)
-        whole = analysis == "simulate" and not options and not setup.has_redundant_rows
-        method = "idas" if stiff else "dop853" if whole else "erk"
-        method = "bdf" if whole and has_many_contacts(numeric) else method
+        in_c = in_c and not options and not setup.has_redundant_rows
+        method = "idas" if stiff else "dop853" if in_c else "erk"
+        method = "bdf" if in_c and has_many_contacts(numeric) else method
     return as_integrator(method, **settings, options=options, besides=("auto",))
 
 

@@ -18,6 +18,7 @@ from ..results.state import State
 from ..sensitivity.compiled_run import MotionSetup
 from .starts import repeat_for_case
 from .sweep_file import fingerprint
+from .whole_runs import SweepSetup
 
 #: Ratio of the masses of cases up to which one scaling serves all: with 1e6 no error was seen, with 1e12 it was.
 LIKE_MASSES = 1e8
@@ -35,7 +36,7 @@ class Plan:
     varied : dict
         Parameter or input to its values (k,).
     given : dict
-        Further arguments of :class:`MotionSetup`.
+        Further arguments of :class:`SweepSetup`.
 
     Attributes
     ----------
@@ -143,7 +144,7 @@ class Plan:
                 warnings.simplefilter("always")
                 try:
                     arguments = self._given | {"parameters": self._parameters(int(k))}
-                    setup = MotionSetup(self._mechanism, "sweep", self._times, **arguments)
+                    setup = SweepSetup(self._mechanism, "sweep", self._times, **arguments)
                 except (AssemblyError, SingularityError) as error:
                     obstacle = obstacle or error
                     continue

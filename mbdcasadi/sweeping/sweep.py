@@ -78,8 +78,10 @@ def sweep(
     executor : concurrent.futures.Executor, optional
         Threads, processes, a Dask cluster by ``client.get_executor()``; without, one case after the other, here.
     method : {"idas", "dop853", "erk", "rosenbrock", "auto"}
-        Integrator, for all cases; "auto" decides by the first. :class:`DOP853` is much the fastest where forces are
-        smooth and not stiff; without an executor its cases are shared by a thread for each processor.
+        Integrator, for all cases. :class:`DOP853` is much the fastest where forces are smooth and not stiff; without
+        an executor its cases are shared by a thread for each processor. "auto" decides by the first case: it takes
+        DOP853 if the motion at the start is not stiff, forces and inputs neither jump nor act in contacts, no
+        prescribed motion switches in time and there is a C compiler; otherwise "erk" or, if it is stiff, "idas".
     reltol, abstol : float, default 1e-8
         Of the integrator, for all cases. If `abstol` is left out and one of the cases that are spread farthest stays
         within a range that the default does not resolve, it is one that does.

@@ -12,6 +12,7 @@ import numpy as np
 from ..equations.switching.switches import jumps_anywhere
 from ..errors import SimulationError
 from ..integrators.dop853.runner import ExplicitRunner
+from ..integrators.native import build
 from ..integrators.native.stretch import Cases, Progress, Status, Stretch
 from ..model.cache import Cache
 from ..numerics.lending import Lending
@@ -57,6 +58,20 @@ class Times:
         return ("whole", self.arguments[0].size)
 
 
+class SweepSetup(MotionSetup):
+    """The arguments of a sweep; "auto" takes DOP853 for cases that are smooth, if there is a C compiler."""
+
+    def _may_run_in_c(self) -> bool:
+        return build.compiler() is not None and is_smooth(self) and not timed_equations(self).has_switching_rows
+
+
+def is_smooth(setup: MotionSetup) -> bool:
+    """Return True if no forces and inputs jump, and none act in contacts."""
+    eom = setup.eom
+    expressions = [eom.Q, eom.z_rate, eom.gamma, eom.nu, eom.Phi, setup.signals.parametrised]
+    return not has_gaps(eom.mechanism) and not jumps_anywhere([ca.SX(e) for e in expressions])
+
+
 def refuse_unsuited(setup: MotionSetup) -> None:
     """Raise for a mechanism whose cases need more than steps from output to output.
 
@@ -65,12 +80,11 @@ def refuse_unsuited(setup: MotionSetup) -> None:
     SimulationError
         With the method that takes it.
     """
-    numeric, eom, method = setup.numeric, setup.eom, setup.integrator.name
+    numeric, method = setup.numeric, setup.integrator.name
     if setup.has_redundant_rows:
         refuse_redundant_rows(setup.integrator, numeric, setup.start)
     choose_formulation(numeric, setup.integrator, redundant=False)
-    expressions = [eom.Q, eom.z_rate, eom.gamma, eom.nu, eom.Phi, setup.signals.parametrised]
-    if has_gaps(eom.mechanism) or jumps_anywhere([ca.SX(e) for e in expressions]):
+    if not is_smooth(setup):
         raise SimulationError(
             f'sweep: method="{method}" takes forces and inputs that are smooth, and here some jump or act in contacts; '
             'use method="erk" or "idas"'

@@ -44,6 +44,34 @@ def test_closed_form(way):
     np.testing.assert_allclose(swept["pose"][:, -1, 0], pushes / 4, atol=1e-9)
 
 
+@pytest.mark.parametrize("chosen", ["dop853", "erk", "idas"])
+def test_auto_takes_dop853_for_what_is_smooth_and_not_stiff(chosen):
+    """A stone of 2 kg under 8 N on a spring, in closed form; also with a force that might jump, and on a stiff damper."""
+    g, u, stone, mechanism = fall()
+    stiffness, damping = (0.0, 1e6) if chosen == "idas" else (8.0, 0.0)
+    hold = mbd.Force("hold", stone.at(0, 0), (-stiffness * stone.x - damping * stone.vx, 0))
+    mechanism = mechanism.replace(forces=[*mechanism.forces, hold])
+    inputs = {u: mbd.if_else(mbd.t < 5, 8.0, 0.0)} if chosen == "erk" else {u: 8.0}
+    times, accelerations = np.linspace(0, 1, 5), [1.0, 2.0]
+    swept = mbd.sweep(
+        mechanism, times, {g: accelerations}, {"x": stone.x, "y": stone.y}, inputs=inputs, method="auto", reltol=1e-9
+    )
+    assert any("dop853 ran in C" in note for note in swept.notes) == (chosen == "dop853")
+    np.testing.assert_allclose(swept["y"], -np.outer(accelerations, times**2 / 2), atol=1e-8)
+    if chosen == "idas":
+        x, accuracy = 8.0 / damping * (times - 2.0 / damping * (times > 0)), 1e-11
+    else:
+        x, accuracy = 1.0 - np.cos(2.0 * times), 1e-8
+    np.testing.assert_allclose(swept["x"], np.tile(x, (2, 1)), atol=accuracy)
+
+
+def test_auto_without_a_compiler_takes_a_compiled_integrator(monkeypatch):
+    g, _, stone, mechanism = fall()
+    monkeypatch.setenv("CC", "no-such-compiler")
+    swept = mbd.sweep(mechanism, [0, 1], {g: [1.0, 2.0]}, {"y": stone.y}, method="auto")
+    assert swept.notes == [] and swept["y"][:, -1] == pytest.approx([-0.5, -1.0], abs=1e-8)
+
+
 def test_the_code_that_ran_is_named(monkeypatch):
     """In C or step by step, here and in other processes; CasADi's methods need no remark."""
     g, _, stone, mechanism = fall()

@@ -180,6 +180,11 @@ class ExplicitTime:
                     rows.append((level, int(place), self._functions(row)))
         return [entry for entry in rows if entry[2].switch]
 
+    @property
+    def has_switching_rows(self) -> bool:
+        """True if a constraint row switches in time, so that what it prescribes may jump."""
+        return bool(self._rows)
+
     def jumps(self, p: np.ndarray, start: float, end: float) -> list[ConstraintJump]:
         """Return the constraint rows whose position or velocity jumps between two times, both included, in order.
 
