@@ -72,8 +72,9 @@ class MotionSetup(Setup):
         self.differentiable_start = DifferentiableStart(self.numeric, self.initial, self.time, self.signals)
         _ = self.start[self.eom.a]  # raises where there are no accelerations
         in_c = isinstance(method, str) and method == "auto" and self._may_run_in_c()
-        settings = {"reltol": reltol, "abstol": abstol, "in_c": in_c}
-        integrator = chosen_integrator(method, SingleMode(self), analysis=analysis, **settings)
+        integrator = chosen_integrator(
+            method, SingleMode(self), reltol=reltol, abstol=abstol, analysis=analysis, in_c=in_c
+        )
         self.integrator = suited_to_friction(integrator, self.numeric)
         stated = abstol is not None or integrator is method
         self._analysis, self._keeps_abstol = analysis, stated if keeps_abstol is None else keeps_abstol
