@@ -46,7 +46,7 @@ def test_closed_form(way):
 
 @pytest.mark.parametrize("chosen", ["dop853", "erk", "idas"])
 def test_auto_takes_dop853_for_what_is_smooth_and_not_stiff(chosen):
-    """A stone of 2 kg under 8 N on a spring, in closed form; also with a force that might jump, and on a stiff damper."""
+    """A stone of 2 kg under 8 N on a spring, in closed form; also by a force that might jump, and on a stiff damper."""
     g, u, stone, mechanism = fall()
     stiffness, damping = (0.0, 1e6) if chosen == "idas" else (8.0, 0.0)
     hold = mbd.Force("hold", stone.at(0, 0), (-stiffness * stone.x - damping * stone.vx, 0))

@@ -203,7 +203,7 @@ class Steps:
         self.error, self.stage_hint, self.left, self.size, self.correction = (np.zeros(1) for _ in range(5))
         self.hint, self.eigenvalue, self.rate_sum = (np.zeros(1) for _ in range(3))
         self.held = [np.zeros(f.attempt.nnz_in(k)) for k in range(6, 9)]
-        stages = self.k[:STAGES].reshape(-1)
+        stages, at_end = self.k[:STAGES].reshape(-1), (self.hint, self.eigenvalue, self.rate_sum)
         self.attempt = BufferedFunction(
             f.attempt,
             [self.t, self.h, self.y, self.k0, self.reltol, self.abstol, *self.held],
@@ -212,7 +212,7 @@ class Steps:
         self.arrive = BufferedFunction(
             f.arrive,
             [self.arrival, self.end, self.stage, self.k[STAGES - 1], self.scale, self.weights, *self.held],
-            [self.next, self.left, self.size, self.correction, self.k[STAGES], self.hint, self.eigenvalue, self.rate_sum],
+            [self.next, self.left, self.size, self.correction, self.k[STAGES], *at_end],
         )
         self.dense = BufferedFunction(
             f.dense,
