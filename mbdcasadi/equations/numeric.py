@@ -312,9 +312,9 @@ class NumericEquations:
         """The same, evaluated."""
         missing = self.motion_without_mass(t, q)
         if missing:
-            bodies = list(dict.fromkeys(name.rsplit(".", 1)[0] for name in missing))
+            bodies = dict.fromkeys(f"'{name.rsplit('.', 1)[0]}'" for name in missing)
             raise SingularityError(
-                f"body {_quoted(bodies)} has no mass or inertia in {', '.join(missing)}, and no joint holds that "
+                f"body {', '.join(bodies)} has no mass or inertia in {', '.join(missing)}, and no joint holds that "
                 "motion: the mass matrix is singular; give it mass or inertia, or a joint",
                 time=t,
             )
@@ -387,7 +387,3 @@ class NumericEquations:
             return a.T, lam.T
         a, lam = evaluator.rows(t, q, v, z, u, self.p)
         return a, lam
-
-
-def _quoted(names: list[str]) -> str:
-    return ", ".join(f"'{name}'" for name in names)

@@ -12,13 +12,13 @@ import numpy as np
 from ..model.bodies import Body, Marker, ground
 from ..model.drivers import Driver
 from ..model.element import Element, at_poses
-from ..model.expressions import fmax, if_else
+from ..model.expressions import if_else
 from ..model.forces.applied import Force, Torque
 from ..model.forces.contact.contact import Contact
 from ..model.forces.contact.outlines import Circle, HalfPlane
 from ..model.forces.friction.laws import FrictionLaw, Resistance
+from ..model.forces.laws import SpringDamper
 from ..model.forces.springs import RSDA, TSDA
-from ..model.immutable import Immutable
 from ..model.joints.base import Joint
 from ..model.joints.coordinates import AbsoluteAngle, AbsoluteX, AbsoluteY, RelativeAngle, RelativeX, RelativeY
 from ..model.joints.gears import RackAndPinion
@@ -220,24 +220,6 @@ def circle_on_ground(part: Part) -> list[Element]:
     friction = TangentialSpring(stiffness, damping) if damping > 0 else None
     circle = Circle(body.at(*fields.numbers("sP1", 2)), fields.number("r", above=0.0))
     return [Contact(part.name, circle, HalfPlane(ground.at(0.0, 0.0)), law, friction)]
-
-
-class SpringDamper(Immutable):
-    """``F = max(kn δ + cn δ̇, 0)``: a linear spring (kn, N/m) and damper (cn, N s/m) that push only."""
-
-    def __init__(self, stiffness: float, damping: float):
-        self.stiffness, self.damping = stiffness, damping
-
-    def __call__(self, penetration: ca.SX, rate: ca.SX) -> ca.SX:
-        """Normal force, N, at a penetration (m) and its rate (m/s)."""
-        return fmax(self.stiffness * penetration + self.damping * rate, 0)
-
-    def potential(self, penetration: ca.SX) -> Any:
-        """Elastic energy, J."""
-        return self.stiffness * fmax(penetration, 0) ** 2 / 2
-
-    def __repr__(self) -> str:
-        return f"SpringDamper({self.stiffness}, {self.damping})"
 
 
 class TangentialSpring(FrictionLaw):

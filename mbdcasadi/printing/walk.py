@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from ..numerics.graph import components_of_norm, operation_name
+from ..numerics.graph import components_of_norm, operands, operation_name
 from .forms import Forms, Operation, Scaled, Symbol
 
 _COMPARISONS = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
@@ -27,7 +27,7 @@ def is_short(expression: ca.SX, limit: int) -> bool:
         # nodes that wait count too: the walk ends after `limit` steps, however often parts are shared.
         if count + len(stack) > limit:
             return False
-        stack.extend(_parts(node))
+        stack.extend(operands(node))
     return True
 
 
@@ -54,10 +54,6 @@ def forms_of(expression: ca.SX) -> tuple[Forms, Scaled]:
     return forms, done[expression.element_hash()]
 
 
-def _parts(node: ca.SX) -> list[ca.SX]:
-    return [node.dep(k) for k in range(node.n_dep())]
-
-
 def _kind(node: ca.SX) -> str:
     """Return the kind of a node: ``sum``, ``product``, ``choice``, ``norm``, or ``other``."""
     if node.n_dep() == 0:
@@ -80,7 +76,7 @@ def _chain(node: ca.SX) -> _Chain:
     if kind == "norm":
         return [(part, 1) for part in components_of_norm(node) or ()]
     if kind == "other":
-        return [(part, 1) for part in _parts(node)]
+        return [(part, 1) for part in operands(node)]
     chain, stack = [], [(node, 1)]
     while stack:
         part, n = stack.pop()
@@ -102,7 +98,7 @@ def _closes(part: ca.SX, exponent: int) -> bool:
 
 def _summands(node: ca.SX, sign: int) -> _Chain:
     signs = {ca.OP_ADD: (1, 1), ca.OP_SUB: (1, -1), ca.OP_NEG: (-1,)}[node.op()]
-    return [(part, sign * factor) for part, factor in zip(_parts(node), signs, strict=True)]
+    return [(part, sign * factor) for part, factor in zip(operands(node), signs, strict=True)]
 
 
 def _factors(node: ca.SX, exponent: int) -> _Chain:
@@ -112,7 +108,7 @@ def _factors(node: ca.SX, exponent: int) -> _Chain:
     if op == ca.OP_TWICE:
         return [(ca.SX(2), exponent), (node.dep(0), exponent)]
     exponents = {ca.OP_MUL: (1, 1), ca.OP_SQ: (2,), ca.OP_DIV: (1, -1), ca.OP_INV: (-1,)}[op]
-    return [(part, exponent * power) for part, power in zip(_parts(node), exponents, strict=False)]
+    return [(part, exponent * power) for part, power in zip(operands(node), exponents, strict=False)]
 
 
 def _whole(exponent: ca.SX) -> bool:
@@ -124,7 +120,7 @@ def _branches(node: ca.SX) -> list[ca.SX] | None:
     """Condition and branches of ``if_else``, which CasADi writes as ``(c ? x : 0) + (!c ? y : 0)``."""
     if node.op() != ca.OP_ADD:
         return None
-    a, b = _parts(node)
+    a, b = operands(node)
     for first, second in ((a, b), (b, a)):
         if first.n_dep() == second.n_dep() == 2 and first.op() == second.op() == ca.OP_IF_ELSE_ZERO:
             opposite = second.dep(0)
@@ -136,7 +132,7 @@ def _branches(node: ca.SX) -> list[ca.SX] | None:
 
 def _zero_branch(node: ca.SX) -> list[ca.SX]:
     """Condition and branches, one of which is zero."""
-    condition, value = _parts(node)
+    condition, value = operands(node)
     if condition.n_dep() == 1 and condition.op() == ca.OP_NOT:
         return [condition.dep(0), ca.SX(0.0), value]
     return [condition, value, ca.SX(0.0)]

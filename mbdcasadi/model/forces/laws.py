@@ -96,6 +96,24 @@ class HuntCrossley(Immutable, HasQuantities):
         return f"HuntCrossley({self.stiffness}, exponent={self.exponent}, damping={self.damping})"
 
 
+class SpringDamper(Immutable):
+    """``F = max(k δ + c δ̇, 0)``: a linear spring (k, N/m) and damper (c, N s/m) that act in one sense only."""
+
+    def __init__(self, stiffness: Any, damping: Any):
+        self.stiffness, self.damping = stiffness, damping
+
+    def __call__(self, deflection: ca.SX, rate: ca.SX) -> ca.SX:
+        """Force, N, at a deflection (m) and its rate (m/s)."""
+        return fmax(self.stiffness * deflection + self.damping * rate, 0)
+
+    def potential(self, deflection: ca.SX) -> ca.SX:
+        """Elastic energy, J."""
+        return 0.5 * self.stiffness * fmax(deflection, 0) ** 2
+
+    def __repr__(self) -> str:
+        return f"SpringDamper({self.stiffness}, {self.damping})"
+
+
 def hertz_stiffness(
     radius_a: Any, radius_b: Any, modulus_a: Any, modulus_b: Any, poisson_a: Any = 0.3, poisson_b: Any = 0.3
 ) -> float:

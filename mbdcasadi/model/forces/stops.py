@@ -11,11 +11,11 @@ from ...errors import ModelError
 from ...numerics.lazy import cached_property
 from ..bodies import ground, markers_on_two
 from ..element import BEYOND_COORDINATES, Element, owners, refuse_kinds
-from ..expressions import distance, fmax
+from ..expressions import distance
 from ..quantities import function_of, quantity
 from ..rates import time_derivative
 from ..validity import Smoothing
-from .laws import continuous_force, pushing_force, stored_energy
+from .laws import SpringDamper, continuous_force, pushing_force, stored_energy
 
 
 class _OneSided(Element):
@@ -90,20 +90,6 @@ class EndStop(_OneSided):
         self.virtual_work = ((self.gap, self.force),)
 
 
-class _Elongation:
-    """Law of a rope: elastic and damped while it is stretched, never pushing."""
-
-    def __init__(self, stiffness: Any, damping: Any):
-        self.stiffness, self.damping = stiffness, damping
-
-    def __call__(self, elongation: ca.SX, rate: ca.SX) -> ca.SX:
-        return fmax(self.stiffness * elongation + self.damping * rate, 0)
-
-    def potential(self, elongation: ca.SX) -> ca.SX:
-        """Energy of the stretched rope, J."""
-        return 0.5 * self.stiffness * fmax(elongation, 0) ** 2
-
-
 class Rope(_OneSided):
     """Elastic rope, cable or chain between two points: it pulls while it is stretched, and never pushes.
 
@@ -165,7 +151,7 @@ class Rope(_OneSided):
         refuse_kinds(self.length, BEYOND_COORDINATES, self.description, "a length depends on coordinates and time only")
         self.stiffness = self.read(stiffness, "stiffness", above=0.0)
         self.damping = self.read(damping, "damping", at_least=0.0)
-        self.law = _Elongation(self.stiffness, self.damping)
+        self.law = SpringDamper(self.stiffness, self.damping)
         self.distance = distance(self.a, self.b)
         self.elongation = self.distance - self.length
         self.gap = -self.elongation
