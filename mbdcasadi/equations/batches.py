@@ -88,15 +88,15 @@ class Values:
         """Places of the symbols of some bodies, in the order of those of other bodies; None if one is of neither."""
         number = {body: k for k, body in enumerate(self._eom.mechanism.bodies)}
         shift = {number[a]: 3 * (number[b] - number[a]) for a, b in zip(bodies, others, strict=True) if a in number}
-        found = []
+        moved = []
         for place in places:
             group = next((g for g in ("q", "v", "a") if 0 <= place - self._starts[g] < 3 * len(number)), "")
             if group:
                 place += shift[(place - self._starts[group]) // 3]
             elif self._starts["z"] <= place < self._starts["p"]:
                 return None
-            found.append(place)
-        return found
+            moved.append(place)
+        return moved
 
     def column(self, *groups: Any, z_rate: Any) -> Any:
         """Values of ``t, q, v, a, z, lam, u, p`` and of the rates of z, as one column of expressions."""
@@ -236,9 +236,9 @@ def batches_of(
         likeness = getattr(element, "likeness", None)
         if likeness is not None and likeness in first_alike:
             key, first, tape, places = first_alike[likeness]
-            own = values.of_others(places, first.bodies, element.bodies)
-            if own is not None:
-                kinds[key].append((number, tape, own))
+            own_symbols = values.of_others(places, first.bodies, element.bodies)
+            if own_symbols is not None:
+                kinds[key].append((number, tape, own_symbols))
                 continue
         parts = [ca.densify(part) for part in parts_of(element)]
         column = ca.vertcat(ca.SX(0, 1), *parts)

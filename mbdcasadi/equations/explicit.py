@@ -136,7 +136,7 @@ def tree_rows(eom: Equations) -> dict[int, tuple[int, dict[int, float]]]:
     for place, coordinates in unknown.items():
         for k in coordinates:
             holding[k].append(place)
-    given: dict[int, tuple[int, dict[int, float]]] = {}
+    solved: dict[int, tuple[int, dict[int, float]]] = {}
     ready = deque(place for place, coordinates in unknown.items() if len(coordinates) == 1)
     waiting = deque(sorted(linear))
     while ready or waiting:
@@ -146,13 +146,13 @@ def tree_rows(eom: Equations) -> dict[int, tuple[int, dict[int, float]]]:
             (k,) = unknown[place]
             factors = able[place].linear
             if abs(factors[k]) >= LEAST * max(map(abs, factors.values())):
-                given[k] = place, {j: x for j, x in factors.items() if j == k or j in given}
+                solved[k] = place, {j: x for j, x in factors.items() if j == k or j in solved}
         else:  # it closes a loop
             continue
         for place in holding.pop(k, ()):
             unknown[place].discard(k)
             ready += [place] if len(unknown[place]) == 1 else []
-    return given
+    return solved
 
 
 def _solve(rows: list[_Row], lasting: set[int], curved: int = CURVED) -> list[ExplicitRow]:

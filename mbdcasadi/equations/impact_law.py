@@ -66,10 +66,10 @@ def jump(
     rows = unit_rows(jacobian if sizes is None else jacobian * sizes)
     dependent = dependent_rows(rows)
     kept = [k for k in range(right.size) if k not in set(dependent)]
-    n, own = v.size, jacobian[kept]
+    n, independent = v.size, jacobian[kept]
     scale = float(np.max(mass, initial=0.0)) or 1.0
-    system = np.block([[np.diag(mass / scale), own.T], [own, np.zeros((len(kept), len(kept)))]])
-    step = least_norm(system, np.r_[np.zeros(n), right[kept] - own @ v], threshold=ACCURACY)
+    system = np.block([[np.diag(mass / scale), independent.T], [independent, np.zeros((len(kept), len(kept)))]])
+    step = least_norm(system, np.r_[np.zeros(n), right[kept] - independent @ v], threshold=ACCURACY)
     after, impulses = v + step[:n], np.zeros(right.size)
     impulses[kept] = scale * step[n:]
     left_over = jacobian @ after - right

@@ -109,8 +109,8 @@ def _scale(eom: Equations, p: np.ndarray, mass: np.ndarray) -> Scale:
     length = _length(lever, _extent(eom, p), _gyration(eom, mass))
     scaled = np.where(eom.angles, 1 / length, 1.0)
     for k in np.flatnonzero(~of_body):
-        own = largest_of_rows(np.arange(n) == k)
-        lever = float(np.max(own[held] / moved[held], initial=0.0))
+        slopes = largest_of_rows(np.arange(n) == k)
+        lever = float(np.max(slopes[held] / moved[held], initial=0.0))
         scaled[k] = 1 / lever if lever > LEVER_TOLERANCE * length else 1.0
     squares = np.zeros((len(values), m))
     np.add.at(squares.T, rows, ((values * scaled[columns]) ** 2).T)

@@ -39,8 +39,8 @@ class TreeCoordinates:
         self.left = [k for k in range(eom.lam.numel()) if k not in solved]
         if not rows:
             return
-        given, values = eom.q[self.dependent], ca.vertsplit(eom.q)
-        others = ca.vertsplit(ca.substitute(eom.Phi, given, ca.SX.zeros(given.numel())))
+        solved_for, values = eom.q[self.dependent], ca.vertsplit(eom.q)
+        others = ca.vertsplit(ca.substitute(eom.Phi, solved_for, ca.SX.zeros(solved_for.numel())))
         for k, (place, factors) in rows.items():
             known = sum((x * values[j] for j, x in factors.items() if j != k), others[place])
             values[k] = -known / factors[k]

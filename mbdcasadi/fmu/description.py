@@ -180,15 +180,15 @@ class Unit:
         return attributes
 
     def _numbers(self, variable: Variable) -> dict[str, str]:
-        found = {"unit": variable.unit} if variable.unit else {}
+        attributes = {"unit": variable.unit} if variable.unit else {}
         for key, value in (("min", variable.lower), ("max", variable.upper)):
             if np.isfinite(value):
-                found[key] = repr(float(value))
+                attributes[key] = repr(float(value))
         if variable.nominal != 1.0:
-            found["nominal"] = repr(variable.nominal)
+            attributes["nominal"] = repr(variable.nominal)
         if variable.start is not None:
-            found["start"] = repr(variable.start)
-        return found
+            attributes["start"] = repr(variable.start)
+        return attributes
 
     def _dependencies(self, places: Mapping[int, str]) -> tuple[list[str], list[str]]:
         """References of the states and inputs on which rates and outputs depend."""

@@ -203,14 +203,14 @@ def _check_names(names: Sequence[str]) -> None:
 
 def _free_names(names: Sequence[str], taken: Sequence[str]) -> list[str]:
     """Names of states, changed if the user took them."""
-    used, found = set(taken), []
+    used, free_names = set(taken), []
     for name in names:
         free, k = name, 1
         while free in used:
             free, k = f"{name} (state{'' if k == 1 else f' {k}'})", k + 1
         used.add(free)
-        found.append(free)
-    return found
+        free_names.append(free)
+    return free_names
 
 
 def _units_of_states(eom: Equations) -> list[str]:

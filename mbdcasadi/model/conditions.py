@@ -192,9 +192,9 @@ def _vanishing(zeros: list[ca.SX], label: str, position: int) -> Sequence[Condit
     if any(part.is_constant() and not part.is_zero() for part in zeros):
         raise ConditionError(f"condition {position} ({label}) can never hold, since one component is never zero")
     moving = [part for part in zeros if not part.is_constant()]
-    named = [label] if len(moving) == 1 else [f"{label}, with {to_text(part)} = 0" for part in moving]
+    labels = [label] if len(moving) == 1 else [f"{label}, with {to_text(part)} = 0" for part in moving]
     several = len(moving) > 1
-    return [Condition(part, True, own, component=several) for part, own in zip(moving, named, strict=True)]
+    return [Condition(part, True, name, component=several) for part, name in zip(moving, labels, strict=True)]
 
 
 def _moves(side: ca.SX) -> bool:

@@ -54,21 +54,21 @@ def unit_of(expression: ca.SX) -> str:
         return ""
     for kind, node in nodes:
         parts = operands(node)
-        found = [powers(part) for part in parts]
+        units = [powers(part) for part in parts]
         key = node.element_hash()
         if kind in _SAME:
-            known[key] = next((unit for unit in found if unit), None)
+            known[key] = next((unit for unit in units if unit), None)
         elif kind in _ANGLES:
             known[key] = {"rad": Fraction(1)}
         elif kind in (ca.OP_SQ, ca.OP_SQRT):
             factor = Fraction(2 if kind == ca.OP_SQ else 1, 1 if kind == ca.OP_SQ else 2)
-            known[key] = _product([(found[0], factor)])
+            known[key] = _product([(units[0], factor)])
         elif kind == ca.OP_TWICE:
-            known[key] = found[0]
+            known[key] = units[0]
         elif kind in (ca.OP_MUL, ca.OP_DIV):
             sign = Fraction(1 if kind == ca.OP_MUL else -1)
             factors = [
-                (unit, s) for unit, part, s in zip(found, parts, (Fraction(1), sign), strict=True) if not is_pure(part)
+                (unit, s) for unit, part, s in zip(units, parts, (Fraction(1), sign), strict=True) if not is_pure(part)
             ]
             known[key] = _product(factors)
         else:

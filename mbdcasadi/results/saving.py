@@ -101,6 +101,6 @@ def _events_of(motion: Motion, mechanisms: Sequence[Mechanism]) -> dict[str, Any
 def _phase_of(event: EventOccurrence, motion: Motion) -> int:
     """Number of the phase within which an event took place; -1 of a change between phases."""
     for k, part in enumerate(motion.phases):
-        if any(own.name == event.name and own.t == event.t for own in part.events):
+        if any(other.name == event.name and other.t == event.t for other in part.events):
             return k
     return -1

@@ -106,11 +106,11 @@ class Sweep:
         """
         if not isinstance(index, int | np.integer) or not -len(self) <= index < len(self):
             raise ModelError(f"the sweep has {len(self)} cases, and none of index {index}")
-        given: dict[str, dict[Any, float]] = {"parameters": {}, "inputs": {}}
+        values_by_kind: dict[str, dict[Any, float]] = {"parameters": {}, "inputs": {}}
         for key, values in self.cases.items():
             kind = self._kinds[_label(key)]
-            given[kind][self._symbol(key, kind, mechanism)] = float(values[index])
-        return given
+            values_by_kind[kind][self._symbol(key, kind, mechanism)] = float(values[index])
+        return values_by_kind
 
     @staticmethod
     def _symbol(key: Any, kind: str, mechanism: Mechanism | None) -> Any:

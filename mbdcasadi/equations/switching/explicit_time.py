@@ -64,10 +64,10 @@ class ConstraintJump:
 def explicit_time(eom: Equations, inputs: ca.SX | None = None, integrands: ca.SX | None = None) -> ExplicitTime:
     """:class:`ExplicitTime` of the equations; kept for a mechanism and for what contains the time."""
     cache = eom.mechanism.cache
-    given = [e for e in (inputs, integrands) if e is not None]
-    if not any(e.numel() and ca.depends_on(e, eom.t) for e in given):
+    expressions = [e for e in (inputs, integrands) if e is not None]
+    if not any(e.numel() and ca.depends_on(e, eom.t) for e in expressions):
         return cache.get_or_create("explicit time", lambda: ExplicitTime(eom))
-    key = ("explicit time", inputs is None, *map(ExpressionKey, given))
+    key = ("explicit time", inputs is None, *map(ExpressionKey, expressions))
     return cache.get_or_create(key, lambda: ExplicitTime(eom, inputs, integrands), bounded=True)
 
 

@@ -146,8 +146,8 @@ class SampledRoots:
             owner = np.repeat(np.arange(k.size), (ends[1] - ends[0]).astype(int))
             target = np.concatenate([np.zeros(0), *(np.arange(first + 1, last + 1) for first, last in ends.T)])
             rows, k = rows[owner], k[owner]
-        found = self._root(rows, self._points[k], self._points[k + 1], self._value[rows, k] - target, target)
-        return np.r_[zero_rows, rows], np.r_[self._points[zeros], found]
+        roots = self._root(rows, self._points[k], self._points[k + 1], self._value[rows, k] - target, target)
+        return np.r_[zero_rows, rows], np.r_[self._points[zeros], roots]
 
     def _touching(self) -> np.ndarray:
         """Points at which values reach zero between two samples without a change of sign at these."""

@@ -69,8 +69,8 @@ def plot_solution(solution: Solution, expressions: Mapping[str, Any] | None = No
     if loads:
         _lines(next(rest), solution, fine, loads, "reaction, N")
     if active:
-        own = [limit for part in solution.phases for limit in part.program.limit_owners.items()]
-        units = {limit.label: getattr(symbol, "unit", None) for limit, (symbol, _) in own}
+        limits = [limit for part in solution.phases for limit in part.program.limit_owners.items()]
+        units = {limit.label: getattr(symbol, "unit", None) for limit, (symbol, _) in limits}
         _active(next(rest), active, units)
     _mesh(next(rest), solution)
     for axes in stack:
