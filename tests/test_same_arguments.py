@@ -413,7 +413,7 @@ def test_controllers_are_called_by_simulate_alone():
     """Everything else says so."""
     controller = mbd.SampledController(lambda t, state: {M.brake: 0.75}, period=0.1)
     names = [name for name in taking("inputs") if name != "simulate"]
-    _compare_refusals(names, {"inputs": controller}, "SampledController is called by simulate alone")
+    _compare_refusals(names, {"inputs": controller}, "only simulate calls a SampledController")
     _, values = _simulate(inputs=controller)
     np.testing.assert_allclose(values[:-1, 1], 0.75)
 

@@ -43,7 +43,7 @@ def impact(
     state : State
         Just before, of another mechanism.
     restitution : mapping of joint to float, optional
-        Joints that are there at the instant alone, with Newton's coefficients of restitution e.
+        Joints that act only at the instant, with Newton's coefficients of restitution e.
     inputs, parameters : mapping, optional
         Values other than those of the state.
 

@@ -113,8 +113,8 @@ class Setup:
         )
         if self.signals.controller is not None and not takes_controller:
             raise ModelError(
-                f"{analysis}: inputs= takes numbers, samples and expressions here; a SampledController is called by "
-                "simulate alone, whose motion gives samples of its answers"
+                f"{analysis}: inputs= takes numbers, samples and expressions here; only simulate calls a "
+                "SampledController, and its motion gives samples of the answers"
             )
 
     def at_values(self, grid: np.ndarray, values: RunValues) -> Setup:

@@ -261,10 +261,10 @@ class Equations:
     def _foreign(symbol: ca.SX) -> str:
         role = role_of(symbol)
         if role is not None and role.kind == "input rate":
-            return f"{describe(symbol)}, which is known in optimal control alone"
+            return f"{describe(symbol)}, which is known only in optimal control"
         if role is not None and role.kind == "impulse":
             return (
-                f"{describe(symbol)}, which is known just after an impact alone: in event.after[…], and in initial= "
+                f"{describe(symbol)}, which is known only just after an impact: in event.after[…], and in initial= "
                 "and boundary= of optimal control"
             )
         owner = getattr(role.owner, "name", None) if role else None

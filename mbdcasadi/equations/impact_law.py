@@ -81,7 +81,7 @@ class ImpactLaw:
     """The law by which velocities jump into a mechanism: impulses of its joints, as expressions.
 
     ``M (v⁺ - v⁻) + J^T Λ = 0``, ``J v⁺ = b``; J has the rows of the mechanism, for
-    which ``b = nu``, and those of joints that are there at the instant alone, for
+    which ``b = nu``, and those of joints that act only at the instant, for
     which Newton's restitution gives ``Phi_q v⁺ - nu = -e (Phi_q v⁻ - nu)``.
 
     Parameters
@@ -89,7 +89,7 @@ class ImpactLaw:
     eom : Equations
         Equations of the mechanism that holds afterwards.
     restitution : mapping of joint to float, optional
-        Joints that are there at the instant alone, with their coefficients e.
+        Joints that act only at the instant, with their coefficients e.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ class ImpactLaw:
         self._refuse_foreign()
         self.v_before = ca.SX.sym("v_before", eom.v.numel())
         none = ca.SX(0, 1)
-        #: position rows of the joints that are there at the instant alone
+        #: position rows of the joints that act only at the instant
         self.momentary = ca.vertcat(none, *[joint.rows for joint in self.restitution])
         slopes = ca.jacobian(self.momentary, eom.q)
         rest = -ca.jacobian(self.momentary, eom.t)
@@ -136,7 +136,7 @@ class ImpactLaw:
             if joint in self.eom.mechanism.joints:
                 raise ModelError(
                     f"restitution: {joint.description} is a joint of the mechanism itself; restitution is for joints "
-                    "that are there at the instant of the impact alone"
+                    "that act only at the instant of the impact"
                 )
             for body in joint.bodies:
                 if not body.is_ground and body not in self.eom.mechanism.bodies:

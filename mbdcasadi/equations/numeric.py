@@ -55,7 +55,7 @@ class NumericEquations:
         for element in eom.mechanism.elements:
             if getattr(element, "modes", ()):
                 raise ModelError(
-                    f"{element.description} switches exactly between sticking and sliding, which simulate alone "
+                    f"{element.description} switches exactly between sticking and sliding, which only simulate "
                     "can follow; take Coulomb, Stribeck or LuGre here"
                 )
         self.eom = eom

@@ -90,7 +90,7 @@ def export_fmu(
     drift_rate : float, default 10
         Rate with which drift from the constraints decays in model exchange, 1/s.
     binary : bool, optional
-        True for a unit that must hold a binary, False for one of sources alone.
+        True for a unit that must hold a binary, False for one with sources only.
 
     Returns
     -------
@@ -110,7 +110,7 @@ def export_fmu(
     Warns
     -----
     MechanismWarning
-        If no C compiler is there, so that the unit holds sources alone.
+        If no C compiler is there, so that the unit holds sources only.
 
     References
     ----------
@@ -175,7 +175,7 @@ def _binaries(unit: Unit, files: Mapping[str, str], path: Any, *, required: bool
         reason = f"{no_compiler()}, or FMI names no folder for this machine"
         if required:
             raise ModelError(
-                f"export_fmu: {reason}, and binary=True asks for a binary; binary=False writes sources alone"
+                f"export_fmu: {reason}, and binary=True asks for a binary; binary=False writes sources only"
             )
         warn(f"export_fmu: {reason}: {Path(path).name} holds sources and no binary; importers that compile take it")
     return binaries or {}

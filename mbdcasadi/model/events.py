@@ -45,7 +45,7 @@ class Event(Immutable, HoldsSymbols):
     during : Mechanism or sequence of Mechanism, optional
         Mechanisms in which the event is looked for; by default all that have its symbols, but the one it leads to.
     restitution : mapping of joint to float, optional
-        Joints that are there at the instant of the change alone, with Newton's coefficients of restitution e:
+        Joints that act only at the instant of the change, with Newton's coefficients of restitution e:
         ``Phi_q v⁺ - nu = -e (Phi_q v⁻ - nu)``.
 
     Raises
@@ -207,7 +207,7 @@ def _check_target(target: ca.SX, what: str) -> None:
     if not speeds:
         raise ModelError(
             f"{what}: reset of {target}: velocities, expressions linear in them and state variables can jump; "
-            "positions cannot, and parameters at a change of the mechanism (becomes=) alone"
+            "positions cannot, and parameters only at a change of the mechanism (becomes=)"
         )
     refuse_kinds(
         target, ("acceleration", "multiplier", "input", "state"), f"{what}: reset of {target}", "use velocities"

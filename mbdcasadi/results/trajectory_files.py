@@ -64,7 +64,7 @@ def read_trajectory(path: str | Path, mechanism: Mechanism | Sequence[Mechanism]
         return _read_phased(archive, mechanisms)
     if len(mechanisms) > 1:
         raise FileError(
-            f"{path}: the motion goes through one mechanism, and {len(mechanisms)} are given; give that one alone"
+            f"{path}: the motion goes through one mechanism, and {len(mechanisms)} are given; give only that one"
         )
     return _read_one(archive, equations(mechanisms[0]))
 

@@ -224,7 +224,7 @@ def test_assembled_as_it_sticks_or_slides():
 def test_refuses():
     """Other analyses, sums, contacts, resets, samples; each says what to do."""
     block, _, _, mechanism = sledge(mbd.DryFriction(0.3))
-    with pytest.raises(mbd.ModelError, match=r"'rub'.*simulate alone"):
+    with pytest.raises(mbd.ModelError, match=r"'rub'.*only simulate"):
         mbd.equilibrium(mechanism)
     with pytest.raises(mbd.ModelError, match="added"):
         _ = mbd.DryFriction(0.3) + mbd.Viscous(1)

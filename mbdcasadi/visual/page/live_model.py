@@ -269,7 +269,7 @@ def _refuse_elements(mechanism: Mechanism) -> None:
     """Raise for elements that a page cannot follow."""
     for element in switching(mechanism):
         raise MechanismError(
-            f"animate: {element.description} switches exactly between sticking and sliding, which simulate alone can "
+            f"animate: {element.description} switches exactly between sticking and sliding, which only simulate can "
             "follow; with live=True take Coulomb, Stribeck or LuGre, or animate a motion of simulate"
         )
     for element in mechanism.elements:
