@@ -10,7 +10,7 @@ from motions import crank_rocker, half_turn
 
 import mbdcasadi as mbd
 from mbdcasadi.equations.numeric import NumericEquations
-from mbdcasadi.optimal_control.checks.branch import _changes_sign, branch_jump, refuse_branch_jump
+from mbdcasadi.optimal_control.checks.branch import branch_jump, changes_sign, refuse_branch_jump
 from mbdcasadi.optimal_control.refinement import coarse_mesh, second_try
 from mbdcasadi.optimal_control.refinement.singularity import close_to_singular
 from mbdcasadi.optimal_control.solution import Solution
@@ -46,8 +46,8 @@ def test_the_sign_of_dependent_coordinates():
     assert max(np.abs(numeric.position(0.0, q)[0]).max() for q in poses.reshape(-1, 9)) < 1e-12
     jacobians = [[numeric.scaled_jacobian(0.0, q) for q in branch] for branch in poses]
     for branch in jacobians:
-        assert not any(_changes_sign(*pair) for pair in itertools.pairwise(branch))
-    assert all(_changes_sign(above, below) for above, below in zip(*jacobians, strict=True))
+        assert not any(changes_sign(*pair) for pair in itertools.pairwise(branch))
+    assert all(changes_sign(above, below) for above, below in zip(*jacobians, strict=True))
 
 
 def with_a_jump(solution, f, interval):

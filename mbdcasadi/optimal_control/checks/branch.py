@@ -62,12 +62,12 @@ def _jump(part: PhaseSolution) -> BranchJump | None:
     points = part.points_per_interval
     for i in np.flatnonzero(coarseness(part) > COARSE_ERROR):
         jacobians = independent_jacobians(part, range(i * points, (i + 1) * points + 1))
-        if any(_changes_sign(*pair) for pair in itertools.pairwise(jacobians)):
+        if any(changes_sign(*pair) for pair in itertools.pairwise(jacobians)):
             return _described(part, int(i))
     return None
 
 
-def _changes_sign(before: np.ndarray, after: np.ndarray) -> bool:
+def changes_sign(before: np.ndarray, after: np.ndarray) -> bool:
     """Return True if a determinant of dependent coordinates changes its sign and is far from zero at both poses."""
     columns = [_dependent(jacobian) for jacobian in (before, after)]
     best = [np.linalg.slogdet(jacobian[:, c]) for jacobian, c in zip((before, after), columns, strict=True)]
