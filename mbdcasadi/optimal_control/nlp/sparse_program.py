@@ -56,31 +56,27 @@ class SparseProgram:
     @cached_property
     def derivatives(self) -> dict[str, ca.Function]:
         """Derivatives as IPOPT takes them; all solvers of the program share them."""
-        x, p = self._x, self._p
-        cost, rows = self._values
-        costs: list[Part] = [(piece.cost, []) for piece in self.pieces]
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.row_count)
-        gradient, jacobian, hessian = self._gradient(costs), self._jacobian(), self._hessian(lam_f, lam_g)
-        return derivatives_for_ipopt((x, p, lam_f, lam_g), (cost, gradient), (rows, jacobian), hessian)
+        cost = self._cost_and_gradient([(piece.cost, []) for piece in self.pieces])
+        hessian = self._hessian(lam_f, lam_g)
+        return derivatives_for_ipopt((self._x, self._p, lam_f, lam_g), cost, self._rows_and_jacobian(), hessian)
 
     def solver(self, options: dict) -> ca.Function:
         """IPOPT with all derivatives given."""
-        cost, rows = self._values
-        return ca.nlpsol(
-            "motion", "ipopt", {"x": self._x, "p": self._p, "f": cost, "g": rows}, self.derivatives | options
-        )
+        nlp = {"x": self._x, "p": self._p, "f": self._cost, "g": self._rows}
+        return ca.nlpsol("motion", "ipopt", nlp, self.derivatives | options)
 
     @cached_property
     def lagrangian_gradient(self) -> ca.Function:
         """``(x, p, lam_f, lam_g) -> gradient of lam_f cost + lam_g rows``."""
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.row_count)
-        gradient = self._gradient(self._lagrangian(lam_f, lam_g))
+        _, gradient = self._cost_and_gradient(self._lagrangian(lam_f, lam_g))
         return ca.Function("gradient", [self._x, self._p, lam_f, lam_g], [gradient])
 
     @cached_property
     def evaluate(self) -> ca.Function:
         """``(x, p) -> (cost, rows)``."""
-        return ca.Function("program", [self._x, self._p], list(self._values), ["x", "p"], ["f", "g"])
+        return ca.Function("program", [self._x, self._p], [self._cost, self._rows], ["x", "p"], ["f", "g"])
 
     # --- values and derivatives --------------------------------------------------------------
     def _mapped(
@@ -95,25 +91,32 @@ class SparseProgram:
         return list(function.call([gathered, data, shared, *[value for _, value in extra]]))
 
     @cached_property
-    def _values(self) -> tuple[ca.MX, ca.MX]:
-        costs, rows = [], []
+    def _cost(self) -> ca.MX:
+        costs = [ca.MX(0)]
         for piece, data in zip(self.pieces, self._data, strict=True):
-            cost, block = self._mapped(piece, data, [piece.cost, ca.densify(piece.rows)], [])
-            costs.append(ca.sum2(cost))
-            rows.append(ca.vec(block))
-        return sum(costs[1:], costs[0]), ca.densify(ca.vertcat(*rows))
+            if not piece.cost.is_zero():
+                costs.append(ca.sum2(self._mapped(piece, data, [piece.cost], [])[0]))
+        return sum(costs[2:], costs[1]) if len(costs) > 1 else costs[0]
 
-    def _gradient(self, parts: list[Part]) -> ca.MX:
-        """Gradient of the sum of one expression for each piece."""
-        places, values = [np.zeros(0, int)], [ca.MX(0, 1)]
+    @cached_property
+    def _rows(self) -> ca.MX:
+        rows = [ca.MX(0, 1)]
+        for piece, data in zip(self.pieces, self._data, strict=True):
+            rows.append(ca.vec(self._mapped(piece, data, [ca.densify(piece.rows)], [])[0]))
+        return ca.densify(ca.vertcat(*rows))
+
+    def _cost_and_gradient(self, parts: list[Part]) -> tuple[ca.MX, ca.MX]:
+        """Sum of one expression for each piece, and its gradient."""
+        total, places, values = ca.MX(0), [np.zeros(0, int)], [ca.MX(0, 1)]
         for piece, data, (expression, extra) in zip(self.pieces, self._data, parts, strict=True):
             if expression.is_zero():
                 continue
-            (gradient,) = self._mapped(piece, data, [ca.densify(ca.gradient(expression, piece.variables))], extra)
+            slopes = ca.densify(ca.gradient(expression, piece.variables))
+            value, gradient = self._mapped(piece, data, [expression, slopes], extra)
+            total += ca.sum2(value)
             places.append(piece.index.T.ravel())
             values.append(ca.vec(gradient))
-        summing = _summing(np.concatenate(places), self.size)
-        return ca.densify(ca.mtimes(summing, ca.vertcat(*values)))
+        return total, _summed(ca.vertcat(*values), np.concatenate(places), self.size)
 
     def _lagrangian(self, lam_f: ca.MX, lam_g: ca.MX) -> list[Part]:
         """``lam_f cost + lam_g rows`` of each piece, with the multipliers of its copies."""
@@ -127,42 +130,37 @@ class SparseProgram:
             first += count * copies
         return parts
 
-    def _jacobian(self) -> ca.MX:
-        rows, columns, values, first = [], [], [], 0
+    def _rows_and_jacobian(self) -> tuple[ca.MX, ca.MX]:
+        rows, columns, values, nonzeros, first = [], [], [ca.MX(0, 1)], [ca.MX(0, 1)], 0
         for piece, data in zip(self.pieces, self._data, strict=True):
             jacobian = ca.jacobian(piece.rows, piece.variables)
             local_rows, local_columns = (np.array(x, int) for x in jacobian.sparsity().get_triplet())
             copies, count = piece.index.shape[1], piece.rows.numel()
-            (nonzeros,) = self._mapped(piece, data, [ca.vec(jacobian.nz[:])], [])
+            block, slopes = self._mapped(piece, data, [ca.densify(piece.rows), ca.vec(jacobian.nz[:])], [])
             rows.append((local_rows[:, None] + first + count * np.arange(copies)[None, :]).T.ravel())
             columns.append(piece.index[local_columns].T.ravel())
-            values.append(ca.vec(nonzeros))
+            values.append(ca.vec(block))
+            nonzeros.append(ca.vec(slopes))
             first += count * copies
-        row, column, nonzeros = np.concatenate(rows), np.concatenate(columns), ca.vertcat(*values)
-        place = column * max(self.row_count, 1) + row
-        order = np.argsort(place)
-        if np.all(np.diff(place[order])):
-            return ca.MX(_pattern(self.row_count, self.size, row[order], column[order]), nonzeros[order.tolist()])
-        # a piece that sees a variable twice, as the ends of a phase see its times
-        entries, entry = np.unique(place, return_inverse=True)
-        sparsity = _pattern(self.row_count, self.size, entries % self.row_count, entries // self.row_count)
-        return ca.MX(sparsity, ca.mtimes(_summing(entry, entries.size), nonzeros))
+        matrix = _matrix(self.row_count, self.size, np.concatenate(rows), np.concatenate(columns), nonzeros)
+        return ca.densify(ca.vertcat(*values)), matrix
 
     def _hessian(self, lam_f: ca.MX, lam_g: ca.MX) -> ca.MX:
         rows, columns, values = [], [], []
         parts = self._lagrangian(lam_f, lam_g)
         for piece, data, (lagrangian, extra) in zip(self.pieces, self._data, parts, strict=True):
             hessian = ca.triu(ca.hessian(lagrangian, piece.variables)[0])
+            if not hessian.nnz():
+                continue
             local_rows, local_columns = (np.array(x, int) for x in hessian.sparsity().get_triplet())
             (nonzeros,) = self._mapped(piece, data, [ca.vec(hessian.nz[:])], extra)
             one, other = piece.index[local_rows].T.ravel(), piece.index[local_columns].T.ravel()
             rows.append(np.minimum(one, other))
             columns.append(np.maximum(one, other))
             values.append(ca.vec(nonzeros))
-        row, column = np.concatenate(rows), np.concatenate(columns)
-        entries, entry = np.unique(column * self.size + row, return_inverse=True)
-        sparsity = _pattern(self.size, self.size, entries % self.size, entries // self.size)
-        return ca.MX(sparsity, ca.mtimes(_summing(entry, entries.size), ca.vertcat(*values)))
+        if not values:
+            return ca.MX(self.size, self.size)
+        return _matrix(self.size, self.size, np.concatenate(rows), np.concatenate(columns), values)
 
 
 def derivatives_for_ipopt(
@@ -181,12 +179,30 @@ def derivatives_for_ipopt(
     }
 
 
+def _matrix(rows: int, columns: int, row: np.ndarray, column: np.ndarray, values: list[ca.MX]) -> ca.MX:
+    """Sparse matrix of values by row and column; those of one place are added up."""
+    place = column * max(rows, 1) + row
+    order = np.argsort(place, kind="stable")
+    ordered, nonzeros = place[order], ca.vertcat(*values)
+    begins = np.r_[True, ordered[1:] != ordered[:-1]][: order.size]
+    entries = ordered[begins]
+    sparsity = _pattern(rows, columns, entries % max(rows, 1), entries // max(rows, 1))
+    if entries.size == order.size:
+        return ca.MX(sparsity, nonzeros[order.tolist()])
+    # a variable that several copies see, or one copy twice, as the ends of a phase see its times
+    entry = np.empty(order.size, int)
+    entry[order] = np.cumsum(begins) - 1
+    return ca.MX(sparsity, _summed(nonzeros, entry, entries.size))
+
+
 def _pattern(rows: int, columns: int, row: np.ndarray, column: np.ndarray) -> ca.Sparsity:
     """Sparsity of distinct entries, which stand column by column, and in each from the first row to the last."""
     starts = np.searchsorted(column, np.arange(columns + 1))
     return ca.Sparsity(rows, columns, starts.tolist(), row.tolist())
 
 
-def _summing(places: np.ndarray, size: int) -> ca.DM:
-    """Constant sparse matrix that adds up values by their place."""
-    return ca.DM(_pattern(size, places.size, places, np.arange(places.size)), np.ones(places.size))
+def _summed(values: ca.MX, places: np.ndarray, size: int) -> ca.MX:
+    """Column of a size that has the sums of values by their places."""
+    column = ca.MX.sym("column", size)
+    # the transpose of a gather is a scatter that adds; a product with a sparse matrix takes far longer to build
+    return ca.densify(ca.jtimes(column[places.tolist()], column, values, True))

@@ -15,7 +15,7 @@ from .base import QUIET, Beginning, NLPSolver, Result, SolverWatch
 #: Residual of the conditions of an optimum, scaled, at which IPOPT ends.
 TOLERANCE = 1e-8
 #: Options of IPOPT that were measured best on these programs.
-DEFAULTS = {
+DEFAULTS: dict[str, Any] = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
     "ipopt.tol": TOLERANCE,
@@ -35,6 +35,9 @@ DEFAULTS = {
     "ipopt.adaptive_mu_globalization": "kkt-error",
     "ipopt.mu_max": 1.0,
     "ipopt.honor_original_bounds": "yes",
+    # the multipliers of the data are not used: CasADi would derive a gradient for them
+    "calc_lam_p": False,
+    "no_nlp_grad": True,
 }
 #: Further ones for several phases: no step without centring, since the first one of a gait led next to its limits,
 #: where later ones were short; and limits as sharp at the end as without it.
