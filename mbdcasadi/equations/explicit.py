@@ -198,7 +198,6 @@ def _rows(eom: Equations) -> list[_Row]:
     """Coordinates in each row."""
     rows = [_Row() for _ in range(eom.lam.numel())]
     for i, k, slope in zip(*eom.Phi_q.sparsity().get_triplet(), eom.Phi_q.nonzeros(), strict=True):
-        slope = ca.SX(slope)
         if slope.is_constant():
             rows[i].linear[k] = float(slope)
         else:

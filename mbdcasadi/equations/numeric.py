@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, TypeVar
 
 import casadi as ca
@@ -111,7 +112,9 @@ class NumericEquations:
     @cached_property
     def augmentation(self) -> np.ndarray | None:
         """Effective masses of the rows (m,), if bodies are light or have no mass; else None."""
-        return effective_masses(self.eom, self.p, self.mass, self.scale)
+        make = partial(effective_masses, self.eom, self.p, self.mass, self.scale)
+        key = ("effective masses", self.p.tobytes())
+        return self.eom.mechanism.cache.get_or_create(key, make, bounded=True)
 
     @property
     def light_key(self) -> bytes | None:

@@ -18,6 +18,21 @@ def reduced_equations(eom: Equations, *, curved: bool = True, angles: bool = Fal
     )
 
 
+def is_chain_in_angles(eom: Equations) -> bool:
+    """Return True if a mechanism is an open chain: its angles alone are left, and no row."""
+    return len(_solved_rows(eom, curved=True, angles=True)) == eom.lam.numel()
+
+
+def _solved_rows(eom: Equations, *, curved: bool, angles: bool) -> list[ExplicitRow]:
+    """Rows that are solved; none if forces depend on multipliers, or no coordinate would be left."""
+
+    def make() -> list[ExplicitRow]:
+        solved = [] if eom.Q_depends_on_lam else explicit_rows(eom, curved=curved, angles=angles)
+        return solved if len(solved) < eom.q.numel() else []
+
+    return eom.mechanism.cache.get_or_create(("solved rows", curved, angles), make)
+
+
 class ReducedEquations:
     """Constrained equations of motion with the explicit constraints solved.
 
@@ -71,9 +86,7 @@ class ReducedEquations:
     def __init__(self, eom: Equations, *, curved: bool, angles: bool):
         self.whole, self.mechanism, self.angles = eom, eom.mechanism, angles
         self.t, self.z, self.u, self.p = eom.t, eom.z, eom.u, eom.p
-        solved = [] if eom.Q_depends_on_lam else explicit_rows(eom, curved=curved, angles=angles)
-        if len(solved) == eom.q.numel():
-            solved = []
+        solved = _solved_rows(eom, curved=curved, angles=angles)
         self.explicit = [int(eom.position_rows[row.place]) for row in solved]
         self._dependent = [row.coordinate for row in solved]
         solved_rows, dependent = set(self.explicit), set(self._dependent)

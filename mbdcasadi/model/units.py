@@ -13,7 +13,7 @@ from fractions import Fraction
 import casadi as ca
 
 from ..numerics.graph import operands, operations
-from .symbols import role_of
+from .symbols import as_sx, role_of
 
 #: Powers of units, such as {"m": 1, "s": -1}; None for a number, whose unit is not known.
 _Powers = dict[str, Fraction]
@@ -37,7 +37,7 @@ def unit_of(expression: ca.SX) -> str:
     >>> unit_of(cart.vx**2 - 4), unit_of(3 * cart.x)
     ('m²/s²', '')
     """
-    whole = ca.SX(expression)
+    whole = as_sx(expression)
     if whole.n_dep() == 0:
         return _text(_of_symbol(whole))
     known: dict[int, _Powers | None] = {}

@@ -17,7 +17,7 @@ from ..model.immutable import Immutable
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries, is_relation, quantity
 from ..model.rates import time_derivative
-from ..model.symbols import Parameter, check_name, number, place_of, role_of, symbols_of
+from ..model.symbols import Parameter, as_sx, check_name, number, place_of, role_of, symbols_of
 from ..model.symbols import t as time
 from ..numerics.lazy import cached_property
 from ..printing import to_text
@@ -272,7 +272,7 @@ def on_states(conditions: Sequence[Condition]) -> list[Condition]:
 
 def on_positions(expression: ca.SX, *, allow_none: bool = False) -> bool:
     """Return True if an expression contains positions, and nothing that changes besides."""
-    condition = Condition(ca.SX(expression), True, "")
+    condition = Condition(as_sx(expression), True, "")
     if condition.depends_on("velocity", "state", *BEYOND_STATES):
         return False
     return allow_none or condition.depends_on("position")

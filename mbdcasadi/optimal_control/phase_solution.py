@@ -142,6 +142,15 @@ class PhaseSolution:
         """Largest errors of q and v inside the intervals to first order (N, 2 n)."""
         return inner_errors(self.polynomials)
 
+    @cached_property
+    @symbolic
+    def projection_steps(self) -> np.ndarray:
+        """Steps by which the ends of the intervals are moved onto the constraints, of q and v (N, 2 n)."""
+        count, n = self.mesh.count, self.phase.equations.q.numel()
+        _, q, v, *_ = self.polynomials.at(np.arange(count), np.ones(count))
+        steps: np.ndarray = np.abs(self.mesh_states[1:, : 2 * n] - np.hstack([q, v]))
+        return steps
+
     @property
     def state_errors(self) -> np.ndarray:
         """The same of the first-order states, as shares of their ranges (N, k)."""

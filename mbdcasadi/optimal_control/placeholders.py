@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from ..model.quantities import quantity
-from ..model.symbols import register, role_of, symbols_of
+from ..model.symbols import as_sx, register, role_of, symbols_of
 from ..printing import to_text
 
 #: Kinds of placeholders, and the symbols that mark them.
@@ -151,7 +151,7 @@ def placeholders_in(expression: Any) -> list[Placeholder]:
     def collect(placeholder: Placeholder) -> ca.SX:
         return placeholders.setdefault(placeholder.node.element_hash(), placeholder).node
 
-    with_values(ca.SX(expression), collect)
+    with_values(as_sx(expression), collect)
     return list(placeholders.values())
 
 

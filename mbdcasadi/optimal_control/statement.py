@@ -38,7 +38,7 @@ class ProblemStatement(Immutable):
         conditions = [*start, *self.boundary, *(c for phase in self.phases for c in phase.conditions)]
         costs = [self.terminal_cost, *(phase.running_cost for phase in self.phases)]
         costs += [w.cost for phase in self.phases for w in phase.waypoints]
-        symbols = [s for e in (*costs, *(c.expression for c in conditions)) for s in symbols_of(e)]
+        symbols = [*(s for c in conditions for s in c.symbols), *(s for cost in costs for s in symbols_of(cost))]
         return any(role is not None and role.kind == "input rate" for role in map(role_of, symbols))
 
     def extra_parameters(self, phase: Phase) -> tuple[Parameter, ...]:

@@ -227,16 +227,16 @@ def test_ctrl_c_keeps_the_last_iterate(monkeypatch, settings):
     """Sent in the middle of a solve: Interrupted, a KeyboardInterrupt, with the iterate in .partial."""
     from mbdcasadi.optimal_control.nlp.solvers.ipopt import SolverCallback
 
-    ready, seen, original = threading.Event(), [], SolverCallback.eval
+    ready, seen, original = threading.Event(), [], SolverCallback.eval_buffer
 
-    def counting(self, arg):
+    def counting(self, *arguments):
         seen.append(1)
         if len(seen) == 3:
             ready.set()
             time.sleep(0.1)  # the signal arrives while the solver is at work
-        return original(self, arg)
+        return original(self, *arguments)
 
-    monkeypatch.setattr(SolverCallback, "eval", counting)
+    monkeypatch.setattr(SolverCallback, "eval_buffer", counting)
     thread = interrupt_when(ready)
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(mbd.Interrupted) as caught:
@@ -256,15 +256,15 @@ def test_a_solve_after_ctrl_c_runs(monkeypatch):
     from mbdcasadi.optimal_control.nlp.solvers.ipopt import SolverCallback
 
     problem, *_ = rest_to_rest(3.0, 2.0)
-    ready, original = threading.Event(), SolverCallback.eval
+    ready, original = threading.Event(), SolverCallback.eval_buffer
 
-    def waiting(self, arg):
+    def waiting(self, *arguments):
         ready.set()
         time.sleep(0.1)
-        return original(self, arg)
+        return original(self, *arguments)
 
     with monkeypatch.context() as patched:
-        patched.setattr(SolverCallback, "eval", waiting)
+        patched.setattr(SolverCallback, "eval_buffer", waiting)
         thread = interrupt_when(ready)
         with pytest.raises(mbd.Interrupted):
             mbd.optimize(problem, intervals=6)

@@ -18,21 +18,21 @@ PACKAGE = str(Path(mbd.__file__).parent)
 
 def interrupted_in_solve(monkeypatch, number, call):
     """The exception of a search with Ctrl-C in the second iteration of its n-th solve, counted from zero."""
-    solves, original, solve = [], SolverCallback.eval, ProblemSolver.solve
+    solves, original, solve = [], SolverCallback.eval_buffer, ProblemSolver.solve
 
     def counting(self, *arguments, **named):
         solves.append(0)
         return solve(self, *arguments, **named)
 
-    def pressing(self, arguments):
+    def pressing(self, *arguments):
         solves[-1] += 1
         if len(solves) == number + 1 and solves[-1] == 2:
             signal.raise_signal(signal.SIGINT)
-        return original(self, arguments)
+        return original(self, *arguments)
 
     with monkeypatch.context() as patched:
         patched.setattr(ProblemSolver, "solve", counting)
-        patched.setattr(SolverCallback, "eval", pressing)
+        patched.setattr(SolverCallback, "eval_buffer", pressing)
         with pytest.raises(mbd.Interrupted) as caught:
             call()
     assert len(solves) == number + 1, "nothing is solved after Ctrl-C"

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..phase_solution import PhaseSolution
-from ..refinement.local_error import COARSE_ERROR, coarseness, projection_steps
+from ..refinement.local_error import COARSE_ERROR, coarseness
 from ..refinement.singularity import independent_jacobians
 from ..solution import Solution
 from .failure import OptimizationError
@@ -96,7 +96,7 @@ def _described(part: PhaseSolution, i: int) -> BranchJump:
     n, end = eom.q.numel(), float(part.mesh_times[i + 1])
     q = part.polynomials.at(np.array([i]), np.ones(1))[1].ravel()
     missed = numeric.position(end, (q + part.mesh_states[i + 1, :n]) / 2)[0]
-    steps = projection_steps(part)[i, :n] / part.program.scales.q
+    steps = part.projection_steps[i, :n] / part.program.scales.q
     row = eom.row_names[int(eom.position_rows[int(np.argmax(np.abs(missed)))])]
     worst = int(np.argmax(steps))
     step = float(steps[worst] * part.program.scales.q[worst])

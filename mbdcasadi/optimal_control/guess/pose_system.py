@@ -46,8 +46,8 @@ class PoseSystem:
         p, extra = phase.with_free(ca.DM(self._numerics[phase].p), self.parameters, self.free)
         extra_symbols = ca.vertcat(ca.SX(0, 1), *self._problem.extra_parameters(phase))
         symbols = [eom.t, eom.q, eom.z, eom.p, extra_symbols]
-        values = [ca.SX(time), pose, ca.SX(ca.DM(eom.estimate[2])), p, extra]
-        return ca.substitute([ca.SX(expression)], symbols, values)[0]
+        values = [time, pose, ca.SX(ca.DM(eom.estimate[2])), p, extra]
+        return ca.substitute([expression], symbols, values)[0]
 
     def relations(self, place_of_end: Callable[[Phase, bool], Place]) -> list[ca.SX]:
         """Boundary conditions between positions; `place_of_end` is that of the start or the end of a phase."""

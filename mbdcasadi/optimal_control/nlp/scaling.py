@@ -94,8 +94,8 @@ def _length(numeric: NumericEquations, poses: np.ndarray) -> float:
 def _at_parameters(numeric: NumericEquations, expressions: list[ca.SX]) -> np.ndarray:
     if not expressions:
         return np.zeros(0)
-    stacked = ca.vertcat(*[ca.SX(e) for e in expressions])
-    return ca.Function("lengths", [numeric.eom.p], [ca.densify(stacked)])(numeric.p).full().ravel()
+    stacked = ca.densify(ca.vertcat(*expressions))
+    return ca.Function("lengths", [numeric.eom.p], [stacked])(numeric.p).full().ravel()
 
 
 def _load_at_rest(numeric: NumericEquations, q0: np.ndarray, translations: np.ndarray) -> float:

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from ...equations.numeric import NumericEquations
-from ...equations.reduced import ReducedEquations, reduced_equations
+from ...equations.reduced import ReducedEquations, is_chain_in_angles, reduced_equations
 from ...errors import ModelError
 from ...model.conditions import Condition
 from ...model.quantities import whole, yes_or_no
@@ -90,7 +90,7 @@ def is_open_chain(problem: OptimalControlProblem) -> bool:
         return False
     mechanisms = [phase.equations for phase in problem.phases]
     chains = [eom for eom in mechanisms if reduced_equations(eom).rows]
-    return bool(chains) and all(reduced_equations(eom, angles=True).is_chain for eom in chains)
+    return bool(chains) and all(map(is_chain_in_angles, chains))
 
 
 def typical_duration(phase: Phase) -> float:

@@ -104,7 +104,7 @@ def coarseness(part: PhaseSolution) -> np.ndarray:
     Zero if they are certainly small, infinite if an interval cannot be integrated again.
     """
     sizes = np.r_[part.program.scales.q, part.program.scales.q / part.duration]
-    steps = projection_steps(part) / sizes
+    steps = part.projection_steps / sizes
     fine = max(np.max(part.inner_errors / sizes), np.max(steps)) <= FINE_ERROR  # nan is not
     if fine and not part.phase.mechanism.states:
         return np.zeros(part.mesh.count)
@@ -127,12 +127,3 @@ def coarse_mesh(part: PhaseSolution, errors: np.ndarray) -> str:
         f"in radians or sizes of the mechanism, velocities times the duration{more}); take more intervals=, or "
         f"tolerance= for a mesh that is refined{close_to_singular(part, worst)}"
     )
-
-
-def projection_steps(part: PhaseSolution) -> np.ndarray:
-    """Steps by which the ends of the intervals are moved onto the constraints, in coordinates and rates (N, 2 n)."""
-    count = part.mesh.count
-    _, q, v, *_ = part.polynomials.at(np.arange(count), np.ones(count))
-    n = part.phase.equations.q.numel()
-    steps: np.ndarray = np.abs(part.mesh_states[1:, : 2 * n] - np.hstack([q, v]))
-    return steps

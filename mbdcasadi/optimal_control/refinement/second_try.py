@@ -15,7 +15,7 @@ from ..nlp.statistics import Attempt
 from ..phase_solution import PhaseSolution
 from ..solution import Solution
 from .coarse_mesh import refine_if_coarse
-from .local_error import Coarseness, coarse_mesh, projection_steps
+from .local_error import Coarseness, coarse_mesh
 
 #: Step by which the end of an interval is moved onto the constraints, in rad or sizes of the mechanism, from which a
 #: solution is not a motion, whatever mesh was asked for.
@@ -86,7 +86,7 @@ def _from_guesses(
 def _largest_projection(solution: Solution) -> float:
     """Largest step onto the constraints in positions, in rad or sizes of the mechanism."""
     steps = [
-        np.max(projection_steps(part)[:, : part.program.scales.q.size] / part.program.scales.q, initial=0.0)
+        np.max(part.projection_steps[:, : part.program.scales.q.size] / part.program.scales.q, initial=0.0)
         for part in solution.phases
         if part.mesh.count
     ]

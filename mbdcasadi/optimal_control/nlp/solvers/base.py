@@ -126,15 +126,15 @@ class SolverWatch:
         """True after Ctrl-C."""
         return self.interruption is not None and self.interruption.requested
 
-    def note_cost(self, cost: ca.DM) -> bool:
+    def note_cost(self, cost: float) -> bool:
         """Note the scaled cost of the next iterate; True if it and those before show no lower bound."""
-        self._unbounded = self._unbounded + 1 if float(cost) < UNBOUNDED_COST else 0
+        self._unbounded = self._unbounded + 1 if cost < UNBOUNDED_COST else 0
         return self._unbounded >= UNBOUNDED_ITERATES
 
-    def show(self, cost: ca.DM, rows: ca.DM) -> None:
+    def show(self, cost: float, rows: np.ndarray) -> None:
         """Show scaled cost and rows of the next iterate."""
-        worst = float(np.max(violations(rows.full().ravel(), self._lower), initial=0.0))
-        cost_text = f"cost {float(cost) * self._cost_scale:.6g}"
+        worst = float(np.max(violations(rows, self._lower), initial=0.0))
+        cost_text = f"cost {cost * self._cost_scale:.6g}"
         self._bar.set_postfix_str(f"{cost_text}, largest scaled violation {worst:.1e}", refresh=False)
         self._bar.update(1)
 

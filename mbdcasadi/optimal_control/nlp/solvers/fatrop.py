@@ -126,5 +126,6 @@ class WatchedGradient(SolverWatch, ca.Callback):
     def eval(self, arg: list) -> list:
         """Show the iterate and return the gradient."""
         if self.is_shown:
-            self.show(*self._staged.evaluate(*arg))
+            cost, rows = self._staged.evaluate(*arg)
+            self.show(float(cost), rows.full().ravel())
         return [ca.DM.nan(arg[0].size1(), 1) if self.is_stopped else self._staged.gradient(*arg)]
