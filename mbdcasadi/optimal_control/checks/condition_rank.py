@@ -152,6 +152,11 @@ class ConditionRank:
         left = np.linalg.svd(self._rest(conditions, state, self.span(state)), compute_uv=False)
         return len(left) < len(conditions) or bool(np.min(left, initial=1.0) < SINGULARITY_TOLERANCE)
 
+    def each_singular(self, conditions: Sequence[Condition], state: Place) -> list[bool]:
+        """Return the same for each condition by itself."""
+        rest: np.ndarray = np.linalg.norm(self._rest(conditions, state, self.span(state)), axis=1)
+        return [bool(size < SINGULARITY_TOLERANCE) for size in rest]
+
     def complete(self, conditions: Sequence[Condition]) -> bool:
         """Return True if conditions and constraints together decide the whole state, but for the branch."""
         return any(len(self.span(state, conditions)) >= self._unknowns for state in self.states)

@@ -18,7 +18,7 @@ import numpy as np
 from ...assembly.pose import PoseProblem
 from ...equations.numeric import FARTHEST, LARGE
 from ...errors import MechanismError
-from ...model.conditions import Condition
+from ...model.conditions import Condition, stacked
 from ...numerics.console import without_warnings
 from ...numerics.evaluation import Evaluator
 from ...numerics.least_squares import largest
@@ -29,6 +29,7 @@ from ...results.state import State
 from ..guess.guess import Guess
 from ..guess.pose_system import Place, PoseSystem
 from ..nlp.problem_setup import ProblemSetup
+from ..nlp.setup import PhaseSetup
 from ..phase import Phase, on_positions, with_parameters
 from .consistency import at_end_alone
 from .failure import OptimizationError, Violation, out_of_reach
@@ -71,15 +72,26 @@ def check_reach(setup: ProblemSetup, candidates: Sequence[Guess]) -> None:
     if any(s.numeric.eom.q.numel() * s.numeric.eom.lam.numel() > LARGE for s in setup.setups):
         return
     for stated in _places(setup):
-        k, limited = stated.number, any(not c.equality and on_positions(c.expression) for _, c in stated.conditions)
+        k = stated.number
         path = setup.setups[k].path
-        if path.complete and not limited and len(setup.setups) == 1:
+        if path.complete and len(setup.setups) == 1 and _limits_hold(setup.setups[k], stated):
             continue
         parts = [guess.phases[k] for guess in candidates]
         poses = [part.sample(part.segment_times[[stated.place]])["q"][0] for part in parts]
         error = _Reach(setup, stated).refusal([*poses, path.pose_at(stated.times[1])])
         if error is not None:
             raise error
+
+
+def _limits_hold(setup: PhaseSetup, stated: _Stated) -> bool:
+    """Return True if the pose on the path meets all limits of positions at a place; False if that is not known."""
+    limits = [c for _, c in stated.conditions if not c.equality and on_positions(c.expression)]
+    rows, eom, time = stacked(limits), setup.phase.equations, stated.times[1]
+    if not limits or not eom.contains(rows):
+        return not limits
+    q, zero, z = setup.path.pose_at(time), np.zeros(eom.q.numel()), setup.start.z
+    values = eom.value(rows, (time, q, zero, zero, z, np.zeros(eom.lam.numel()), eom.input_values, setup.numeric.p))
+    return bool(np.all(values <= 0.0))
 
 
 def _places(setup: ProblemSetup) -> Iterator[_Stated]:

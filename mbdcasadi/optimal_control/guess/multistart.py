@@ -130,7 +130,11 @@ def _guess(solver: ProblemSolver, phases: Iterable[PhaseGuess], description: str
 
 
 def _usual_guesses(solver: ProblemSolver) -> list[Guess]:
-    """The usual guess; for a chain in angles, which is solved twice in less time than in all coordinates, two."""
+    """The usual guess; for a chain in angles, which is solved twice in less time than in all coordinates, two.
+
+    Of 28 made-up chains of two to four links with a motor in every joint, on meshes that hold, the first one led to the
+    lower cost in 8, the second one in 5.
+    """
     usual = _usual_guess(solver)
     return [usual, at_rest(solver)] if solver.setups[0].scheme.eom.is_chain else [usual]
 

@@ -77,7 +77,8 @@ class EndConditions:
             return final
         ranks = self._ranks
         independent = ranks.independent(rows, state, self._prescribed)
-        stationary = {c: self._stationary(c) for c in independent if ranks.meets_singular([c], state)}
+        singular = zip(independent, ranks.each_singular(independent, state), strict=True)
+        stationary = {c: self._stationary(c) for c, is_singular in singular if is_singular}
         kept = [c for c in independent if not stationary.get(c)]
         self._final_key = tuple(map(rows.index, independent)), tuple(map(rows.index, kept))
         others = [c for c in final if c in kept or c not in rows]

@@ -185,7 +185,8 @@ class PhaseProgram:
     def _integral(self, expression: ca.SX, points: Sequence[CollocationPoint], unknowns: Unknowns) -> ca.SX:
         if expression.is_zero():
             return ca.SX(0)
-        values = (self.value(expression, at, unknowns) for at in points)
+        function = ca.Function("e", self.arguments, [expression])
+        values = (self._applied(function, at, unknowns) for at in points)
         weighted = (float(w) * value for w, value in zip(self.scheme.quadrature, values, strict=True))
         return unknowns.interval.length * sum(weighted, ca.SX(0))
 

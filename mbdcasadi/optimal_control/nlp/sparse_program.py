@@ -86,7 +86,7 @@ class SparseProgram:
         copies = piece.index.shape[1]
         arguments = [piece.variables, piece.data, piece.parameters, *[symbol for symbol, _ in extra]]
         function = ca.Function("piece", arguments, results).map(copies)
-        gathered = ca.reshape(self._x[piece.index.T.ravel().tolist()], piece.variables.numel(), copies)
+        gathered = _in_shape(self._x[piece.index.T.ravel().tolist()], piece.variables.numel(), copies)
         shared = ca.repmat(self._shared, 1, copies)
         return list(function.call([gathered, data, shared, *[value for _, value in extra]]))
 
@@ -102,7 +102,7 @@ class SparseProgram:
     def _rows(self) -> ca.MX:
         rows = [ca.MX(0, 1)]
         for piece, data in zip(self.pieces, self._data, strict=True):
-            rows.append(ca.vec(self._mapped(piece, data, [ca.densify(piece.rows)], [])[0]))
+            rows.append(_in_shape(self._mapped(piece, data, [ca.densify(piece.rows)], [])[0]))
         return ca.densify(ca.vertcat(*rows))
 
     def _cost_and_gradient(self, parts: list[Part]) -> tuple[ca.MX, ca.MX]:
@@ -115,7 +115,7 @@ class SparseProgram:
             value, gradient = self._mapped(piece, data, [expression, slopes], extra)
             total += ca.sum2(value)
             places.append(piece.index.T.ravel())
-            values.append(ca.vec(gradient))
+            values.append(_in_shape(gradient))
         return total, _summed(ca.vertcat(*values), np.concatenate(places), self.size)
 
     def _lagrangian(self, lam_f: ca.MX, lam_g: ca.MX) -> list[Part]:
@@ -139,8 +139,8 @@ class SparseProgram:
             block, slopes = self._mapped(piece, data, [ca.densify(piece.rows), ca.vec(jacobian.nz[:])], [])
             rows.append((local_rows[:, None] + first + count * np.arange(copies)[None, :]).T.ravel())
             columns.append(piece.index[local_columns].T.ravel())
-            values.append(ca.vec(block))
-            nonzeros.append(ca.vec(slopes))
+            values.append(_in_shape(block))
+            nonzeros.append(_in_shape(slopes))
             first += count * copies
         matrix = _matrix(self.row_count, self.size, np.concatenate(rows), np.concatenate(columns), nonzeros)
         return ca.densify(ca.vertcat(*values)), matrix
@@ -157,7 +157,7 @@ class SparseProgram:
             one, other = piece.index[local_rows].T.ravel(), piece.index[local_columns].T.ravel()
             rows.append(np.minimum(one, other))
             columns.append(np.maximum(one, other))
-            values.append(ca.vec(nonzeros))
+            values.append(_in_shape(nonzeros))
         if not values:
             return ca.MX(self.size, self.size)
         return _matrix(self.size, self.size, np.concatenate(rows), np.concatenate(columns), values)
@@ -177,6 +177,12 @@ def derivatives_for_ipopt(
         "jac_g": ca.Function("nlp_jac_g", symbols[:2], rows, names[:2], ["g", "jac_g_x"]),
         "hess_lag": ca.Function("nlp_hess_l", symbols, [hessian], names, ["triu_hess_gamma_x_x"]),
     }
+
+
+def _in_shape(values: ca.MX, rows: int | None = None, columns: int = 1) -> ca.MX:
+    """Values in another shape, a column if none is given; ``reshape`` looks at every entry and takes longer."""
+    # a function that is zero whatever its arguments returns no entries
+    return ca.sparsity_cast(ca.densify(values), ca.Sparsity.dense(values.numel() if rows is None else rows, columns))
 
 
 def _matrix(rows: int, columns: int, row: np.ndarray, column: np.ndarray, values: list[ca.MX]) -> ca.MX:
