@@ -60,8 +60,9 @@ OPERATIONS: dict[str, str] = {
     "COPYSIGN": "copysign({x}, {y})",
     "IF_ELSE_ZERO": "{x} == 0 ? 0.0 : {y}",
     "ERF": "erf({x})",
-    "FMIN": "fmin({x}, {y})",
-    "FMAX": "fmax({x}, {y})",
+    # as fmin and fmax, which compilers call: of a number and NaN the number
+    "FMIN": "{x} < {y} || {y} != {y} ? {x} : {y}",
+    "FMAX": "{x} > {y} || {y} != {y} ? {x} : {y}",
     "INV": "1.0 / {x}",
     "SINH": "sinh({x})",
     "COSH": "cosh({x})",

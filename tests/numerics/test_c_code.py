@@ -36,7 +36,7 @@ def _own_cache(tmp_path, monkeypatch):
 @pytest.mark.slow
 @compiled_only
 def test_every_operation():
-    """Each operation at ordinary values, at zero, and at both signs."""
+    """Each operation at ordinary values, at zero, at both signs, and of what is not a number."""
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
     expressions = [
         *(f(x) for f in (ca.exp, ca.sin, ca.cos, ca.tan, ca.asin, ca.acos, ca.atan, ca.floor, ca.ceil, ca.fabs)),
@@ -66,7 +66,8 @@ def test_every_operation():
     f = ca.Function("f", [x, y], [ca.densify(ca.vertcat(*expressions))])
     written = {row[0] for row in tape_of(f).instructions.tolist()}
     assert len(written) > 0.8 * len(OPERATIONS)
-    for point in [(0.3, 0.7), (-0.4, 0.2), (0.0, 1.0), (0.5, -0.5), (2.5, -1.5), (-0.0, 0.0), (1.0, 1.0)]:
+    points = [(0.3, 0.7), (-0.4, 0.2), (0.0, 1.0), (0.5, -0.5), (2.5, -1.5), (-0.0, 0.0), (1.0, 1.0)]
+    for point in [*points, (np.nan, 1.0), (1.0, np.nan), (np.inf, -np.inf)]:
         np.testing.assert_array_equal(in_c(f, *point), f(*point).full().ravel())
 
 

@@ -34,7 +34,7 @@ static double attempt(run_t* run, const stretch_t* task, double t, double h) {
 #undef STAGE
   combine_step(n, h, run->y, k, run->next);
   for (integer i = 0; i < run->n_x; ++i)
-    run->scale[i] = task->abstol + fmax(fabs(run->y[i]), fabs(run->next[i])) * task->reltol;
+    run->scale[i] = task->abstol + larger(fabs(run->next[i]), fabs(run->y[i])) * task->reltol;
   combine_fifth(run->n_x, n, k, run->trial);
   double fifth = norm(run, run->trial);
   combine_third(run->n_x, n, k, run->trial);
@@ -119,7 +119,7 @@ typedef struct {
 /* Part of the way between two ends at which the first quantity is zero that changes its sign; infinite if none does. */
 static double first_zero(const run_t* run, const double* from, const double* to) {
   double size = 1.0, first = INFINITY;
-  for (integer i = 0; i < run->n_x; ++i) size = fmax(size, fabs(run->y[i]));
+  for (integer i = 0; i < run->n_x; ++i) size = larger(fabs(run->y[i]), size);
   for (integer i = 0; i < run->system->switches; ++i) {
     if (!(fmin(fabs(from[i]), fabs(to[i])) > SAME_SIDE * size) || (from[i] > 0.0) == (to[i] > 0.0)) continue;
     first = fmin(first, from[i] / (from[i] - to[i]));

@@ -109,6 +109,9 @@ typedef struct {
 
 static integer largest(integer a, integer b) { return a > b ? a : b; }
 
+/* fmax(b, a), which compilers call; of NaN and a number the number if it is the second. */
+static inline double larger(double a, double b) { return a > b ? a : b; }
+
 integer mbd_size_of_stretch(void) { return (integer)sizeof(stretch_t); }
 
 integer mbd_size_of_system(void) { return (integer)sizeof(system_t); }
@@ -224,7 +227,7 @@ static int project(run_t* run, double t, double* x) {
     if (!isfinite(left)) return 0;
     memcpy(x, run->moved, (size_t)(2 * n) * sizeof(double));
     size = 0.0;
-    for (integer i = 0; i < n; ++i) size = fmax(size, fabs(x[i]));
+    for (integer i = 0; i < n; ++i) size = larger(fabs(x[i]), size);
     size += 1.0;
     if (left <= task->accuracy * size) return 1;
     if (left >= before / 2) break;

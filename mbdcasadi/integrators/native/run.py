@@ -194,7 +194,7 @@ class NativeRun:
     @property
     def compiled(self) -> tuple[bool, ...]:
         """Names of the codes that are compiled now."""
-        return tuple(code.library is not None for code in self.codes)
+        return tuple([code.library is not None for code in self.codes])
 
     @property
     def is_current(self) -> bool:
