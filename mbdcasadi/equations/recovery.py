@@ -112,30 +112,34 @@ class Recovery:
 
 
 def _position_step(eom: Equations) -> ca.Function:
-    weights = ca.SX.sym("w", eom.q.numel())
-    towards = _towards(eom.position_jacobian, weights, eom.position_angular_rows)
+    weights, towards = _towards(eom, eom.position_rows.tolist())
     moved = ca.densify(eom.q - towards(eom.Phi))
     left = ca.Function("left", [eom.t, eom.q, eom.p], ca.cse([ca.norm_inf(ca.densify(eom.Phi))]))
     return ca.Function("position_step", [eom.t, eom.q, eom.p, weights], [moved, left(eom.t, moved, eom.p)])
 
 
 def _velocity_step(eom: Equations) -> ca.Function:
-    weights = ca.SX.sym("w", eom.q.numel())
-    towards = _towards(eom.Phi_q, weights, eom.angular_rows)
+    weights, towards = _towards(eom, list(range(eom.lam.numel())))
     v = eom.v
     for _ in range(2):  # the second step removes the rounding of the first
         v = v - towards(eom.Phi_q @ v - eom.nu)
     return ca.Function("velocity_step", [eom.t, eom.q, eom.v, eom.p, weights], [ca.densify(v)])
 
 
-def _towards(jacobian: ca.SX, weights: ca.SX, angular: np.ndarray) -> Callable[[ca.SX], ca.SX]:
-    """Step ``W⁻¹ J^T (J W⁻¹ J^T + epsilon D)⁻¹ r`` by residual, orthogonal in the metric of the weights.
+def _towards(eom: Equations, rows: list[int]) -> tuple[ca.SX, Callable[[ca.SX], ca.SX]]:
+    """Weights w, and the step ``W⁻¹ J^T (J W⁻¹ J^T + epsilon D)⁻¹ r`` of some rows by residual, orthogonal in w.
 
     The shift keeps the step short if the pose is nearly singular: there
     a residual of rounding size would else throw the state onto another
-    branch. Repeated steps converge nevertheless.
+    branch. Repeated steps converge nevertheless. Positions and velocities share the factors, unless there are
+    velocity-level rows.
     """
-    over = ca.diag(1 / weights) @ jacobian.T
-    over, schur = ca.cse([over, jacobian @ over])  # what follows repeats little, and takes long to look through
-    pivots, lower, order = shifted(schur, angular)
-    return lambda residual: over @ ca.ldl_solve(ca.densify(residual), pivots, lower, order)
+
+    def make() -> tuple[ca.SX, Callable[[ca.SX], ca.SX]]:
+        weights, jacobian = ca.SX.sym("w", eom.q.numel()), eom.Phi_q[rows, :]
+        over = ca.diag(1 / weights) @ jacobian.T
+        over, schur = ca.cse([over, jacobian @ over])  # what follows repeats little, and takes long to look through
+        factors = shifted(schur, eom.angular_rows[rows])
+        return weights, lambda residual: over @ ca.ldl_solve(ca.densify(residual), *factors)
+
+    return eom.mechanism.cache.get_or_create(("step towards rows", *rows), make, bounded=True)
