@@ -18,6 +18,7 @@ from ..nlp.rows import violations
 from ..nlp.solvers.base import UNBOUNDED_COST
 from ..solution import Solution
 from ..statement import ProblemStatement
+from .connected import Separated
 from .expressions import kinks_in_costs, kinks_in_path, not_finite
 
 #: Violation of a scaled row from which it is reported.
@@ -208,6 +209,45 @@ def out_of_reach(place: str, missed: Sequence[Violation], held_by: Sequence[str]
         f"the problem seems infeasible: {place} is out of reach; in the pose that comes nearest, of those found from "
         f"{starts} starts, violated are: {_listed(list(map(str, missed)))}{held}; change the target, dimensions or "
         "limits (nothing was solved yet)",
+        largest_violations=missed,
+        partial=None,
+        time=missed[0].time,
+    )
+    error.conflict = tuple(missed)
+    return error
+
+
+#: What separates a place from the start, and a remedy.
+_SEPARATED = {
+    "branch": (
+        "is on another branch of the linkage: its pose can be assembled, but is one of another assembly configuration, "
+        "to which no continuous motion leads from the start",
+        "assemble the start on that branch, by the poses of the bodies, or change the target",
+    ),
+    "turn": (
+        "asks for a turn that the linkage cannot make: its pose is on the branch of the start, but not after as many "
+        "turns",
+        "change the angles of the target by whole turns",
+    ),
+    "blocked": (
+        "cannot be reached within the path limits: every motion of the linkage from the start to there breaks {limits}",
+        "widen these limits or change the target",
+    ),
+    "missed": ("is out of reach: no pose on the branch of the start meets its conditions", "change the target"),
+}
+
+
+def not_connected(place: str, separated: Separated, missed: Sequence[Violation]) -> OptimizationError:
+    """Return the error for a place to which no continuous motion of the linkage leads from the start.
+
+    `missed` are the conditions that are not met in the pose that comes nearest, of those to which one leads.
+    """
+    reason, remedy = _SEPARATED[separated.kind]
+    limits = " or ".join(dict.fromkeys(limit.label for limit in separated.limits))
+    nearest = "within them" if separated.limits else "on the branch of the start"
+    error = OptimizationError(
+        f"the problem seems infeasible: {place} {reason.format(limits=limits)}; in the pose {nearest} that comes "
+        f"nearest, violated are: {_listed(list(map(str, missed)))}; {remedy} (nothing was solved yet)",
         largest_violations=missed,
         partial=None,
         time=missed[0].time,

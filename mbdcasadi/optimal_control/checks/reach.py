@@ -3,12 +3,12 @@
 What the linkage cannot reach, no motion reaches: conditions on positions that no pose meets are reported at once, and
 not after a search for a motion. Each place is looked at alone, with free parameters and free times among the unknowns,
 so that whatever is feasible passes; what is found out of reach by little, or not from several starts, is left to the
-solver.
+solver. Poses that can be assembled, but to which no continuous motion leads, are the matter of :mod:`connected`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -17,10 +17,12 @@ import numpy as np
 
 from ...assembly.pose import PoseProblem
 from ...equations.numeric import FARTHEST, LARGE
+from ...equations.tree import tree_coordinates
 from ...errors import MechanismError
 from ...model.conditions import Condition, stacked
 from ...numerics.console import without_warnings
 from ...numerics.evaluation import Evaluator
+from ...numerics.lazy import cached_property
 from ...numerics.least_squares import largest
 from ...numerics.nearest import nearest_finder
 from ...numerics.newton import solve
@@ -31,8 +33,10 @@ from ..guess.pose_system import Place, PoseSystem
 from ..nlp.problem_setup import ProblemSetup
 from ..nlp.setup import PhaseSetup
 from ..phase import Phase, on_positions, with_parameters
+from ..state_conditions import state_conditions
+from .connected import Loop, loops_of_one_freedom
 from .consistency import at_end_alone
-from .failure import OptimizationError, Violation, out_of_reach
+from .failure import OptimizationError, Violation, not_connected, out_of_reach
 
 #: Random poses from which the nearest one to a place is looked for.
 STARTS = 24
@@ -47,6 +51,8 @@ CLOSED, NEARNESS = 1e6, 1e-8
 HOLDING, SHOWN = 0.05, 1e-3
 #: Relative distance from a limit of a free parameter at which this is at it.
 AT_LIMIT = 1e-5
+#: Longest step between poses that surely lie on one branch, rad or sizes of the mechanism.
+SURE_STEP = 0.35
 
 
 @dataclass(frozen=True)
@@ -60,6 +66,8 @@ class _Stated:
     #: earliest, typical and latest time, s
     times: tuple[float, float, float]
     conditions: list[tuple[Phase, Condition]]
+    #: the state that holds there, whose coordinates are among the conditions
+    state: State | None = None
     #: phases that begin there, whose mechanisms the pose must fit as well
     following: tuple[Phase, ...] = ()
 
@@ -71,27 +79,83 @@ def check_reach(setup: ProblemSetup, candidates: Sequence[Guess]) -> None:
     """
     if any(s.numeric.eom.q.numel() * s.numeric.eom.lam.numel() > LARGE for s in setup.setups):
         return
+    loops = _Loops(setup)
     for stated in _places(setup):
         k = stated.number
-        path = setup.setups[k].path
-        if path.complete and len(setup.setups) == 1 and _limits_hold(setup.setups[k], stated):
+        path, is_only = setup.path if k == 0 else setup.setups[k].path, len(setup.setups) == 1
+        if path.complete and is_only and _limits_hold(setup.setups[k], stated) and not loops.are_in_doubt(stated):
             continue
-        parts = [guess.phases[k] for guess in candidates]
+        parts, reach = [guess.phases[k] for guess in candidates], _Reach(setup, stated)
         poses = [part.sample(part.segment_times[[stated.place]])["q"][0] for part in parts]
-        error = _Reach(setup, stated).refusal([*poses, path.pose_at(stated.times[1])])
+        if stated.state is not None:
+            poses = [stated.state.q]
+        error = reach.refusal([*poses, path.pose_at(stated.times[1])]) or loops.refusal(reach, stated)
         if error is not None:
             raise error
 
 
 def _limits_hold(setup: PhaseSetup, stated: _Stated) -> bool:
     """Return True if the pose on the path meets all limits of positions at a place; False if that is not known."""
-    limits = [c for _, c in stated.conditions if not c.equality and on_positions(c.expression)]
-    rows, eom, time = stacked(limits), setup.phase.equations, stated.times[1]
+    time = stated.times[1]
+    return _hold_at(setup, [c for _, c in stated.conditions], np.array([time]), setup.path.pose_at(time)[None, :])
+
+
+def _hold_at(setup: PhaseSetup, conditions: Sequence[Condition], times: np.ndarray, poses: np.ndarray) -> bool:
+    """Return True if poses (k, n) at times (k,) meet limits of positions; False if that is not known."""
+    limits = [c for c in conditions if not c.equality and on_positions(c.expression)]
+    rows, eom = stacked(limits), setup.phase.equations
     if not limits or not eom.contains(rows):
         return not limits
-    q, zero, z = setup.path.pose_at(time), np.zeros(eom.q.numel()), setup.start.z
-    values = eom.value(rows, (time, q, zero, zero, z, np.zeros(eom.lam.numel()), eom.input_values, setup.numeric.p))
-    return bool(np.all(values <= 0.0))
+    zero, m = np.zeros(eom.q.numel()), np.zeros(eom.lam.numel())
+    more = zero, zero, setup.start.z, m, eom.input_values, setup.numeric.p
+    return bool(np.all(eom.function(rows)(times[None, :], poses.T, *more).full() <= 0.0))
+
+
+class _Loops:
+    """Closed loops of one degree of freedom in the first phase, if the start decides their pose."""
+
+    def __init__(self, setup: ProblemSetup):
+        first = setup.setups[0]
+        self._setup, self._path = setup, setup.path
+        self._are_decided = first.ends.initial is None and first.phase.equations.has_loops
+
+    def are_in_doubt(self, stated: _Stated) -> bool:
+        """True if poses that lead to a place may jump to another branch or break a limit, or miss a state there."""
+        if not self._are_decided or stated.number:
+            return False
+        path, setup = self._path, self._setup.setups[0]
+        before = path.times <= stated.times[1]
+        steps = np.linalg.norm(np.diff(path.poses[before], axis=0) / setup.numeric.scale.coordinates, axis=1)
+        jumps = bool(np.max(steps, initial=0.0) > SURE_STEP) or stated.state is not None
+        return jumps or not _hold_at(setup, setup.phase.path, path.times[before], path.poses[before])
+
+    @cached_property
+    def _loops(self) -> list[tuple[Loop, list[int]]]:
+        setup = self._setup
+        unknown = ca.vertcat(ca.SX(0, 1), *setup.problem.free_parameters)
+        return list(loops_of_one_freedom(setup.setups[0].numeric, setup.start.q, unknown))
+
+    def refusal(self, reach: _Reach, stated: _Stated) -> OptimizationError | None:
+        """The error if no continuous motion leads from the start to a place; None if one may."""
+        if not self._are_decided or stated.number or not reach.rows:
+            return None
+        path = [c for c in self._setup.problem.phases[0].path if not c.equality and on_positions(c.expression)]
+        for loop, coordinates in self._loops:
+            conditions = [(k, e, reach.rows[k][1].equality) for k, e in self._of(coordinates, reach.expressions)]
+            limits = [(path[k], e) for k, e in self._of(coordinates, reach.in_pose(path))]
+            pose = None if reach.assembled is None else reach.assembled[coordinates]
+            separated = loop.separated(conditions, limits, pose)
+            if separated is not None:
+                return not_connected(stated.name, separated, reach.violations(separated.misses))
+        return None
+
+    def _of(self, coordinates: list[int], expressions: Sequence[ca.SX]) -> list[tuple[int, ca.SX]]:
+        """Expressions that depend on the pose of a loop alone, by their places."""
+        eom, tree = (of := self._setup.setups[0].numeric.eom), tree_coordinates(of)
+        inside = [ca.substitute(expression, eom.q, tree.q) for expression in expressions]
+        symbols, known = eom.q[coordinates], {s.element_hash() for s in ca.vertsplit(eom.q[coordinates])}
+        within = [{s.element_hash() for s in ca.symvar(e)} <= known and ca.depends_on(e, symbols) for e in inside]
+        return [(k, e) for k, (e, holds) in enumerate(zip(inside, within, strict=True)) if holds]
 
 
 def _places(setup: ProblemSetup) -> Iterator[_Stated]:
@@ -100,8 +164,9 @@ def _places(setup: ProblemSetup) -> Iterator[_Stated]:
 
     def stated(phase: Phase, conditions: State | Sequence[Condition], prefix: str) -> list[tuple[Phase, Condition]]:
         suffix = f" in phase '{phase.name}'" if len(phases) > 1 else ""
-        rows = [] if isinstance(conditions, State) else conditions
-        return [(phase, replace(c, label=f"{prefix}{c.label}{suffix}")) for c in rows]
+        if isinstance(conditions, State):
+            conditions = state_conditions(phase.equations, conditions)
+        return [(phase, replace(c, label=f"{prefix}{c.label}{suffix}")) for c in conditions]
 
     for k, phase in enumerate(phases):
         if phase.is_instant:
@@ -121,7 +186,8 @@ def _places(setup: ProblemSetup) -> Iterator[_Stated]:
         if k + len(following) == len(phases) - 1 and (not following or following[-1].is_instant):
             rows += [(phases[-1], replace(c, label=f"boundary: {c.label}")) for c in at_end_alone(setup.problem)]
         name = "the end" if len(phases) == 1 else f"the end of phase '{phase.name}'"
-        yield _Stated(name, k, len(times) - 1, (earliest, times[-1], latest), rows, following)
+        state = phase.final if isinstance(phase.final, State) else None
+        yield _Stated(name, k, len(times) - 1, (earliest, times[-1], latest), rows, state, following)
 
 
 def _following(phases: Sequence[Phase], k: int) -> tuple[Phase, ...]:
@@ -143,6 +209,9 @@ class _Reach(PoseSystem):
         phase = setup.problem.phases[stated.number]
         self.values = setup.free_values
         self._stated, self._numeric, self._z = stated, numerics[phase], setup.start.z
+        #: a pose that meets the conditions, if one was found
+        self.assembled: np.ndarray | None = None
+        self._first = setup.setups[stated.number].start.q
         eom = self._numeric.eom
         q, t = ca.SX.sym("q", eom.q.numel()), ca.SX.sym("t")
         self._unknowns = ca.vertcat(q, self.free, t)
@@ -157,8 +226,20 @@ class _Reach(PoseSystem):
         )
         slopes = ca.jacobian(values, self._unknowns)
         self._function = Evaluator(ca.Function("rows", [self._unknowns], [ca.densify(values), ca.densify(slopes)]))
-        self._expressions = values
+        self._expressions, self._pose, self._place = values, q, places[phase]
         self._equality = np.r_[np.ones(len(self._elements), bool), [c.equality for _, c in self.rows]].astype(bool)
+
+    @property
+    def expressions(self) -> list[ca.SX]:
+        """Conditions in the coordinates of the mechanism."""
+        rows = ca.vertsplit(self._expressions)[len(self._elements) :]
+        return [ca.substitute(row, self._pose, self._numeric.eom.q) for row in rows]
+
+    def in_pose(self, conditions: Sequence[Condition]) -> list[ca.SX]:
+        """Other conditions of the phase, in the same coordinates."""
+        return [
+            ca.substitute(self.value(c.expression, self._place), self._pose, self._numeric.eom.q) for c in conditions
+        ]
 
     @property
     def _closure(self) -> slice:
@@ -182,12 +263,18 @@ class _Reach(PoseSystem):
         return np.r_[self._numeric.scale.coordinates, self.sizes, (high - low) or 1.0]
 
     def refusal(self, poses: Sequence[np.ndarray]) -> OptimizationError | None:
-        """The error if no pose meets the conditions, from some poses and from random ones; None if one may."""
+        """The error if no pose meets the conditions, from some poses and from random ones; None if one may.
+
+        A pose that does is kept in :attr:`assembled`.
+        """
         if not self.rows:
             return None
         given = [self._start(q) for q in poses]
         sizes = self._row_sizes(given)
-        if any(self._is_met(x, sizes) for x in given) or self._is_assembled(poses[-1]):
+        self.assembled = next((x[: self._free.start] for x in given if self._is_met(x, sizes)), None)
+        if self.assembled is None:
+            self.assembled = self._by_assembly(poses[-1])
+        if self.assembled is not None:
             return None
         random = np.random.default_rng(0)
         starts = [*given, *[self._random_start(poses, random) for _ in range(STARTS)]]
@@ -196,10 +283,11 @@ class _Reach(PoseSystem):
         for k, start in enumerate(starts):
             # conditions at first, as far as they can be met: an angle that is many turns away, for instance
             moved = self._by_newton(start, sizes)
+            if not self._is_met(moved, sizes):
+                found.append(nearest(moved if k % 2 else start))
+                moved = found[-1]
             if self._is_met(moved, sizes):
-                return None
-            found.append(nearest(moved if k % 2 else start))
-            if self._is_met(found[-1], sizes):
+                self.assembled = moved[: self._free.start]
                 return None
         misses = np.array([self._price(x, sizes) for x in found])
         least = float(np.min(misses))
@@ -222,19 +310,18 @@ class _Reach(PoseSystem):
         values = self.within_limits(self.values + 0.5 * self.sizes * random.uniform(-1, 1, self.values.size))
         return np.r_[closed if largest(closed) < np.inf else q, values, t]
 
-    def _is_assembled(self, q: np.ndarray) -> bool:
-        """True if the assembly meets the conditions from a pose, at the values that what is free has to begin with."""
+    def _by_assembly(self, q: np.ndarray) -> np.ndarray | None:
+        """The pose that is assembled from another one, at the values that what is free has to begin with."""
         if self._stated.following:
-            return False
+            return None
         extra = self._problem.extra_parameters(self._problem.phases[self._stated.number])
         known = dict(zip(self.parameters, self.values.tolist(), strict=True))
         conditions = with_parameters([c for _, c in self.rows], extra, known)
         try:
             with without_warnings():
-                PoseProblem(self._numeric, conditions, self._stated.times[1], self._z).solve(q)
+                return PoseProblem(self._numeric, conditions, self._stated.times[1], self._z).solve(q)
         except MechanismError:
-            return False
-        return True
+            return None
 
     def _by_newton(self, x: np.ndarray, sizes: np.ndarray) -> np.ndarray:
         """Point at which equalities are met, or missed by least in the sum of squares, from another one."""
@@ -299,6 +386,13 @@ class _Reach(PoseSystem):
         missed = [self._violation(self.rows[k - count][1], misses[k], sizes[k], t) for k in shown]
         where = self._stated.name
         return out_of_reach(where, missed, self._held_by(x, sizes), starts)
+
+    def violations(self, misses: Mapping[int, float]) -> list[Violation]:
+        """Conditions that are missed by amounts, by their places, the largest first."""
+        sizes = self._row_sizes([self._start(self._first)])[len(self._elements) :]
+        shown = sorted(misses, key=lambda k: -misses[k] / sizes[k])
+        time = self._stated.times[1]
+        return [self._violation(self.rows[k][1], misses[k] / sizes[k], sizes[k], time) for k in shown]
 
     def _violation(self, condition: Condition, miss: float, size: float, time: float) -> Violation:
         return Violation(condition.label, float(miss * size), condition.unit, time, None, 1.0, float(miss))

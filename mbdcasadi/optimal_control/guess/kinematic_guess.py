@@ -32,6 +32,8 @@ from .linear_conditions import straight_path
 
 #: Largest number of steps from place to place, and of parts of a step at high speed.
 STEPS, SUBSTEPS = 40, 20
+#: Value of a condition up to which it counts as met at the end of a way, in its own unit.
+MET = 1e-6
 
 
 @dataclass(frozen=True)
@@ -139,7 +141,9 @@ class _Way:
         if not poses:  # if the path ends further on: whether it continues is for the solver to find out
             poses = self._to_assembled_pose(place, q, span)
         missing = span.size - 1 - len(poses)
-        return poses + [poses[-1] if poses else q] * missing, not missing
+        poses += [poses[-1] if poses else q] * missing
+        # the coordinates that steer may lead to a pose of another branch
+        return poses, not missing and largest(place.values(rows, poses[-1])) <= MET
 
     def _steps(
         self, place: PoseProblem, conditions: list[Condition], path: list[Condition], q: np.ndarray, span: np.ndarray
