@@ -9,13 +9,12 @@ import numpy as np
 from .homotopy import StepControl
 from .least_squares import largest
 from .newton import Equations, solve
-from .rank import unit_rows
 
 #: Longest step, in sizes of the unknowns, and as a share of the smallest singular value: no singular point is overlooked.
 STEP, SHARE = 0.1, 0.5
 #: Share of the longest step down to which steps are divided, and largest number of points.
 SMALLEST, MOST_POINTS = 1e-4, 3000
-#: Singular value, relative to the largest one, below which a point counts as nearly singular.
+#: Singular value of rows of length one below which a point counts as nearly singular.
 NEARLY_SINGULAR = 3e-3
 #: Cosine of the angle between the directions of two points that follow each other, and share of a step by which it may
 #: be corrected.
@@ -42,7 +41,7 @@ class SolutionCurve:
 
 @dataclass(frozen=True)
 class _Point:
-    """A point in unknowns divided by their sizes, its direction, and its smallest relative singular value."""
+    """A point in unknowns divided by their sizes, its direction, and its smallest singular value."""
 
     y: np.ndarray
     direction: np.ndarray
@@ -76,6 +75,8 @@ class _Curve:
 
     def __init__(self, equations: Equations, sizes: np.ndarray, turning: np.ndarray):
         self._equations, self._sizes = equations, sizes
+        #: largest length of each row so far: one that vanishes is singular
+        self._lengths: np.ndarray | float = 0.0
         self._turn = np.where(turning, 2 * np.pi / sizes, 0.0)
 
     def closed_from(self, start: np.ndarray) -> SolutionCurve | None:
@@ -91,8 +92,6 @@ class _Curve:
                 if not control.refuse():
                     return None
                 continue
-            if point.regularity < NEARLY_SINGULAR:
-                return None
             control.accept()
             period = self._period(first, before, point) if len(points) > 1 else None
             if period is not None:
@@ -108,9 +107,12 @@ class _Curve:
     def _point(self, y: np.ndarray, before: np.ndarray | None) -> _Point | None:
         """The point, with its direction in the sense of the one before; None if not exactly one is free."""
         n = y.size
-        _, values, right = np.linalg.svd(unit_rows(self._scaled(y)[1]))
-        regularity = values[n - 2] / values[0] if values.size >= n - 1 else 0.0
-        if regularity < NEARLY_SINGULAR or (values.size >= n and values[n - 1] > NEARLY_SINGULAR * values[0]):
+        jacobian = self._scaled(y)[1]
+        self._lengths = np.maximum(self._lengths, np.linalg.norm(jacobian, axis=1))
+        lengths = np.where(self._lengths > 0, self._lengths, 1.0)
+        _, values, right = np.linalg.svd(jacobian / lengths[:, None])
+        regularity = values[n - 2] if values.size >= n - 1 else 0.0
+        if regularity < NEARLY_SINGULAR or (values.size >= n and values[n - 1] > NEARLY_SINGULAR):
             return None
         direction = right[-1] if before is None or right[-1] @ before >= 0 else -right[-1]
         return _Point(y, direction, float(regularity))

@@ -5,7 +5,9 @@ import pytest
 from motions import LENGTHS, crank_rocker, half_turn
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.guess.multistart import other_ends
+from mbdcasadi import library
+from mbdcasadi.optimal_control.checks.reach import check_reach
+from mbdcasadi.optimal_control.guess.multistart import guesses, other_ends
 from mbdcasadi.optimal_control.nlp.problem_solver import ProblemSolver
 from mbdcasadi.optimal_control.nlp.setup import Settings
 
@@ -90,13 +92,187 @@ def test_an_angle_between_the_branches(goal):
         assert f"'{joint}'" in str(error)
 
 
-def test_whole_turns_are_poses_of_their_own():
-    """A goal a few turns away is met by the pose of the other branch there: this is left to the solver."""
+def not_reached(problem, reason):
+    """The error of a problem with a place to which no continuous motion leads, before anything is solved."""
+    with pytest.raises(mbd.OptimizationError, match=reason) as caught:
+        mbd.optimize(problem)
+    error = caught.value
+    assert error.partial is None and "nothing was solved" in str(error) and "infeasible" in str(error)
+    assert error.conflict == tuple(error.largest_violations)
+    return error
+
+
+def is_refused(problem):
+    """Whether a problem is refused before it is solved."""
+    solver = ProblemSolver(problem, Settings.read("gauss-legendre", 3, "polynomial", None, False))
+    try:
+        check_reach(solver, guesses(solver, None, None))
+    except mbd.OptimizationError:
+        return True
+    return False
+
+
+def four_bar_to(final, *, initial=1.0, **more):
+    """A crank-rocker from rest at an angle of the crank to conditions at the end."""
+    f = more.pop("model", None) or library.four_bar()
+    make = final(f) if callable(final) else final
+    more = {name: value(f) if callable(value) else value for name, value in more.items()}
+    return mbd.OptimalControlProblem(
+        f.mechanism, duration=1.0, initial=[f.crank.phi == initial, f.crank.omega == 0], final=make,
+        running_cost=f.tau**2, **more,
+    )  # fmt: skip
+
+
+def test_a_turn_that_the_rocker_cannot_make():
+    """A rocker swings: its angle three turns further on is not reached, though the pose is the same."""
     f = crank_rocker()
-    turned = half_turn(f, final=[f.rocker.phi == 2.0 + 6 * np.pi, f.rocker.omega == 0])
-    with pytest.raises(mbd.OptimizationError) as caught:
-        mbd.optimize(turned, intervals=10, options={"ipopt.max_iter": 5})
-    assert "out of reach" not in str(caught.value)
+    low, high = rocker_range()
+    error = not_reached(half_turn(f, final=[f.rocker.phi == 2.0 + 6 * np.pi, f.rocker.omega == 0]), "a turn that")
+    (violation,) = error.conflict
+    assert violation.violation == pytest.approx(2.0 + 6 * np.pi - high, abs=0.01)
+
+
+def test_the_other_assembly_of_a_slider_crank():
+    """The rod points to one side: from there the slider goes from 0.2 to 0.4 m, and on the other branch to -0.3 m."""
+    m = library.slider_crank(crank=0.1, rod=0.3)
+
+    def to(x):
+        start = [m.crank.phi == 0.5, m.crank.omega == 0]
+        return mbd.OptimalControlProblem(m.mechanism, 1.0, start, [m.slider.x == x], running_cost=m.tau**2)
+
+    error = not_reached(to(-0.3), "the end is on another branch of the linkage.*another assembly configuration")
+    (violation,) = error.conflict
+    assert violation.violation == pytest.approx(0.5, abs=2e-3) and violation.unit == "m"
+    assert not is_refused(to(0.2)) and not is_refused(to(0.4)) and is_refused(to(0.19))
+
+
+def mirrored_state(crank):
+    """The state of the other assembly of the four-bar, at rest."""
+    f, other = library.four_bar(), library.four_bar(open=False)
+    here = mbd.assemble(f.mechanism, [f.crank.phi == crank])
+    there = mbd.assemble(other.mechanism, [other.crank.phi == crank])
+    rest = np.zeros(there.v.size)
+    state = mbd.State(f.mechanism, 1.0, there.q, rest, rest, here.z, 0 * here.lam, here.inputs, here.parameters)
+    return f, here, state
+
+
+def test_a_state_of_the_other_assembly():
+    f, here, state = mirrored_state(2.0)
+    error = not_reached(four_bar_to(state, model=f), "on another branch")
+    assert "final: rocker.phi" in str(error)
+    same = mbd.State(f.mechanism, 1.0, here.q, 0 * here.v, 0 * here.a, here.z, 0 * here.lam, here.inputs, here.parameters)
+    assert not is_refused(four_bar_to(same, model=f))
+
+
+def test_a_waypoint_on_the_other_branch():
+    rocker = float(mirrored_state(2.0)[2].q[8])
+    point = lambda f: [mbd.Waypoint(0.5, [f.rocker.phi == rocker])]  # noqa: E731
+    error = not_reached(four_bar_to(lambda f: [f.crank.phi == 3], waypoints=point), "waypoint 1 is on another branch")
+    assert error.time == 0.5
+
+
+def test_a_way_that_a_limit_blocks():
+    """The crank passes the pose in which the rocker is farthest: with less for the rocker it turns back before."""
+    f = library.four_bar()
+    farthest = float(np.max(mbd.kinematics(f.driven(crank=mbd.t), np.linspace(1, 7, 400))[f.rocker.phi]))
+
+    def limited(most, goal):
+        return four_bar_to(lambda f: [f.crank.phi == goal], path=lambda f: [f.rocker.phi <= most])
+
+    error = not_reached(limited(farthest - 0.3, 6.2), "cannot be reached within the path limits")
+    assert f"breaks rocker.phi <= {farthest - 0.3:.6g}" in str(error)
+    assert not is_refused(limited(farthest + 1e-3, 6.2)) and not is_refused(limited(farthest - 0.3, -0.08))
+
+
+def test_the_branches_of_a_parallelogram_meet():
+    """Stretched out it may go on as an antiparallelogram: nothing is out of reach for a continuous motion."""
+    f, other = (library.four_bar(0.2, 0.5, 0.2, 0.5, open=is_open) for is_open in (True, False))
+    crossed = mbd.assemble(other.mechanism, [other.crank.phi == 1.0])
+    assert abs(float(crossed[other.rocker.phi]) - 1.0) > 0.5
+    rocker = float(crossed[other.rocker.phi])
+    assert not is_refused(four_bar_to([f.crank.phi == 1.0, f.rocker.phi == rocker], initial=0.5, model=f))
+
+
+def test_what_hangs_on_a_loop_does_not_open_it():
+    """A pendulum on the coupler adds a degree of freedom, and leads to no other branch."""
+    f, rocker = library.four_bar(), float(mirrored_state(2.0)[2].q[8])
+    bob = mbd.Body("bob", mass=0.2, inertia=1e-3, pose=(0.3, 0, 0))
+    hung = f.mechanism.replace(
+        bodies=[*f.mechanism.bodies, bob],
+        joints=[*f.mechanism.joints, mbd.Revolute("P", f.coupler.at(0, 0), bob.at(0, 0.2))],
+    )
+    start = [f.crank.phi == 1, f.crank.omega == 0, bob.phi == 0, bob.omega == 0]
+
+    def to(rocker):
+        end = [f.rocker.phi == rocker, bob.omega == 0]
+        return mbd.OptimalControlProblem(hung, 1.0, start, end, running_cost=f.tau**2)
+
+    not_reached(to(rocker), "another branch")
+    assert not is_refused(to(2.0))
+
+
+def test_free_lengths_lead_to_other_branches():
+    """A linkage whose rocker may become longer than its coupler less the rest is no crank-rocker any more."""
+    length, rocker = mbd.Parameter("l", 0.4, lower=0.3, upper=0.6), float(mirrored_state(2.0)[2].q[8])
+    f = library.four_bar()
+    bar = f.rocker
+    joints = [
+        *f.mechanism.joints[:2],
+        mbd.Revolute("C", f.coupler.at(0.25, 0), bar.at(length - 0.2, 0)),
+        mbd.Revolute("D", mbd.ground.at(0.55, 0), bar.at(-0.2, 0)),
+    ]
+    free = f.mechanism.replace(joints=joints, parameters=[length])
+    problem = mbd.OptimalControlProblem(
+        free, 1.0, [f.crank.phi == 1, f.crank.omega == 0], [f.rocker.phi == rocker], running_cost=f.tau**2,
+        free_parameters=[length],
+    )  # fmt: skip
+    assert not is_refused(problem)
+
+
+def random_linkage(kind, random):
+    """A four-bar, a slider-crank or a five-bar of random lengths, and conditions of a start at rest."""
+    while True:
+        lengths = random.uniform(0.1, 0.5, 5)
+        try:
+            if kind == "four-bar":
+                m = library.four_bar(*lengths[:4], open=bool(random.integers(2)))
+            elif kind == "slider-crank":
+                m = library.slider_crank(*lengths[:2], offset=lengths[2] - 0.3)
+            else:
+                m = library.five_bar(*lengths[:3])
+            break
+        except mbd.ModelError:
+            continue
+    cranks = [m.left, m.right] if kind == "five-bar" else [m.crank]
+    return m, [c for b in cranks for c in (b.phi == float(b.pose_estimate[2]), b.omega == 0)]
+
+
+def simulated_to(m, start, random):
+    """A problem from a start to where a motion under random torques leads, within the ranges that it has."""
+    mechanism, duration = m.mechanism, random.uniform(0.5, 2)
+    waves = {
+        u: sum(
+            2 * float(a) * mbd.sin((k + 1) * np.pi * mbd.t / duration + float(b))
+            for k, (a, b) in enumerate(random.normal(size=(3, 2)))
+        )
+        for u in mechanism.inputs
+    }
+    motion = mbd.simulate(mechanism, np.linspace(0, duration, 201), initial=start, inputs=waves)
+    ranges = {b: motion[b.phi] for b in mechanism.bodies if np.ptp(motion[b.phi]) > 1e-6}
+    path = [mbd.bounded(np.min(x) - 1e-4, b.phi, np.max(x) + 1e-4) for b, x in ranges.items()]
+    body, angle = list(ranges.items())[random.integers(len(ranges))]
+    way = [mbd.Waypoint(duration / 2, [body.phi == float(angle[100])])]
+    cost = sum(u**2 for u in mechanism.inputs)
+    final = motion.final if random.integers(2) else [body.phi == float(angle[-1])]
+    return mbd.OptimalControlProblem(mechanism, duration, start, final, path=path, waypoints=way, running_cost=cost)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["four-bar", "slider-crank", "five-bar"])
+@pytest.mark.parametrize("seed", range(5))
+def test_what_a_motion_reaches_is_not_refused(kind, seed):
+    random = np.random.default_rng([seed, 17])
+    assert not is_refused(simulated_to(*random_linkage(kind, random), random))
 
 
 def test_joints_that_hold_nothing_back_are_not_named():

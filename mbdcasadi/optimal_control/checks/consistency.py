@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import casadi as ca
@@ -11,15 +11,17 @@ import numpy as np
 
 from ...arguments.inputs import read_signals
 from ...assembly.consistent_start import consistent_start
+from ...assembly.pose import PoseProblem
 from ...equations.numeric import LARGE, NumericEquations
 from ...errors import AssemblyError, ConditionError
 from ...model.conditions import Condition
 from ...model.mechanism import Mechanism
 from ...model.symbols import Symbol, symbols_of
 from ...numerics.console import without_warnings
+from ...numerics.newton import solve
 from ...results.state import State
 from ..guess.free_poses import PosedPlace, free_poses
-from ..phase import Phase, on_states
+from ..phase import Phase, on_positions, on_states
 from ..placeholders import placeholders_in, with_values
 from ..statement import ProblemStatement
 from .condition_rank import ranks_of
@@ -119,7 +121,8 @@ def check_end(
     try:
         state = _state_under(ranks.numeric, rows, when)
     except (AssemblyError, ConditionError) as error:
-        if contradiction and free_poses(problem, phase, ranks.numeric, [PosedPlace(when, rows)]) is None:
+        elsewhere = name != "initial" and _are_met_elsewhere(ranks.numeric, rows, when)
+        if contradiction and not elsewhere and free_poses(problem, phase, ranks.numeric, [PosedPlace(when, rows)]) is None:
             raise ConditionError(f"{name}: the conditions contradict each other or the constraints: {error}") from None
         return  # whether the linkage reaches there is looked at before the problem is solved
     broken = _broken(_excess(limits, state))
@@ -134,6 +137,28 @@ def _state_under(
     """A state that meets conditions; raises as :func:`consistent_start` does."""
     with without_warnings():
         return consistent_start(numeric, rows, time, read_signals(numeric.eom, None), near)
+
+
+def _are_met_elsewhere(numeric: NumericEquations, rows: Sequence[Condition], time: float) -> bool:
+    """True if conditions that are more than the degrees of freedom are met together in a pose far from the estimate."""
+    place = PoseProblem(numeric, [c for c in rows if on_positions(c.expression)], time, numeric.eom.estimate[2])
+    equations = place.rows_with(place.equalities)
+    for near in _random_poses(numeric):
+        outcome = solve(equations, near, numeric.weights, step_limit=numeric.step_limit)
+        if outcome.converged:
+            try:
+                _state_under(numeric, rows, time, outcome.x)
+                return True
+            except (AssemblyError, ConditionError):
+                continue
+    return False
+
+
+def _random_poses(numeric: NumericEquations) -> Iterator[np.ndarray]:
+    """Random poses around the estimate, which mostly do not meet the constraints."""
+    random, turn = np.random.default_rng(0), 2 * np.pi * numeric.typical_step
+    for _ in range(BRANCHES):
+        yield numeric.eom.estimate[0] + turn * random.uniform(-1, 1, turn.size)
 
 
 def _excess(limits: Iterable[Condition], state: State) -> dict[Condition, tuple[float, float]]:
@@ -151,9 +176,7 @@ def _broken_everywhere(
     broken: dict[Condition, tuple[float, float]], numeric: NumericEquations, rows: Sequence[Condition], time: float
 ) -> dict[Condition, tuple[float, float]]:
     """Those of broken limits that are so on all branches that are found from random poses."""
-    random, turn = np.random.default_rng(0), 2 * np.pi * numeric.typical_step
-    for _ in range(BRANCHES):
-        near = numeric.eom.estimate[0] + turn * random.uniform(-1, 1, turn.size)
+    for near in _random_poses(numeric):
         try:
             there = _broken(_excess(broken, _state_under(numeric, rows, time, near)))
         except (AssemblyError, ConditionError):

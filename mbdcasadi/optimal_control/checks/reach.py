@@ -282,7 +282,7 @@ class _Reach(PoseSystem):
         nearest, found = self._finder(sizes), list[np.ndarray]()
         for k, start in enumerate(starts):
             # conditions at first, as far as they can be met: an angle that is many turns away, for instance
-            moved = self._by_newton(start, sizes)
+            moved = self._turned(self._by_newton(start, sizes), sizes)
             if not self._is_met(moved, sizes):
                 found.append(nearest(moved if k % 2 else start))
                 moved = found[-1]
@@ -333,6 +333,15 @@ class _Reach(PoseSystem):
 
         moved = solve(rows, x, self._sizes**-2, step_limit=self._sizes).x
         return moved if largest(moved) < np.inf else x
+
+    def _turned(self, x: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+        """The point with bodies turned by whole turns as long as less is missed: limits may be met so alone."""
+        price = self._price(x, sizes)
+        for k in np.flatnonzero(self._numeric.eom.angles).tolist():
+            for turn in (2 * np.pi, -2 * np.pi):
+                while (less := self._price(turned := x + turn * np.eye(x.size)[k], sizes)) < (1 - SAME_MISS) * price:
+                    x, price = turned, less
+        return x
 
     # --- the nearest pose -----------------------------------------------------------------------
     def _row_sizes(self, points: Sequence[np.ndarray]) -> np.ndarray:
