@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from .homotopy import StepControl
-from .least_squares import largest
 from .newton import Equations, solve
 
-#: Longest step, in sizes of the unknowns, and as a share of the smallest singular value: no singular point is overlooked.
+#: Longest step, in sizes of the unknowns, and as a share of the smallest singular value: singular points are noticed.
 STEP, SHARE = 0.1, 0.5
 #: Share of the longest step down to which steps are divided, and largest number of points.
 SMALLEST, MOST_POINTS = 1e-4, 3000
@@ -135,7 +134,9 @@ class _Curve:
 
     def _period(self, first: _Point, before: _Point, after: _Point) -> np.ndarray | None:
         """Whole turns after which the first point is met again between two points; None if it is not there."""
-        turns = np.where(self._turn > 0, np.round((before.y - first.y) / np.where(self._turn > 0, self._turn, 1.0)), 0.0)
+        turns = np.where(
+            self._turn > 0, np.round((before.y - first.y) / np.where(self._turn > 0, self._turn, 1.0)), 0.0
+        )
         ahead = first.y + turns * self._turn - before.y
         step = np.linalg.norm(after.y - before.y)
         along = float(ahead @ before.direction)

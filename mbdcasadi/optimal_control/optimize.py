@@ -32,7 +32,7 @@ from .nlp.best_so_far import BestSoFar
 from .nlp.held_limits import warn_of_passed_limits
 from .nlp.setup import Settings
 from .problem import OptimalControlProblem
-from .refinement.local_error import warn_of_coarse_mesh
+from .refinement.local_error import warn_of_coarse_mesh, warn_of_growth
 from .search import Search
 from .solution import Shifted, Solution
 from .transcription import Transcription
@@ -131,8 +131,9 @@ def optimize(
         If a contact of the solution would have to pull, or an element leaves its range of validity; of several phases,
         if a joint that closes at the end of one has passed through its place before, or a foothold pulls; if a path
         limit is passed by more than a hundredth of it between the points at which it is held; if the mesh is too coarse
-        for the motion that was found (not checked if ``guess=`` is a solution of the same problem); if inputs, limits
-        or switches do not meet the `tolerance`, though the local errors do.
+        for the motion that was found, or this is so unstable that a simulation with its inputs does not follow it (not
+        checked if ``guess=`` is a solution of the same problem); if inputs, limits or switches do not meet the
+        `tolerance`, though the local errors do.
     """
     if not isinstance(problem, OptimalControlProblem):
         raise ModelError(f"optimize takes an OptimalControlProblem, got {problem!r}")
@@ -151,6 +152,8 @@ def optimize(
                 solution = search.solve_in_turn(steps, parameters, guess, starts, accuracy)
             if accuracy is None and not search.is_known(guess):
                 warn_of_coarse_mesh(solution)
+            if not search.is_known(guess):
+                warn_of_growth(solution)
             warn_of_passed_limits(solution)
             warn_of_closings(solution)
             _warn_of_validity(solution)

@@ -18,8 +18,9 @@ from .guess.guess import PhaseGuess, guess_from_motion
 from .nlp.limit_excess import POINTS, Excess, excess_of_motion
 from .nlp.phase_program import PhaseProgram
 from .phase import Phase
+from .refinement.growth import Growth, growth
 from .refinement.mesh import Mesh
-from .refinement.reintegration import end_errors, inner_errors
+from .refinement.reintegration import end_differences, inner_errors
 from .transcription.motion import OptimalMotion, Polynomials
 
 
@@ -132,9 +133,14 @@ class PhaseSolution:
 
     @cached_property
     @symbolic
+    def end_differences(self) -> np.ndarray:
+        """Differences from the next mesh point of each interval, integrated again, in q, v and z (N, 2 n + k)."""
+        return end_differences(self.polynomials)
+
+    @property
     def end_errors(self) -> np.ndarray:
-        """Misses of the next mesh point by each interval, integrated again, in q, v and z (N, 2 n + k)."""
-        return end_errors(self.polynomials)
+        """The same without signs."""
+        return np.abs(self.end_differences)
 
     @cached_property
     @symbolic
@@ -150,6 +156,12 @@ class PhaseSolution:
         _, q, v, *_ = self.polynomials.at(np.arange(count), np.ones(count))
         steps: np.ndarray = np.abs(self.mesh_states[1:, : 2 * n] - np.hstack([q, v]))
         return steps
+
+    @cached_property
+    @symbolic
+    def growth(self) -> Growth:
+        """Transitions of small errors from mesh point to mesh point."""
+        return growth(self.polynomials)
 
     @property
     def state_errors(self) -> np.ndarray:
@@ -233,6 +245,6 @@ class InstantSolution(PhaseSolution):
         return []
 
     @property
-    def end_errors(self) -> np.ndarray:
+    def end_differences(self) -> np.ndarray:
         """None: nothing is integrated (0, 2 n + k)."""
         return np.zeros((0, self.mesh_states.shape[1]))

@@ -126,7 +126,7 @@ def four_bar_to(final, *, initial=1.0, **more):
 def test_a_turn_that_the_rocker_cannot_make():
     """A rocker swings: its angle three turns further on is not reached, though the pose is the same."""
     f = crank_rocker()
-    low, high = rocker_range()
+    _, high = rocker_range()
     error = not_reached(half_turn(f, final=[f.rocker.phi == 2.0 + 6 * np.pi, f.rocker.omega == 0]), "a turn that")
     (violation,) = error.conflict
     assert violation.violation == pytest.approx(2.0 + 6 * np.pi - high, abs=0.01)
@@ -160,7 +160,9 @@ def test_a_state_of_the_other_assembly():
     f, here, state = mirrored_state(2.0)
     error = not_reached(four_bar_to(state, model=f), "on another branch")
     assert "final: rocker.phi" in str(error)
-    same = mbd.State(f.mechanism, 1.0, here.q, 0 * here.v, 0 * here.a, here.z, 0 * here.lam, here.inputs, here.parameters)
+    same = mbd.State(
+        f.mechanism, 1.0, here.q, 0 * here.v, 0 * here.a, here.z, 0 * here.lam, here.inputs, here.parameters
+    )
     assert not is_refused(four_bar_to(same, model=f))
 
 

@@ -21,7 +21,7 @@ from ...model.conditions import Condition
 from ...numerics.evaluation import Evaluator
 from ...numerics.least_squares import largest
 from ...numerics.newton import solve
-from ...numerics.solution_curve import STEP, SolutionCurve, closed_curve
+from ...numerics.solution_curve import STEP, closed_curve
 
 #: Miss of a condition, in typical sizes, from which it counts as not met, and of one that is not an equality.
 MISSED, LIMIT_MISSED = 1e-3, STEP
@@ -57,16 +57,11 @@ class Loop:
     """A closed loop of one degree of freedom, and the curve of its poses through the start."""
 
     def __init__(self, rows: ca.SX, symbols: ca.SX, start: np.ndarray, sizes: np.ndarray, turning: np.ndarray):
-        self.symbols, self._start, self.sizes, self._turning = symbols, start, sizes, turning
+        self.rows, self.symbols, self.sizes, self._turning = rows, symbols, sizes, turning
         results = [ca.densify(rows), ca.densify(ca.jacobian(rows, symbols))]
         function = Evaluator(ca.Function("loop", [symbols], results))
-        self.rows = rows
-        self._curve = closed_curve(lambda x: _pair(function(x)), start, sizes, turning)
-
-    @property
-    def curve(self) -> SolutionCurve | None:
-        """The curve; None if it is singular somewhere, or does not close."""
-        return self._curve
+        #: the curve; None if it is singular somewhere, or does not close
+        self.curve = closed_curve(lambda x: _pair(function(x)), start, sizes, turning)
 
     def separated(
         self,
@@ -79,10 +74,10 @@ class Loop:
         `conditions` are their places in a list, expressions in the coordinates of the loop, and whether they are
         equalities; `limits` hold all the way, and `assembled` is a pose that meets the conditions, if one is known.
         """
-        if self._curve is None or not conditions:
+        if self.curve is None or not conditions:
             return None
         place = _Conditions(self, conditions)
-        misses = place.least_misses(self._curve.points, self._curve.period)
+        misses = place.least_misses(self.curve.points, self.curve.period)
         if misses is not None:
             limited = any(k in misses for k, _, equality in conditions if not equality)
             return Separated("missed" if limited else self._kind(assembled), misses)
@@ -91,26 +86,25 @@ class Loop:
             return None
         points, blocking = part
         stays = np.zeros(points.shape[1])
-        if place.least_misses(points, stays) is None:
-            return None
-        return Separated("blocked", place.least_misses(points[1:-1], stays) or {}, blocking)
+        misses = place.least_misses(points, stays) and place.least_misses(points[1:-1], stays)
+        return Separated("blocked", misses, blocking) if misses else None
 
     def _kind(self, pose: np.ndarray | None) -> str:
         """Kind of a pose to which the curve does not lead."""
-        assert self._curve is not None
+        assert self.curve is not None
         if pose is None:
             return "missed"
-        apart = pose - self._curve.points
+        apart = pose - self.curve.points
         apart = np.where(self._turning, apart - 2 * np.pi * np.round(apart / (2 * np.pi)), apart) / self.sizes
         return "turn" if np.min(np.linalg.norm(apart, axis=1)) <= STEP else "branch"
 
     def _within(self, limits: Sequence[tuple[Condition, ca.SX]]) -> tuple[np.ndarray, tuple[Condition, ...]] | None:
         """Points of the curve to which limits let a motion go, and those that stop it; None if none stops it."""
-        if not limits or self._curve is None:
+        if not limits or self.curve is None:
             return None
-        count, period = len(self._curve.points), self._curve.period
+        count, period = len(self.curve.points), self.curve.period
         turns = range(-PERIODS, PERIODS + 1)
-        points = np.vstack([self._curve.points + k * period for k in turns])
+        points = np.vstack([self.curve.points + k * period for k in turns])
         place = _Conditions(self, [(k, expression, False) for k, (_, expression) in enumerate(limits)])
         broken = place.misses(points) > LIMIT_MISSED
         stops, start = np.flatnonzero(broken.any(axis=1)), PERIODS * count

@@ -122,7 +122,11 @@ def check_end(
         state = _state_under(ranks.numeric, rows, when)
     except (AssemblyError, ConditionError) as error:
         elsewhere = name != "initial" and _are_met_elsewhere(ranks.numeric, rows, when)
-        if contradiction and not elsewhere and free_poses(problem, phase, ranks.numeric, [PosedPlace(when, rows)]) is None:
+        if (
+            contradiction
+            and not elsewhere
+            and free_poses(problem, phase, ranks.numeric, [PosedPlace(when, rows)]) is None
+        ):
             raise ConditionError(f"{name}: the conditions contradict each other or the constraints: {error}") from None
         return  # whether the linkage reaches there is looked at before the problem is solved
     broken = _broken(_excess(limits, state))

@@ -10,13 +10,13 @@ from ..guess.guess import Guess
 from ..nlp.held_limits import passed_limits
 from ..nlp.problem_solver import ProblemSolver
 from ..solution import Solution
-from .local_error import COARSE_ERROR, Coarseness, StateCoarseness
+from .local_error import COARSE_ERROR, Coarseness, ReplayErrors, StateCoarseness
 from .measure import split
 from .mesh import Mesh, interval_count
 from .singularity import close_to_singular
 
 #: What is measured on such a mesh.
-COARSE_MEASURES: tuple[type[Coarseness], ...] = (Coarseness, StateCoarseness)
+COARSE_MEASURES: tuple[type[Coarseness], ...] = (Coarseness, StateCoarseness, ReplayErrors)
 #: Largest number of passes, and of intervals of a mesh that is halved.
 COARSE_PASSES, HALVED_INTERVALS = 4, 200
 #: Local error, in rad or sizes of the mechanism, velocities times the duration, from which a solution is not a motion,
@@ -77,7 +77,7 @@ def refine_if_coarse(solver: ProblemSolver, solution: Solution) -> tuple[Solutio
         solution, measures, before = finer, [measure(finer) for measure in COARSE_MEASURES], error
         error = max(measure.largest for measure in measures)
         stalled = not error < max(COARSE_ERROR, before / 2)  # infinite if an interval cannot be integrated
-    return solution, error <= COARSE_ERROR
+    return solution, all(m.largest <= COARSE_ERROR for m in measures if m.falsifies_cost)
 
 
 def _tends_to_lock(measure: Coarseness) -> bool:

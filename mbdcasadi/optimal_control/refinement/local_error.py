@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from ...errors import warn
@@ -18,6 +20,13 @@ COARSE_ERROR = 0.01
 COARSE_STATE_ERROR = 0.05
 #: Error inside the intervals below which the mesh counts as fine without an integration.
 FINE_ERROR = COARSE_ERROR / 3
+#: Miss of a simulation with the inputs of a solution, rad or sizes of the mechanism, from which it does not follow the
+#: motion, and largest number of intervals to which the mesh is refined for it without `tolerance`.
+REPLAY_ERROR, REPLAY_INTERVALS = 0.01, 120
+#: Error that any integration makes, rad or sizes of the mechanism.
+INTEGRATION_ERROR = 1e-11
+#: Growth of errors from which rounding and the errors of the solver alone lead a simulation away.
+FOLLOWED_GROWTH = 1e7
 
 
 class LocalErrors(Measure):
@@ -41,6 +50,8 @@ class Coarseness(Measure):
 
     #: foreseen to be well below
     margin = 4.0
+    #: whether the cost is wrong as long as these errors are large
+    falsifies_cost: ClassVar[bool] = True
 
     def __init__(self, solution: SolvedMotion):
         super().__init__(solution, COARSE_ERROR)
@@ -91,10 +102,99 @@ class StateCoarseness(Coarseness):
         ]
 
 
+class ReplayErrors(Coarseness):
+    """Errors by which a motion is missed that is simulated from its start with its own inputs.
+
+    Local errors, carried on by the motion, which may be unstable. An even share of the sum that is allowed counts as
+    much as :data:`COARSE_ERROR`; zero if no sum is above it, or if the mesh would have to be very fine.
+    """
+
+    margin = 2.0
+    falsifies_cost = False
+
+    def of(self, part: PhaseSolution) -> np.ndarray:
+        """Errors of the intervals of a phase (N,)."""
+        if not replay_error(part) > REPLAY_ERROR:
+            return np.zeros(part.mesh.count)
+        errors = COARSE_ERROR * part.mesh.count / REPLAY_ERROR * _at_end(part, part.end_errors)
+        foreseen = np.maximum(self.margin * errors / COARSE_ERROR, 1.0) ** (1 / self.order(part))
+        return errors if np.sum(np.ceil(foreseen)) <= REPLAY_INTERVALS else np.zeros(part.mesh.count)
+
+    def order(self, part: PhaseSolution) -> int:
+        """One more than that of the scheme: the errors are smooth."""
+        return part.program.scheme.order + 1
+
+    def sentences(self) -> list[str]:
+        """Phases that are not followed by a simulation with their inputs, and remedies."""
+        several = len(self.solution.phases) > 1
+        return [
+            f"the motion{f' of phase {part.phase.name!r}' if several else ''} is unstable: errors grow by a factor of "
+            f"{largest_growth(part):.2g} on the way, and a simulation from its start with its own inputs misses it"
+            f"{_by(error)}; {_remedy(part)}"
+            for part in self.solution.phases
+            if part.mesh.count and (error := replay_error(part)) > REPLAY_ERROR
+        ]
+
+
+def _remedy(part: PhaseSolution) -> str:
+    """What makes a simulation follow an unstable motion."""
+    if largest_growth(part) > FOLLOWED_GROWTH:
+        return "only feedback keeps it on its way"
+    return f"take tolerance= (local errors are up to {part.mesh_error:.1g}), or feedback that keeps it on its way"
+
+
+def _by(error: float) -> str:
+    """A miss in words; beyond the size of the mechanism a sum to first order is no amount."""
+    return f" by about {error:.1g} in radians or sizes of the mechanism" if error < 1 else " altogether"
+
+
+def replay_error(part: PhaseSolution) -> float:
+    """Largest miss of a coordinate, to first order, in a simulation with the inputs of the motion; rad or sizes.
+
+    Zero if it is certainly small, and that of an integration alone if intervals cannot be integrated again.
+    """
+    least = INTEGRATION_ERROR * largest_growth(part)
+    if max(np.sum(_at_end(part, part.inner_errors)), least) <= REPLAY_ERROR:
+        return 0.0
+    try:
+        carried = part.growth.carried(part.end_differences)
+    except RuntimeError:  # the integrator did not get to the end of an interval
+        return least
+    scales = part.program.scales.q
+    return max(least, float(np.max(np.abs(carried[:, : scales.size]) / scales, initial=0.0)))
+
+
+def _at_end(part: PhaseSolution, errors: np.ndarray) -> np.ndarray:
+    """What errors of the intervals (N, 2 n or more) have become at the end, at most (N,)."""
+    sizes, places = _sizes(part), part.growth.places
+    scaled = errors[:, places] / sizes[places]
+    carried = np.einsum("ijk,ik->ij", np.abs(part.growth.to_end(sizes)), scaled)
+    largest_ones: np.ndarray = np.max(carried, axis=1, initial=0.0)
+    return largest_ones
+
+
+def largest_growth(part: PhaseSolution) -> float:
+    """Largest factor by which a small error grows from a mesh point to the end, in typical sizes."""
+    return float(np.max(np.linalg.norm(part.growth.to_end(_sizes(part)), 2, axis=(1, 2)), initial=1.0))
+
+
+def _sizes(part: PhaseSolution) -> np.ndarray:
+    """Typical sizes of coordinates and rates (2 n,)."""
+    scales = part.program.scales.q
+    return np.r_[scales, scales / part.duration]
+
+
 def warn_of_coarse_mesh(solution: SolvedMotion) -> None:
     """Warn if an interval, integrated again from its own mesh point, ends far from the next one."""
     for measure in (StateCoarseness(solution), Coarseness(solution)):
         for sentence in measure.sentences():
+            warn(sentence)
+
+
+def warn_of_growth(solution: SolvedMotion) -> None:
+    """Warn if a motion on a mesh that is fine enough is not followed by a simulation with its own inputs."""
+    if Coarseness(solution).largest <= COARSE_ERROR:
+        for sentence in ReplayErrors(solution).sentences():
             warn(sentence)
 
 
@@ -103,7 +203,7 @@ def coarseness(part: PhaseSolution) -> np.ndarray:
 
     Zero if they are certainly small, infinite if an interval cannot be integrated again.
     """
-    sizes = np.r_[part.program.scales.q, part.program.scales.q / part.duration]
+    sizes = _sizes(part)
     steps = part.projection_steps / sizes
     fine = max(np.max(part.inner_errors / sizes), np.max(steps)) <= FINE_ERROR  # nan is not
     if fine and not part.phase.mechanism.states:

@@ -17,7 +17,7 @@ from ..transcription.motion import Polynomials
 INTEGRATION_TOLERANCE = 1e-11
 
 
-def end_errors(motion: Polynomials) -> np.ndarray:
+def end_differences(motion: Polynomials) -> np.ndarray:
     """Return differences of q, v and z at the ends of all intervals, by integration and by the mesh (N, 2 n + k)."""
     numeric, count, redundant = motion.numeric, len(motion.intervals), motion.scheme.redundant
     eom = numeric.eom
@@ -41,7 +41,7 @@ def end_errors(motion: Polynomials) -> np.ndarray:
     times = motion.times[1:]
     q = recovery.positions(times, reached[:, :n])
     v = recovery.velocities(times, q, reached[:, n : 2 * n])
-    return np.abs(np.hstack([q, v, reached[:, 2 * n :]]) - states[1:])
+    return np.hstack([q, v, reached[:, 2 * n :]]) - states[1:]
 
 
 def inner_errors(motion: Polynomials) -> np.ndarray:

@@ -20,9 +20,12 @@ from ...simulation.simulate import simulate
 from ..nlp.change import Change
 from ..phase_solution import PhaseSolution
 from ..solved_motion import SolvedMotion
+from .local_error import REPLAY_ERROR, largest_growth
 
 #: Share of the duration of a phase by which the simulation goes on behind its planned end to find what closes.
 BEYOND = 0.05
+#: Growth of errors from which a motion is called unstable.
+LARGE_GROWTH = 100
 
 
 @dataclass(frozen=True)
@@ -35,20 +38,25 @@ class Verification:
         The simulated motion.
     final_error : float
         Largest difference at the end: of a coordinate, m or rad, or of a first-order state, as a share of its range.
+        Local errors and those of the simulation grow by up to the factor :attr:`growth` on the way: an unstable motion,
+        such as one that ends upright, does not replay by itself, however right it is. Then the defects say whether it
+        is a motion; ``optimize(…, tolerance=…)`` makes them smaller, and feedback keeps a mechanism on its way.
     largest_deviation : float
         The same at any mesh point.
     drift : float
         Largest ``|Phi|`` of the simulated motion.
     defects : numpy.ndarray
         By interval, started again at each mesh point: largest difference in
-        displacements (m) and in angles (rad), (N, 2). A motion that is unstable may have
-        small defects and still not be followed by the simulation as a whole.
+        displacements (m) and in angles (rad), (N, 2).
     event_times : numpy.ndarray
         Times of the changes from phase to phase in the simulation, s; NaN if a joint did not close near its time.
     time_error : float
         Largest difference of one of them from the planned time, s.
     impulse_error : float
         Largest difference of an impulse, as a share of the largest one of its change.
+    growth : float
+        Largest factor by which a small error at a mesh point grows up to the end of its phase, in rad and sizes of the
+        mechanism, and rates times the duration.
     """
 
     trajectory: Trajectory
@@ -59,14 +67,17 @@ class Verification:
     event_times: np.ndarray = field(default_factory=lambda: np.zeros(0))
     time_error: float = 0.0
     impulse_error: float = 0.0
+    growth: float = 1.0
 
     def __repr__(self) -> str:
         worst = np.max(self.defects, axis=0)
         changes = f"; changes off by up to {self.time_error:.1e} s" if self.event_times.size else ""
+        lost = self.final_error > REPLAY_ERROR and self.growth > LARGE_GROWTH
+        unstable = f"; unstable: errors grow by a factor of {self.growth:.1e}" if lost else ""
         return (
             f"Verification by {self.trajectory.statistics.method}: off by {self.final_error:.2e} at the end, "
             f"{self.largest_deviation:.2e} at most; defects of intervals up to {worst[0]:.1e} m, {worst[1]:.1e} rad"
-            f"{changes}"
+            f"{changes}{unstable}"
         )
 
 
@@ -102,6 +113,7 @@ class Replay:
             np.array(self.times),
             self.time_error,
             self.impulse_error,
+            max(largest_growth(part) for part in parts if part.mesh.count),
         )
 
     def _motion(self) -> Trajectory:
