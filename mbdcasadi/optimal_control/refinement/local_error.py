@@ -27,6 +27,8 @@ REPLAY_ERROR, REPLAY_INTERVALS = 0.01, 120
 INTEGRATION_ERROR = 1e-11
 #: Growth of errors from which rounding and the errors of the solver alone lead a simulation away.
 FOLLOWED_GROWTH = 1e7
+#: Growth from which a motion is called unstable.
+UNSTABLE_GROWTH = 100
 
 
 class LocalErrors(Measure):
@@ -128,19 +130,22 @@ class ReplayErrors(Coarseness):
         """Phases that are not followed by a simulation with their inputs, and remedies."""
         several = len(self.solution.phases) > 1
         return [
-            f"the motion{f' of phase {part.phase.name!r}' if several else ''} is unstable: errors grow by a factor of "
-            f"{largest_growth(part):.2g} on the way, and a simulation from its start with its own inputs misses it"
-            f"{_by(error)}; {_remedy(part)}"
+            _not_followed(part, error, f" of phase '{part.phase.name}'" if several else "")
             for part in self.solution.phases
             if part.mesh.count and (error := replay_error(part)) > REPLAY_ERROR
         ]
 
 
-def _remedy(part: PhaseSolution) -> str:
-    """What makes a simulation follow an unstable motion."""
-    if largest_growth(part) > FOLLOWED_GROWTH:
-        return "only feedback keeps it on its way"
-    return f"take tolerance= (local errors are up to {part.mesh_error:.1g}), or feedback that keeps it on its way"
+def _not_followed(part: PhaseSolution, error: float, of_phase: str) -> str:
+    """Miss of a simulation with the inputs of a phase, its cause and a remedy, in words."""
+    growth, tolerance = largest_growth(part), f"take tolerance= (local errors are up to {part.mesh_error:.1g})"
+    unstable = growth > UNSTABLE_GROWTH
+    remedy = "only feedback keeps it on its way" if growth > FOLLOWED_GROWTH else tolerance
+    remedy += ", or feedback that keeps it on its way" if unstable and growth <= FOLLOWED_GROWTH else ""
+    return (
+        f"{'the motion is unstable: ' if unstable else ''}a simulation with the inputs that were found misses the "
+        f"motion{of_phase}{_by(error)}, since errors grow by a factor of {growth:.2g} on the way; {remedy}"
+    )
 
 
 def _by(error: float) -> str:

@@ -20,12 +20,10 @@ from ...simulation.simulate import simulate
 from ..nlp.change import Change
 from ..phase_solution import PhaseSolution
 from ..solved_motion import SolvedMotion
-from .local_error import REPLAY_ERROR, largest_growth
+from .local_error import REPLAY_ERROR, UNSTABLE_GROWTH, largest_growth
 
 #: Share of the duration of a phase by which the simulation goes on behind its planned end to find what closes.
 BEYOND = 0.05
-#: Growth of errors from which a motion is called unstable.
-LARGE_GROWTH = 100
 
 
 @dataclass(frozen=True)
@@ -72,7 +70,7 @@ class Verification:
     def __repr__(self) -> str:
         worst = np.max(self.defects, axis=0)
         changes = f"; changes off by up to {self.time_error:.1e} s" if self.event_times.size else ""
-        lost = self.final_error > REPLAY_ERROR and self.growth > LARGE_GROWTH
+        lost = self.final_error > REPLAY_ERROR and self.growth > UNSTABLE_GROWTH
         unstable = f"; unstable: errors grow by a factor of {self.growth:.1e}" if lost else ""
         return (
             f"Verification by {self.trajectory.statistics.method}: off by {self.final_error:.2e} at the end, "
