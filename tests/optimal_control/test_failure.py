@@ -75,14 +75,11 @@ def test_the_time_of_a_violation():
     assert any("waypoint 1" in label for label in labels) or all(v.time <= 0.25 for v in error.largest_violations)
 
 
-@pytest.mark.slow
 def test_a_path_that_the_linkage_cannot_follow():
-    """The rocker cannot turn round."""
+    """The rocker cannot turn round: nothing is solved."""
     f = crank_rocker()
-    error = failed(
-        half_turn(f, final=[f.rocker.phi == 4.5, f.rocker.omega == 0]), intervals=10, options={"ipopt.max_iter": 300}
-    )
-    assert error.largest_violations and error.partial is not None
+    error = failed(half_turn(f, final=[f.rocker.phi == 4.5, f.rocker.omega == 0]), intervals=10)
+    assert "another branch" in str(error) and error.largest_violations and error.partial is None
 
 
 def test_out_of_iterations():
