@@ -10,7 +10,7 @@ from ..base import NativeMethod
 class DOP853(NativeMethod):
     """Explicit Runge–Kutta of order 8(5,3) with dense output of order 7, the whole run in C.
 
-    The fastest method for motion that is smooth and not stiff: 7 to 30 times as fast as
+    The fastest method for motion that is smooth and not stiff: 6 to 27 times as fast as
     IDAS at equal error on the models of the benchmarks. Every step is projected onto the constraints, at position
     and velocity level; events are looked at inside every step, and steps end where contacts open and close and where
     comparisons in the state switch.
