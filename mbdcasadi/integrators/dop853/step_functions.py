@@ -244,7 +244,7 @@ class Steps:
 
 
 #: Powers of the part of a step in dense output.
-POWERS = np.arange(8)
+POWERS = np.arange(8.0)
 
 
 @cache
