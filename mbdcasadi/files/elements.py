@@ -142,7 +142,7 @@ class _RackAndPinion(RackAndPinion):
     """
 
     def __init__(self, name: str, rack: Marker, pinion: Marker, radius: float, phase: float):
-        a, b = self.pair(name, rack, pinion)
+        a, b = self.pair(name, rack, pinion, ("rack", "pinion"))
         self.radius = radius
         rolled = ca.dot(a.x_axis, b.position - a.position) + radius * (b.body.phi - a.body.phi)
         turn = 2 * math.pi * radius

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ModelError
+from ..model.quantities import one_of
 from ..model.symbols import number
 
 #: Names of the losses, as ``scipy.optimize.least_squares`` calls them.
@@ -34,9 +35,7 @@ class Loss:
     """
 
     def __init__(self, name: Any, scale: Any):
-        if name not in LOSSES:
-            raise ModelError(f"identify: loss must be one of {', '.join(LOSSES)}, got {name!r}")
-        self.name, self.scale = str(name), number(scale, "identify", "f_scale")
+        self.name, self.scale = one_of(name, LOSSES, "identify", "loss"), number(scale, "identify", "f_scale")
         if self.scale <= 0:
             raise ModelError(f"identify: f_scale must be positive, got {self.scale}")
 

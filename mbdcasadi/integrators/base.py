@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 from ..errors import SimulationError
 from ..model.immutable import Immutable
+from ..model.quantities import yes_or_no
 from ..model.symbols import number
 from .native import build
 
@@ -86,7 +87,7 @@ class Integrator(Immutable):
     ):
         self.reltol = self._positive(reltol, "reltol")
         self.abstol = self._positive(abstol, "abstol")
-        self.jit = bool(jit)
+        self.jit = yes_or_no(jit, type(self).__name__, "jit")
         if options is not None and not isinstance(options, Mapping):
             raise SimulationError(f"{type(self).__name__}: options= takes a dict for the integrator, got {options!r}")
         others = dict(options or {})

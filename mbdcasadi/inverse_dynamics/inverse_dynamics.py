@@ -18,7 +18,8 @@ from ..kinematics.kinematics import driven_motion, kinematic_trajectory
 from ..model.drivers import Driver
 from ..model.geometry.splines import expression_of, through_samples
 from ..model.mechanism import Mechanism
-from ..model.symbols import place_of
+from ..model.quantities import entries, yes_or_no
+from ..model.symbols import place_of, positive
 from ..model.symbols import t as time
 from ..numerics.console import call_each, keyboard_interrupts
 from ..results.trajectory import Statistics, Trajectory
@@ -94,6 +95,9 @@ def inverse_dynamics(
     ----------
     Haug 1989, section 6.3 (inverse dynamics of kinematically driven systems).
     """
+    yes_or_no(progress, "inverse_dynamics", "progress")
+    tolerance = positive(tolerance, "inverse_dynamics", "tolerance")
+    efforts = entries(efforts, "efforts=")
     with keyboard_interrupts("inverse_dynamics"):
         began = clock.perf_counter()
         if isinstance(motion, Trajectory) and times is None and duration is None:
@@ -203,7 +207,9 @@ def _course(setup: Setup, motion: Any, progress: bool) -> Trajectory:
 
 
 def _as_driver(index: int, expression: Any, value: Any, grid: np.ndarray) -> Driver:
-    name = f"motion {index + 1} ({ca.SX(expression)})"
+    if not isinstance(expression, ca.SX):
+        raise MechanismError(f"inverse_dynamics: motion= takes {{expression: course}}, got the key {expression!r}")
+    name = f"motion {index + 1} ({expression})"
     course = expression_of(time, value)
     if callable(course) and not isinstance(course, ca.SX):
         course = course(time)

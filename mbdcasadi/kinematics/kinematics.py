@@ -13,6 +13,7 @@ from ..equations.numeric import NumericEquations
 from ..equations.switching.explicit_time import explicit_time, first_jump
 from ..errors import Interrupted, MechanismError, ModelError, warn
 from ..model.mechanism import Mechanism
+from ..model.quantities import yes_or_no
 from ..numerics.console import keyboard_interrupts
 from ..results.trajectory import Statistics, Trajectory
 from ..results.validity import report_validity
@@ -75,6 +76,7 @@ def kinematics(
     ----------
     Haug 1989, sections 3.6 and 4.5–4.7.
     """
+    yes_or_no(progress, "kinematics", "progress")
     with keyboard_interrupts("kinematics"):
         setup = Setup(mechanism, "kinematics", times=times, duration=duration, fewest_times=1, parameters=parameters)
         motion = driven_motion(setup.numeric, setup.grid, progress=progress, what="kinematics")

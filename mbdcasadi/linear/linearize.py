@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ..arguments.values import inputs_and_parameters
+from ..assembly.consistent_start import complete_state
 from ..assembly.setup import Setup
 from ..errors import ModelError, warn
 from ..kinematics.singular import singular_pose
@@ -111,6 +112,15 @@ def linearize(
     change = directions.of(rate)
     answer = directions.of(out) if out.numel() else np.zeros((0, directions.count))
     k = change.shape[0]
+
+    def later(step: float) -> np.ndarray:
+        """A on the same motion a short time later."""
+        q, v = point.q + step * point.v + step**2 / 2 * point.a, point.v + step * point.a
+        z = point.z + step * np.atleast_1d(point[eom.z_rate]).ravel() if eom.z.numel() else point.z
+        after = complete_state(setup.numeric, setup.signals, point.t + step, q, v, z)
+        return Directions(eom, after, chosen.positions, chosen.rates, held, ()).of(rate)
+
+    timed = ca.depends_on(ca.vertcat(eom.Phi, eom.nu, eom.Q, eom.z_rate, held), eom.t)
     return LinearModel(
         *np.split(change, [k], axis=1),
         *np.split(answer, [k], axis=1),
@@ -121,6 +131,7 @@ def linearize(
         rate=np.atleast_1d(point[rate]),
         directions=directions,
         speeds=chosen.positions.numel(),
+        later=later if timed or np.any(point.v) else None,
     )
 
 
@@ -132,6 +143,8 @@ def read_outputs(outputs: Any) -> tuple[list[str], ca.SX]:
     expressions: list[ca.SX] = []
     for name, value in pairs:
         expression = ca.vec(as_expression(value, "outputs="))
+        if name is not None and not isinstance(name, str):
+            raise ModelError(f"outputs= takes {{name: expression}} with texts as names, got the name {name!r}")
         label = name or (to_text(expression) if expression.numel() == 1 else f"output {len(names) + 1}")
         names += component_names(label, expression.shape)
         expressions.append(ca.densify(expression))

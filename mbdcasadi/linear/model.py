@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,13 +13,15 @@ from ..equations.recovery import Recovery
 from ..errors import MechanismError, warn
 from ..model.quantities import whole
 from ..model.symbols import number
-from ..numerics.lazy import optional_package
+from ..numerics.lazy import cached_property, optional_package
 from ..results.state import State
 from ..results.trajectory import Trajectory
 from .directions import Directions
 
 #: Eigenvalues below this share of the largest one belong to rigid-body motions if A has a null space.
 RIGID = 1e-6
+#: Time over which A is looked at, in units of the inverse of the fastest rate, and its relative change that counts.
+STEP, VARYING = 1e-5, 1e-3
 
 
 class LinearModel:
@@ -52,12 +55,14 @@ class LinearModel:
         rate: np.ndarray,
         directions: Directions,
         speeds: int,
+        later: Callable[[float], np.ndarray] | None = None,
     ):
         self.A, self.B, self.C, self.D = A, B, C, D
         self.state_names, self.input_names, self.output_names = state_names, input_names, output_names
         self.state, self.rate, self.directions = state, rate, directions
         #: number of states that are positions
         self.speeds = speeds
+        self._later = later
 
     @property
     def eigenvalues(self) -> np.ndarray:
@@ -65,12 +70,22 @@ class LinearModel:
         values = np.linalg.eigvals(self.A)
         return values[np.lexsort((values.imag, np.round(np.abs(values), 12)))]
 
-    @property
+    @cached_property
     def is_steady(self) -> bool:
-        """True if the state rests or moves steadily: velocities and first-order states do not change."""
+        """True if the state rests or moves steadily: velocities and first-order states do not change, and A neither."""
         rates = self.rate[self.speeds :]
         scale = 1 + np.max(np.abs(self.A[self.speeds :]), initial=0.0)
-        return bool(np.all(np.abs(rates) <= 1e-6 * scale))
+        return bool(np.all(np.abs(rates) <= 1e-6 * scale)) and not self._changes_in_time()
+
+    def _changes_in_time(self) -> bool:
+        """True if A changes along the motion by a part that counts while its fastest mode takes its course."""
+        if self._later is None or not self.A.size:
+            return False
+        turning = np.abs(self.state.v[self.state.equations.angles])
+        fastest = max(np.max(np.abs(self.eigenvalues)), np.max(turning, initial=0.0))
+        step = STEP / fastest if fastest > 0 else STEP
+        size = np.max(np.abs(self.A), axis=1, keepdims=True)
+        return bool(np.any(np.abs(self._later(step) - self.A) > VARYING * STEP * size))
 
     def modes(self) -> tuple[Mode, ...]:
         """Modes, slowest first: one for each pair of complex eigenvalues, each real one, each rigid-body motion.
@@ -88,8 +103,9 @@ class LinearModel:
         if not self.is_steady:
             warn(
                 "modes: the state is neither an equilibrium nor in steady motion as its coordinates "
-                f"({', '.join(self.state_names[: self.speeds])}) show it; its eigenvalues do not describe its further "
-                "motion. For a steady rotation give linearize coordinates= that stay constant, such as a relative angle"
+                f"({', '.join(self.state_names[: self.speeds])}) show it, or the forces depend on time; its "
+                "eigenvalues do not describe its further motion. For a steady rotation give linearize coordinates= that stay "
+                "constant and turn with it, such as a relative angle or the displacement in a guide"
             )
         if not self.A.size:
             return ()

@@ -90,7 +90,7 @@ class Body(Immutable, HoldsSymbols, HasQuantities):
         self.pose_estimate = triple(pose, what, "pose", "(x, y, phi)")
         in_radians(self.pose_estimate[2], what, "the angle of the pose")
         self.velocity_estimate = triple(velocity, what, "velocity", "(vx, vy, omega)")
-        self.shape = shape
+        self.shape = None if shape is None else as_shape(shape, what)
         self._shape_centroid = np.zeros(2)
         self._name_coordinates()
 
@@ -141,6 +141,7 @@ class Body(Immutable, HoldsSymbols, HasQuantities):
         pose, velocity : (float, float, float)
             Estimates for the shape's frame.
         """
+        as_shape(shape, f"body '{name}'")
         total, centroid, inertia = shape.mass_properties(density=density, mass=mass)
         what = f"body '{name}'"
         x, y, phi = triple(pose, what, "pose", "(x, y, phi)")
@@ -207,7 +208,7 @@ class Body(Immutable, HoldsSymbols, HasQuantities):
         """Origin of the shape's frame in the body frame (2,), m."""
         return -self._shape_centroid
 
-    def at(self, x: Any, y: Any, angle: Any = 0.0) -> Marker:
+    def at(self, x: Any, y: Any = None, angle: Any = 0.0) -> Marker:
         """Return the marker at a point of the body.
 
         Parameters
@@ -218,6 +219,8 @@ class Body(Immutable, HoldsSymbols, HasQuantities):
             Angle of the marker's x axis in that frame, rad.
         """
         what = self.description
+        if y is None:
+            raise ModelError(f"{what}: a marker needs two coordinates, at(x, y), got {x!r} alone")
         point = [quantity(value, what, f"marker {axis}") for value, axis in ((x, "x"), (y, "y"))]
         local = ca.vertcat(*[as_sx(p) for p in point]) - self._shape_centroid
         angle = quantity(angle, what, "marker angle")
@@ -327,6 +330,13 @@ class Ground(Body):
 ground = Ground()
 
 
+def as_shape(value: Any, what: str) -> Shape:
+    """Return the shape; raise an error that names the body if it is something else."""
+    if not isinstance(value, Shape):
+        raise ModelError(f"{what}: shape must be a Disc, Rectangle, Polygon, Rod or a sum of them, got {value!r}")
+    return value
+
+
 def as_body(value: Any, what: str, argument: str) -> Body:
     """Return the body; raise an error that names the element if it is something else."""
     if not isinstance(value, Body):
@@ -353,9 +363,12 @@ def as_marker(value: Any, what: str, argument: str) -> Marker:
     raise ModelError(f"{what}: {argument} must be a marker, as body.at(x, y) makes it, got {value!r}{hint}")
 
 
-def markers_on_two(a: Any, b: Any, what: str) -> tuple[Marker, Marker]:
-    """Return the two markers of an element that connects bodies; raise an error if both are on one body."""
-    a, b = as_marker(a, what, "a"), as_marker(b, what, "b")
+def markers_on_two(a: Any, b: Any, what: str, names: tuple[str, str] = ("a", "b")) -> tuple[Marker, Marker]:
+    """Return the two markers of an element that connects bodies; raise an error if both are on one body.
+
+    The names are those of the arguments by which the user gives them.
+    """
+    a, b = as_marker(a, what, names[0]), as_marker(b, what, names[1])
     if a.body is b.body:
         raise ModelError(f"{what} connects body '{a.body.name}' with itself; its markers must be on two bodies")
     return a, b

@@ -8,7 +8,7 @@ operation is the comparison; this module takes both sides from it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from ..errors import ConditionError
 from ..numerics.graph import factors_of_zero
 from ..numerics.lazy import cached_property
 from ..printing import to_text
-from .quantities import quantity
+from .quantities import is_list, quantity
 from .symbols import role_of, symbols_of
 from .units import unit_of
 
@@ -126,7 +126,7 @@ def read_conditions(conditions: Any) -> tuple[Condition, ...]:
     """
     if isinstance(conditions, ca.SX | Bounded):
         conditions = [conditions]
-    if isinstance(conditions, str | dict) or not isinstance(conditions, Iterable):
+    if not is_list(conditions):
         raise ConditionError(f"conditions must be a list of relations such as [body.phi == 0.3], got {conditions!r}")
     result: list[Condition] = []
     for position, entry in enumerate(conditions, start=1):

@@ -9,7 +9,7 @@ import casadi as ca
 from ..errors import ModelError
 from .element import BEYOND_COORDINATES, ConstraintElement, holds_coordinates, refuse_kinds
 from .geometry.splines import expression_of
-from .quantities import quantity
+from .quantities import no_relation, quantity
 from .symbols import t as time
 
 
@@ -44,7 +44,7 @@ class Driver(ConstraintElement):
 
     def __init__(self, name: str, expression: Any, value: Any, relative_to: Any = None):
         what = f"driver '{name}'"
-        self.expression = ca.SX(quantity(expression, what, "expression"))
+        self.expression = ca.SX(no_relation(quantity(expression, what, "expression"), what, "expression"))
         course = ca.SX(quantity(expression_of(time, value), what, "value"))
         refuse_kinds(self.expression, BEYOND_COORDINATES, what, "a driver prescribes coordinates")
         beyond = ("position", *BEYOND_COORDINATES)

@@ -11,7 +11,7 @@ from ..errors import ModelError
 from .element import ConstraintElement, refuse_kinds
 from .immutable import HoldsSymbols, Immutable
 from .mechanism import Mechanism
-from .quantities import entries, is_relation, quantity, yes_or_no
+from .quantities import entries, is_relation, quantity, whole, yes_or_no
 from .symbols import Parameter, StateVariable, check_name, number, place_of, role_of, symbols_of
 
 
@@ -83,9 +83,7 @@ class Event(Immutable, HoldsSymbols):
         self.name = check_name(name, "Event")
         what = f"event '{name}'"
         self.expression = _read_expression(expression, what)
-        if direction not in (-1, 0, 1):
-            raise ModelError(f"{what}: direction must be -1, 0 or 1, got {direction!r}")
-        self.direction = int(direction)
+        self.direction = whole(direction, what, "direction", -1, 1)
         self.terminal = yes_or_no(terminal, what, "terminal")
         if becomes is not None and not isinstance(becomes, Mechanism):
             raise ModelError(f"{what}: becomes= takes a Mechanism, got {becomes!r}")

@@ -42,6 +42,7 @@ from casadi import (
 )
 
 from ..errors import ModelError
+from ..numerics.real import real_array
 from .geometry.splines import spline
 
 __all__ = [
@@ -99,6 +100,19 @@ def _constant(value: Any) -> float | None:
         return None
 
 
+def _operand(value: Any, where: str, name: str) -> Any:
+    """Return an operand of a function as it is: numbers that are finite, or expressions; refuse anything else."""
+    if isinstance(value, ca.SX | ca.MX | ca.DM):
+        return value
+    try:
+        finite = np.all(np.isfinite(real_array(value))) and not isinstance(value, str | bytes | bool)
+    except (TypeError, ValueError):
+        finite = False
+    if not finite:
+        raise ModelError(f"{where}: {name} must be an expression or a finite number, got {value!r}")
+    return value if isinstance(value, np.ndarray) else _plain(ca.DM(real_array(value)))
+
+
 def _column(value: Any, where: str) -> ca.SX | ca.DM:
     """Return the components of a vector, or of the position of a marker or body, as a column."""
     value = getattr(value, "position", value)
@@ -136,7 +150,12 @@ def if_else(condition: Any, a: Any, b: Any) -> Any:
     >>> x = ca.SX.sym("x")
     >>> pull = if_else(x > 0, 200 * x, 0)
     """
-    return _plain(ca.if_else(condition, a, b))
+    try:
+        return _plain(ca.if_else(condition, a, b))
+    except NotImplementedError:  # CasADi's word for arguments of other types
+        raise ModelError(
+            f"if_else takes a relation and two numbers or expressions, got {condition!r}, {a!r} and {b!r}"
+        ) from None
 
 
 def positive_power(base: Any, exponent: Any) -> Any:
@@ -164,6 +183,7 @@ def positive_power(base: Any, exponent: Any) -> Any:
     known = _constant(exponent)
     if known is not None and not known > 0:
         raise ModelError(f"positive_power: the exponent must be above 0, got {known}")
+    base, exponent = _operand(base, "positive_power", "base"), _operand(exponent, "positive_power", "exponent")
     on = base > 0
     return if_else(on, if_else(on, base, 1) ** exponent, 0)
 
@@ -276,6 +296,8 @@ def step(x: Any, x0: Any, y0: Any, x1: Any, y1: Any) -> Any:
     start, end = _constant(x0), _constant(x1)
     if start is not None and end is not None and not end > start:
         raise ModelError(f"step: x1 must be above x0, got x0 = {start} and x1 = {end}")
+    given = {"x": x, "x0": x0, "y0": y0, "x1": x1, "y1": y1}
+    x, x0, y0, x1, y1 = (_operand(value, "step", name) for name, value in given.items())
     s = (x - x0) / (x1 - x0)
     s = if_else(s > 0, if_else(s < 1, s, 1), 0)
     return _plain(y0 + (y1 - y0) * s**3 * (10 + s * (6 * s - 15)))

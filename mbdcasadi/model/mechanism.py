@@ -65,7 +65,9 @@ class Mechanism(Immutable, HoldsSymbols):
         states: Mapping[StateVariable, Any] | None = None,
         name: str = "",
     ):
-        self.name = str(name)
+        if not isinstance(name, str):
+            raise ModelError(f"Mechanism: name= must be a text, got {name!r}")
+        self.name = name
         self.bodies: tuple[Body, ...] = entries(bodies, "bodies=")
         self.joints: tuple[Any, ...] = entries(joints, "joints=")
         self.drivers: tuple[Any, ...] = entries(drivers, "drivers=")

@@ -120,6 +120,13 @@ def yes_or_no(value: Any, what: str, name: str) -> bool:
     return bool(value)
 
 
+def one_of(value: Any, choices: Collection[str], what: str, name: str) -> str:
+    """Return the choice that a text names; refuse other texts and anything else."""
+    if not isinstance(value, str) or value not in choices:
+        raise ModelError(f"{what}: {name} must be one of {', '.join(choices)}, got {value!r}")
+    return value
+
+
 def whole(value: Any, what: str, name: str, least: int, most: int | None = None) -> int:
     """Return an integer within limits."""
     number_like = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
@@ -182,11 +189,18 @@ def is_relation(value: ca.SX) -> bool:
     return any(value.is_op(op) for op in _RELATIONS)
 
 
+def no_relation(value: Any, what: str, name: str) -> Any:
+    """Return a scalar quantity as it is; refuse a relation, whose value is 0 or 1."""
+    if isinstance(value, ca.SX) and is_relation(value):
+        raise ModelError(f"{what}: {name} is the relation {value}, 0 or 1; give the quantity itself")
+    return value
+
+
 def column(value: Any, what: str) -> ca.SX:
     """Return a scalar, a vector, or a list of scalars as a column of expressions."""
     if isinstance(value, ca.SX | ca.DM):
         return ca.densify(ca.vec(ca.SX(value)))
-    if isinstance(value, list | tuple | np.ndarray):
+    if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim):
         return ca.vertcat(ca.SX(0, 1), *[column(entry, what) for entry in value])
     if not isinstance(value, int | float | np.number):
         raise ModelError(f"{what} takes an expression in casadi.SX or a list of them, got {value!r}")
@@ -217,10 +231,16 @@ def triple(value: Any, what: str, name: str, form: str) -> np.ndarray:
     return np.array(values)
 
 
+def is_list(values: Any) -> bool:
+    """Return True for a list of parts; matrices of CasADi, texts and mappings have entries, but are none."""
+    if isinstance(values, ca.SX | ca.MX | ca.DM | str | bytes | Mapping) or not isinstance(values, Iterable):
+        return False
+    return not isinstance(values, np.ndarray) or values.ndim > 0
+
+
 def entries(values: Any, argument: str) -> tuple:
     """Return the entries of a list as a tuple; refuse a single part without brackets and other objects."""
-    # a casadi.SX has entries too, and so do texts and mappings; none of them is meant as a list of parts
-    if isinstance(values, ca.SX | str | bytes | Mapping) or not isinstance(values, Iterable):
+    if not is_list(values):
         raise ModelError(f"{argument} takes a list, got {values!r}; write {argument}[…]")
     return tuple(values)
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import casadi as ca
 
+from ..errors import ModelError
 from .element import constraint_load, cross
 from .mechanism import Mechanism
 from .quantities import vector2
@@ -35,6 +36,8 @@ class ShakingForce:
     """
 
     def __init__(self, mechanism: Mechanism, point: Any = (0.0, 0.0)):
+        if not isinstance(mechanism, Mechanism):
+            raise ModelError(f"shaking_force takes a Mechanism, got {mechanism!r}")
         self.mechanism, self.point = mechanism, vector2(point, "shaking_force", "point")
         load, self.force, self.moment = _internal_load(mechanism), ca.SX(2, 1), ca.SX(0)
         for k, body in enumerate(mechanism.bodies):

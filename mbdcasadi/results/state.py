@@ -104,6 +104,9 @@ class State(HoldsSymbols):
         """``(t, q, v, a, z, lam, u, p)`` for compiled expressions."""
         return self.t, self.q, self.v, self.a, self.z, self.lam, self.inputs, self.parameters
 
+    #: not a sequence: list(state) would ask for state[0], state[1], … as expressions, without an end
+    __iter__ = None
+
     def __getitem__(self, expression: Any) -> float | np.ndarray:
         """Value of an expression: a float, (k,) for a column, (i, j) for a matrix.
 

@@ -15,6 +15,7 @@ from ..integrators import Integrator, as_integrator
 from ..model.events import Event
 from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
+from ..model.quantities import yes_or_no
 from ..numerics.console import keyboard_interrupts
 from ..results.state import State
 from ..results.trajectory import Trajectory
@@ -132,15 +133,16 @@ def simulate(
         times=times, duration=duration, initial=initial, inputs=inputs, parameters=parameters
     )
     chosen: dict[str, Any] = dict(reltol=reltol, abstol=abstol, jit=jit, options=options)
+    yes_or_no(progress, "simulate", "progress")
     with keyboard_interrupts("simulate", lambda: trajectories[-1] if trajectories else None) as interruption:
         read = read_events(events)
         if any(event.becomes is not None for event in read):
-            return _through_phases(mechanism, read, method, chosen, arguments, progress=bool(progress))
+            return _through_phases(mechanism, read, method, chosen, arguments, progress=progress)
         setup = Setup(mechanism, "simulate", **arguments, takes_controller=True)
         modes = _modes(setup, read)
         asked = chosen_integrator(method, modes, **chosen, analysis="simulate", in_c=True)
         integrator = suited_to_friction(asked, modes.numeric(modes.free))
-        run = Run(setup, modes, read, integrator, progress=bool(progress), interruption=interruption)
+        run = Run(setup, modes, read, integrator, progress=progress, interruption=interruption)
         trajectories.append(run.run())
         if integrator.abstol < asked.abstol:
             trajectories[-1].statistics.notes.append(f"abstol = {integrator.abstol:.1e}, as the friction asks for")
@@ -149,7 +151,7 @@ def simulate(
                 'method="bdf" is faster for many contacts of bodies that no joint holds'
             )
         may_repeat = abstol is None and asked is not method and setup.signals.controller is None
-        trajectories.append(_checked(*_resolved(run, trajectories[-1], may_repeat=may_repeat, progress=bool(progress))))
+        trajectories.append(_checked(*_resolved(run, trajectories[-1], may_repeat=may_repeat, progress=progress)))
     return trajectories[-1]
 
 
@@ -229,7 +231,7 @@ def chosen_integrator(
     """
     if options is not None and not isinstance(options, dict):
         raise SimulationError(f"{analysis}: options= takes a dict for the integrator, got {options!r}")
-    if method == "auto":
+    if isinstance(method, str) and method == "auto":
         setup, numeric = modes.setup, modes.numeric(modes.free)
         stiff = numeric.eom.Q_depends_on_lam or _is_stiff(numeric, setup.start, setup.grid, setup.has_redundant_rows)
         in_c = in_c and not options and not setup.has_redundant_rows

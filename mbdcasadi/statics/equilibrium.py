@@ -12,9 +12,10 @@ from ..arguments.values import inputs_and_parameters, position_in
 from ..assembly.consistent_start import consistent_start
 from ..assembly.setup import Setup
 from ..equations.numeric import NumericEquations
-from ..errors import ConditionError, MechanismError, ModelError
+from ..errors import ConditionError, MechanismError
 from ..model.conditions import Condition, read_conditions
 from ..model.mechanism import Mechanism
+from ..model.quantities import one_of
 from ..model.symbols import Input, Parameter, place_of
 from ..numerics.console import keyboard_interrupts
 from ..numerics.least_squares import largest
@@ -156,8 +157,7 @@ def equilibrium_of(setup: Setup, wanted: tuple[Any, ...] = (), prefer: str = "st
     prefer : {"stable", "nearest"}
         Direction of the search.
     """
-    if prefer not in ("stable", "nearest"):
-        raise ModelError(f'equilibrium: prefer must be "stable" or "nearest", got {prefer!r}')
+    one_of(prefer, ("stable", "nearest"), "equilibrium", "prefer")
     conditions, eom, numeric, time = setup.initial, setup.eom, setup.numeric, setup.time
     rows = () if isinstance(conditions, State) else read_conditions(conditions)
     equalities = tuple(c for c in rows if c.equality) if wanted else ()

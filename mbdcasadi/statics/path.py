@@ -165,6 +165,9 @@ class EquilibriumPath:
         self.least_stiffness = np.array([state.stiffness.least for state in states])
         self.critical: tuple[CriticalState, ...] = tuple(critical)
 
+    #: not a sequence: list(path) would ask for path[0], path[1], … as expressions, without an end; see ``states``
+    __iter__ = None
+
     def __getitem__(self, expression: Any) -> np.ndarray:
         """Values of an expression along the path: (k,), or (k, i) for a vector."""
         expression = as_expression(expression, "path[…]")

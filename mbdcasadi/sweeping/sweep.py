@@ -19,6 +19,7 @@ from ..errors import FileError, Interrupted, ModelError, SimulationError
 from ..integrators import Integrator
 from ..model.events import Event
 from ..model.mechanism import Mechanism
+from ..model.quantities import yes_or_no
 from ..numerics.console import keyboard_interrupts
 from ..numerics.progress import progress_bar
 from ..sensitivity.sensitivities import named_outputs
@@ -118,6 +119,7 @@ def sweep(
     """
     if executor is not None and not hasattr(executor, "submit"):
         raise ModelError(f"sweep: executor= takes a concurrent.futures executor, got {executor!r}")
+    yes_or_no(progress, "sweep", "progress")
     equations(mechanism)  # raises for what is not a mechanism
     refuse_events(events, "sweep")
     varied = read_cases(mechanism, cases)

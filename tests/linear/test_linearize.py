@@ -119,6 +119,34 @@ def test_blade_on_a_turning_disc_is_stiffened_by_its_reaction():
     assert rates(model) == pytest.approx([expected], rel=1e-10)
 
 
+def test_bead_in_a_slot_of_a_turntable_is_steady_in_the_coordinate_that_turns_with_it():
+    """omega² = k/m - W². At the centre the global x and its rate do not change either, but A in them does."""
+    speed, stiffness, mass = 3.0, 25.0, 1.0
+    table = mbd.Body("table", mass=1.0, inertia=1.0)
+    bead = mbd.Body("bead", mass=mass, inertia=0.0)
+    axle = mbd.Revolute("axle", mbd.ground.at(0, 0), table.at(0, 0))
+    slot = mbd.Translational("slot", table.at(0, 0), bead.at(0, 0))
+    spring = mbd.TSDA("spring", table.at(-1, 0), bead.at(0, 0), stiffness=stiffness, free_length=1.0)
+    drive = mbd.Driver("drive", axle.angle, speed * mbd.t)
+    turning = mbd.Mechanism([table, bead], joints=[axle, slot], drivers=[drive], forces=[spring])
+    state = mbd.assemble(turning, [slot.displacement == 0, slot.speed == 0])
+    with pytest.warns(mbd.MechanismWarning, match="coordinates= that stay constant and turn with it"):
+        mbd.linearize(turning, state).modes()
+    model = mbd.linearize(turning, state, coordinates=[slot.displacement])
+    assert model.is_steady
+    assert rates(model) == pytest.approx([np.sqrt(stiffness / mass - speed**2)], rel=1e-10)
+
+
+def test_a_stiffness_that_changes_in_time_has_no_modes():
+    """A mass at rest on a spring whose stiffness swings: Mathieu's equation, for which stability is asked."""
+    mass = mbd.Body("mass", mass=1.0, inertia=1.0)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), mass.at(0, 0))
+    pull = mbd.Force("spring", mass.at(0, 0), (-(4 + mbd.sin(4 * mbd.t)) * mass.x, 0))
+    model = mbd.linearize(swing := mbd.Mechanism([mass], joints=[rail], forces=[pull]), mbd.assemble(swing))
+    with pytest.warns(mbd.MechanismWarning, match="the forces depend on time"):
+        model.modes()
+
+
 def test_free_masses_have_a_rigid_body_mode():
     blocks = [mbd.Body(f"block {k}", mass=3.0, inertia=1.0, pose=(k, 0, 0)) for k in range(2)]
     guides = [mbd.Translational(f"guide {k}", mbd.ground.at(0, 0), b.at(0, 0)) for k, b in enumerate(blocks)]

@@ -457,8 +457,10 @@ def test_data_that_make_no_law():
     """Raised when the law is made."""
     with pytest.raises(mbd.ModelError, match="same length"):
         mbd.DataLaw([0, 1], [0, 1, 2])
-    with pytest.raises(mbd.ModelError, match="ys must be"):
+    with pytest.raises(mbd.ModelError, match="both rates and damping_forces, and only one of them"):
         mbd.DataLaw([0, 1], [0, 1], rates=[0, 1])
+    with pytest.raises(mbd.ModelError, match="both rates and damping_forces, and only one of them"):
+        mbd.DataLaw([0, 1], [0, 1], damping_forces=[0, 1])
 
 
 @pytest.mark.parametrize("damping", [100.0, 400.0, 700.0])

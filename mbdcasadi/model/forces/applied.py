@@ -9,7 +9,7 @@ import casadi as ca
 from ...errors import ModelError
 from ..bodies import as_body, as_marker, bodies_of_couple, ground, rotation
 from ..element import BEYOND_COORDINATES, Element, cross, owners, refuse_kinds
-from ..quantities import quantity, vector2
+from ..quantities import entries, one_of, quantity, vector2
 
 
 class Force(Element):
@@ -57,10 +57,8 @@ class Force(Element):
                 "at= is a marker on the body that moves, opposite= another body"
             )
         components = vector2(vector, self.description, "vector")
-        if frame not in ("global", "body"):
-            raise ModelError(f"{self.description}: frame must be 'global' or 'body', got {frame!r}")
-        self.frame = frame
-        self.force = components if frame == "global" else rotation(self.at.angle) @ components
+        self.frame = one_of(frame, ("global", "body"), self.description, "frame")
+        self.force = components if self.frame == "global" else rotation(self.at.angle) @ components
         self.markers = (self.at,)
         pairs = [(self.at.position, self.force)]
         if not self.opposite.is_ground:
@@ -123,7 +121,7 @@ class GeneralizedForce(Element):
     def __init__(self, name: str, pairs: Any):
         super().__init__(name)
         checked = []
-        for entry in pairs:
+        for entry in entries(pairs, f"{self.description}: pairs"):
             try:
                 expression, force = (ca.vec(ca.SX(part)) for part in entry)
             except (TypeError, ValueError, NotImplementedError):

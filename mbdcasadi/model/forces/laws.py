@@ -11,7 +11,7 @@ import casadi as ca
 from ...errors import ModelError
 from ..expressions import fabs, fmax, fmin, if_else, positive_power
 from ..immutable import Immutable
-from ..quantities import HasQuantities, quantity, value_of
+from ..quantities import HasQuantities, one_of, quantity, value_of
 from ..symbols import number
 
 #: ``χ v`` as a function of the restitution.
@@ -74,8 +74,7 @@ class HuntCrossley(Immutable, HasQuantities):
         Silva, Martins, Multibody System Dynamics 25 (2011) 357.
         """
         what = "HuntCrossley.from_restitution"
-        if model not in DAMPING:
-            raise ModelError(f"{what}: model must be one of {', '.join(DAMPING)}, got {model!r}")
+        one_of(model, DAMPING, what, "model")
         e = quantity(restitution, what, "restitution", at_least=0.0)
         quantity(1 - ca.SX(e), what, "1 - restitution", at_least=0.0)
         if model == "flores":

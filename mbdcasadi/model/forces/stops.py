@@ -12,7 +12,7 @@ from ...numerics.lazy import cached_property
 from ..bodies import ground, markers_on_two
 from ..element import BEYOND_COORDINATES, Element, owners, refuse_kinds
 from ..expressions import distance
-from ..quantities import function_of, quantity
+from ..quantities import function_of, no_relation, quantity
 from ..rates import time_derivative
 from ..validity import Smoothing
 from .laws import SpringDamper, continuous_force, pushing_force, stored_energy
@@ -78,7 +78,7 @@ class EndStop(_OneSided):
 
     def __init__(self, name: str, gap: Any, law: Callable[[ca.SX, ca.SX], Any]):
         super().__init__(name)
-        self.gap = ca.SX(quantity(gap, self.description, "gap"))
+        self.gap = ca.SX(no_relation(quantity(gap, self.description, "gap"), self.description, "gap"))
         refuse_kinds(self.gap, BEYOND_COORDINATES, self.description, "a gap depends on coordinates only")
         if not owners(self.gap):
             raise ModelError(f"{self.description}: the gap {gap} depends on no coordinate of a body")

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...errors import ModelError
 from ..immutable import Immutable
+from ..quantities import one_of
 from ..symbols import number, positive
 
 
@@ -84,8 +85,7 @@ class ProgramSegment:
         positive(self.duration, self.kind, "duration")
         if self.level is not None:
             number(self.level, self.kind, "level")
-        if self.law not in LAWS:
-            raise ModelError(f"{self.kind}: law must be one of {', '.join(LAWS)}, got {self.law!r}")
+        one_of(self.law, LAWS, self.kind, "law")
 
 
 def rise(duration: float, level: float, law: str = "cycloidal") -> ProgramSegment:

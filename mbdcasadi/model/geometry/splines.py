@@ -15,6 +15,7 @@ import numpy as np
 
 from ...errors import ModelError
 from ...numerics.real import real_array
+from ..quantities import one_of
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -78,10 +79,8 @@ def spline(x: Any, xs: Any, ys: Any, kind: str = "cubic", outside: str = "error"
     >>> spline(0.5, [0, 1], [0, 3], kind="linear")
     1.5
     """
-    if kind not in _LEAST_POINTS:
-        raise ModelError(f"spline: kind must be one of {', '.join(_LEAST_POINTS)}, got {kind!r}")
-    if outside not in _OUTSIDE:
-        raise ModelError(f"spline: outside must be one of {', '.join(_OUTSIDE)}, got {outside!r}")
+    one_of(kind, _LEAST_POINTS, "spline", "kind")
+    one_of(outside, _OUTSIDE, "spline", "outside")
     xs, ys = _points(xs, ys, kind, outside)
     if isinstance(x, ca.MX):
         raise ModelError("spline: x is a casadi.MX; the model is written in casadi.SX")
@@ -193,7 +192,10 @@ def _points(xs: Any, ys: Any, kind: str, outside: str) -> tuple[np.ndarray, np.n
 
 def _values(x: Any, xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) -> Any:
     """Return the values at numbers: a float or an array like `x`."""
-    numbers = np.asarray(x.full() if isinstance(x, ca.DM) else x, dtype=float)
+    try:
+        numbers = real_array(x.full() if isinstance(x, ca.DM) else x)
+    except (TypeError, ValueError):
+        raise ModelError(f"spline: x must be an expression or numbers, got {x!r}") from None
     slack = _ROUNDING * (xs[-1] - xs[0])
     if outside == "error" and np.any(bad := (numbers < xs[0] - slack) | (numbers > xs[-1] + slack)):
         raise ModelError(

@@ -41,7 +41,7 @@ class Joint(ConstraintElement):
         self.a, self.b = a, b
         super().__init__(name, rows, row_labels, (a, b))
 
-    def pair(self, name: str, a: Any, b: Any) -> tuple[Marker, Marker]:
+    def pair(self, name: str, a: Any, b: Any, names: tuple[str, str] = ("a", "b")) -> tuple[Marker, Marker]:
         """Name the joint, and return its two markers; raise an error if they are not markers, or are on one body.
 
         Parameters
@@ -50,9 +50,11 @@ class Joint(ConstraintElement):
             Name of the joint.
         a, b : Marker
             The markers.
+        names : (str, str), default ("a", "b")
+            Names of the arguments by which the user gives them, for messages.
         """
         self.name = check_name(name, type(self).__name__)
-        return markers_on_two(a, b, self.description)
+        return markers_on_two(a, b, self.description, names)
 
 
 def as_carrier(value: Any, a: Marker, b: Marker, what: str) -> Body:

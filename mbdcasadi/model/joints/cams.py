@@ -92,7 +92,7 @@ class CamFlatFollower(_Contact):
     """
 
     def __init__(self, name: str, cam: Any, face: Any, outline: CamOutline):
-        a, b = self.pair(name, cam, face)
+        a, b = self.pair(name, cam, face, ("cam", "face"))
         what = self.description
         self.outline = as_outline(outline, what)
         self.limits = (*positive_radius(what, self.outline), *convex(what, self.outline))
@@ -144,7 +144,7 @@ class CamPointFollower(_Contact):
     """
 
     def __init__(self, name: str, cam: Any, point: Any, outline: CamOutline, roller_radius: Any = 0.0):
-        a, b = self.pair(name, cam, point)
+        a, b = self.pair(name, cam, point, ("cam", "point"))
         what = self.description
         self.outline = as_outline(outline, what)
         self.roller_radius = self.read(roller_radius, "roller_radius", at_least=0.0, fixed=True)

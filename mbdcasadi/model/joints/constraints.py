@@ -117,6 +117,8 @@ class KnifeEdge(ConstraintElement):
 def _velocity_rows(name: str, expression: Any) -> ca.SX:
     what = f"constraint '{name}'"
     rows = held_at_zero(expression, what)
+    if rows.numel() == 0:
+        raise ModelError(f"{what} is empty; give an expression in velocities that is zero")
     others = ("acceleration", "multiplier", "input", "state")
     refuse_kinds(
         rows, others, what, "a velocity-level constraint contains velocities, coordinates, parameters and time"

@@ -158,7 +158,7 @@ class RackAndPinion(Joint):
     """
 
     def __init__(self, name: str, rack: Any, pinion: Any, radius: Any):
-        a, b = self.pair(name, rack, pinion)
+        a, b = self.pair(name, rack, pinion, ("rack", "pinion"))
         self.radius = self.read(radius, "radius", above=0.0, fixed=True)
         super().__init__(name, a, b, _rolled(a, b, self.radius))
 
@@ -197,7 +197,7 @@ class Rolling(AlongLine, Joint):
     """
 
     def __init__(self, name: str, wheel: Any, surface: Any, radius: Any):
-        a, b = self.pair(name, surface, wheel)
+        a, b = self.pair(name, surface, wheel, ("surface", "wheel"))
         self.radius = self.read(radius, "radius", above=0.0, fixed=True)
         above = ca.dot(a.y_axis, b.position - a.position) - self.radius
         super().__init__(name, a, b, ca.vertcat(above, _rolled(a, b, self.radius)), ("contact", "rolling"))
