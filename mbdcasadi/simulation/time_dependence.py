@@ -86,8 +86,12 @@ def dependence_at(timed: ExplicitTime, p: np.ndarray, start: float, end: float) 
     else:
         max_step = min(max_step, float(np.min(breaks.transients[:, 1])))
     inside = np.unique(np.concatenate(stops))
+    inside = inside[(inside > start) & (inside < end)]
+    ends = np.unique(np.r_[start, inside, breaks.times, end])
+    short = np.diff(ends) <= max_step
+    hidden = timed.hidden_between(p, np.column_stack([ends[:-1], ends[1:]])[short])
     return TimeDependence(
-        inside[(inside > start) & (inside < end)],
+        np.union1d(inside, hidden),
         breaks.times[restarts],
         max_step,
         [jump for jump in constraint_jumps if jump.level == "velocity"],

@@ -28,6 +28,12 @@ PULSES = {
     "narrow Gauss": (2e4 * mbd.exp(-(((mbd.t - 3.21) / 1e-5) ** 2)), 0.2 * np.sqrt(np.pi)),
     "Lorentz": (20 / (1 + ((mbd.t - 5) / 0.002) ** 2), 20 * 0.002 * (np.arctan(2500) + np.arctan(2500))),
     "two tanh": (5 * (mbd.tanh((mbd.t - 4) / 1e-3) - mbd.tanh((mbd.t - 4.1) / 1e-3)), 1.0),
+    "parabola that is zero at both its stops": (30 * mbd.fmax(0, 1 - ((mbd.t - 5) / 0.01) ** 2), 0.4),
+    "power of a parabola": (30 * mbd.positive_power(1 - ((mbd.t - 5) / 0.01) ** 2, 2), 0.3 * 16 / 15),
+    "two parabolas of other signs": (
+        30 * mbd.positive_power(0.01**2 - (mbd.t - 5) ** 2, 1) * (mbd.t - 4.995) / 1e-6,
+        30 * 0.01**3 * 4 / 3 * 0.005 / 1e-6,
+    ),
     "nested": (mbd.if_else(mbd.fabs(mbd.t - 7) < 0.005, 100.0, 0.0), 1.0),
 }
 
@@ -41,6 +47,20 @@ def test_a_pulse_after_rest(name, count, method):
     body, mechanism = sled(force)
     motion = mbd.simulate(mechanism, np.linspace(0, 10, count), method=method)
     assert motion.final[body.vx] == pytest.approx(impulse, rel=1e-5)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("count", [3, 51, 101, 102])
+def test_a_state_takes_up_a_triangle(count, method):
+    """Its rate is symmetric about the corner: the error test of a multistep method may see none of a step past it."""
+    body, _ = sled()
+    charge = mbd.StateVariable("charge")
+    rate = mbd.fmax(0, 1 - mbd.fabs(mbd.t - 3.11) / 0.00513) / 0.00513
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), body.at(0, 0))
+    mechanism = mbd.Mechanism(bodies=[body], joints=[rail], states={charge: rate})
+    times = np.linspace(0, 6.27, count)
+    motion = mbd.simulate(mechanism, times, initial=[body.x == 0, body.vx == 0.1], method=method)
+    assert motion.final[charge] == pytest.approx(1.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -14,8 +14,15 @@ from ...numerics.scattered import scattered
 from ..derivation import Equations
 from .time_breaks import AWAY_FROM_CORNERS, TimeBreaks, TimeFunctions, merge_breaks, resolution
 
-#: Highest derivative whose jump makes the accelerations jump, by the kind of quantity.
-_ACCELERATIONS_JUMP = {"position": 2, "velocity": 1, "force": 0}
+#: Derivatives by which what depends on time enters the accelerations and rates; if these jump, an integrator restarts.
+_ENTERS = {"position": 2, "velocity": 1, "force": 0, "rate": 0}
+#: Highest derivative at whose jump an integrator restarts. A state that is the integral of a function of time alone has
+#: corrections by its slope only: past a symmetric corner the error test of a multistep method may see none.
+_RESTARTS = _ENTERS | {"rate": 1}
+#: Points between two instants at which it is looked at what passes between them, as shares.
+_BETWEEN = np.array([0.23, 0.5, 0.77])
+#: Deviation from the chord between two instants that counts, relative to the largest value.
+_HIDDEN = 1e-6
 #: Difference of two estimates of the size of a jump, relative to it, that is rounding.
 ROUNDED_SIZE = 1e-3
 #: Change of the estimated pose before rows are evaluated in it: in a special pose a jump may vanish.
@@ -105,9 +112,9 @@ class ExplicitTime:
         positions = [row for e in constraints for row in ca.vertsplit(e.rows)]
         velocities = [row for e in constraints for row in ca.vertsplit(e.velocity_rows)]
         forces = [ca.vec(ca.SX(x)) for e in eom.mechanism.elements for pair in e.virtual_work for x in pair]
-        forces += [*map(ca.SX, eom.mechanism.state_rates.values()), *self._integrands]
-        forces = [self._substituted(force) for force in forces if self._is_timed(force)]
-        groups = {"position": positions, "velocity": velocities, "force": forces}
+        rates = [*map(ca.SX, eom.mechanism.state_rates.values()), *self._integrands]
+        forces, rates = ([self._substituted(x) for x in part if self._is_timed(x)] for part in (forces, rates))
+        groups = {"position": positions, "velocity": velocities, "force": forces, "rate": rates}
         self._groups = {kind: self._functions(ca.vertcat(*rows)) for kind, rows in groups.items() if rows}
 
     def _is_timed(self, expression: ca.SX) -> bool:
@@ -162,10 +169,34 @@ class ExplicitTime:
         whole = merge_breaks(list(breaks.values()))
         restart = np.zeros(whole.times.size, bool)
         for kind, part in breaks.items():
-            jumps = part.times[part.order <= _ACCELERATIONS_JUMP[kind]]
+            jumps = part.times[part.order <= _RESTARTS[kind]]
             # the same instants: the merging took the first of those that are one
             restart[np.searchsorted(whole.times, jumps + whole.width, side="right") - 1] = True
         return whole, restart
+
+    def hidden_between(self, p: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Return instants inside those intervals at whose ends a load does not show that passes between them.
+
+        An integrator that stops at both ends of a pulse alone, where it is zero, would step over it.
+
+        Parameters
+        ----------
+        times : numpy.ndarray
+            Ends of the intervals, in pairs (k, 2), s.
+        """
+        if not times.size:
+            return np.zeros(0)
+        low, gap = times[:, :1], np.diff(times, axis=1)
+        shares = np.r_[1e-9, _BETWEEN, 1 - 1e-9]
+        hidden = np.zeros(len(times), bool)
+        for kind, group in self._groups.items():
+            with np.errstate(invalid="ignore", over="ignore"):
+                values = group.values(p, (low + gap * shares).ravel())[_ENTERS[kind]].reshape(-1, len(times), shares.size)
+                first, last = values[:, :, :1], values[:, :, -1:]
+                off = np.max(np.abs(values - first - (last - first) * shares), axis=2)
+                size = np.max(np.where(np.isfinite(values), np.abs(values), 0.0), axis=(1, 2), keepdims=True)
+                hidden |= np.any(off > np.abs(last - first)[:, :, 0] + _HIDDEN * size[:, :, 0], axis=0)
+        return (low + gap * _BETWEEN)[hidden].ravel()
 
     # --- constraints that jump -----------------------------------------------------------------
     @cached_property
