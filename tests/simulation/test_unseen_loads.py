@@ -133,6 +133,24 @@ def test_a_load_over_many_outputs_that_begins_and_ends_gently(method):
     assert motion[body.vx][-1] == pytest.approx(np.sqrt(0.75**2 + 2 * 0.05), rel=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("span", "half", "place", "count"),
+    [
+        (0.645548271711253, 4.575128525899132e-05, 0.26435875205574033, 501),
+        (0.45167916274565917, 2.4400707685130633e-05, 0.2705977806754503, 101),
+        (15.382985155982869, 0.0032202849229307005, 6.4544204642007, 3),
+    ],
+)
+def test_a_load_that_is_zero_at_both_of_its_switches(span, half, place, count):
+    """Stops at the two switches alone would let IDAS step from one to the other; the work of the load is 16/15 of 0.2 J."""
+    body = mbd.Body("puck", mass=1.0, inertia=1.0)
+    bump = mbd.positive_power(1 - ((body.x - place) / half) ** 2, 2) * 0.2 / half
+    mechanism = mbd.Mechanism(bodies=[body], forces=[mbd.Force("load", body.at(0, 0), (bump, 0))])
+    for start in (0.0, 1e4):
+        motion = mbd.simulate(mechanism, start + np.linspace(0, span, count), initial=[body.x == 0, body.vx == 1])
+        assert motion.final[body.vx] == pytest.approx(np.sqrt(1 + 0.4 * 16 / 15), rel=1e-5)
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_a_magnet_that_a_body_passes(method):
     mechanism, body = puck(lambda b: PUSH * FACTOR * (1 + ((b.x - 50.3) / 0.01) ** 2) ** -2.5)

@@ -30,6 +30,8 @@ from ..stepper import Stepper
 POINTS = 9
 #: Stops around the middle of a transient, in its durations.
 AROUND = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
+#: Stops between two switches, as shares.
+BETWEEN = np.array([0.3, 0.7])
 #: Doublings or halvings by which the duration of a transient is found, at most.
 MOST_DOUBLINGS = 60
 #: Transients that last longer than this many output intervals are noticed by the steps of a simulation.
@@ -263,7 +265,13 @@ class UnseenLoads:
     ) -> list[UnseenLoad]:
         """Intervals with instants of a load in which the change of the state is not the integral of its rates."""
         smooth = np.isfinite(durations)
-        marks = np.concatenate([instants, (instants[smooth, None] + durations[smooth, None] * AROUND).ravel()])
+        around = (instants[smooth, None] + durations[smooth, None] * AROUND).ravel()
+        # a load may be zero at both of the switches between which it acts, and steps from one to the other miss it
+        switches = np.unique(instants[~smooth])
+        gaps = np.diff(switches)
+        short = gaps < np.max(np.diff(path.times))
+        between = (switches[:-1, None] + gaps[:, None] * BETWEEN)[short].ravel()
+        marks = np.concatenate([instants, around, between])
         rounding = SAME_INSTANT * float(np.max(np.diff(path.times)))
         marks = np.unique(marks[(marks > path.times[0] - rounding) & (marks < path.times[-1] + rounding)])
         # a mark at an output belongs to the intervals on both sides of it: a load may fill one from end to end
