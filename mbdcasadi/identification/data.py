@@ -68,7 +68,7 @@ class Experiment(Immutable):
     def _samples(self, expression: ca.SX, values: Any, what: str) -> np.ndarray:
         label = to_text(expression) if expression.numel() == 1 else f"a vector of {expression.numel()}"
         try:
-            samples = real_array(values)
+            samples = np.atleast_1d(real_array(values))
         except (TypeError, ValueError):
             raise ModelError(f"{what}: the samples of {label} must be numbers, got {values!r}") from None
         samples = samples[:, None] if samples.ndim == 1 else samples

@@ -98,14 +98,14 @@ class LinearModel:
         Warns
         -----
         MechanismWarning
-            If the state is neither at rest nor in steady motion: modes then say little.
+            If the state is neither at rest nor in steady motion, or A changes in time: modes then say little.
         """
         if not self.is_steady:
             warn(
                 "modes: the state is neither an equilibrium nor in steady motion as its coordinates "
                 f"({', '.join(self.state_names[: self.speeds])}) show it, or the forces depend on time; its "
-                "eigenvalues do not describe its further motion. For a steady rotation give linearize coordinates= that stay "
-                "constant and turn with it, such as a relative angle or the displacement in a guide"
+                "eigenvalues do not describe its further motion. For a steady rotation give linearize coordinates= "
+                "that stay constant and turn with it, such as a relative angle or the displacement in a guide"
             )
         if not self.A.size:
             return ()

@@ -254,7 +254,7 @@ class ConstraintElement(Element):
         return Impulse(self, body)
 
     def _refuse_other(self, body: Body) -> None:
-        if body not in self.bodies:
+        if not any(body is b for b in self.bodies):
             names = ", ".join(f"'{b.name}'" for b in self.bodies)
             name = body.name if isinstance(body, Body) else repr(body)
             raise ModelError(f"{self.description} does not act on '{name}'; it acts on {names}")

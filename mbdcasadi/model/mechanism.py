@@ -280,6 +280,6 @@ class Mechanism(Immutable, HoldsSymbols):
 
 def _find(parts: Sequence[Any], name: str, kind: str) -> Any:
     for part in parts:
-        if part.name == name:
+        if isinstance(name, str) and part.name == name:
             return part
-    raise ModelError(f"there is no {kind} '{name}'; there are {', '.join(repr(p.name) for p in parts) or 'none'}")
+    raise ModelError(f"there is no {kind} {name!r}; there are {', '.join(repr(p.name) for p in parts) or 'none'}")

@@ -77,6 +77,8 @@ class Animation:
 
 def check_ending(path: str | Path, live: bool = False) -> str:
     """Return the ending of a path if such a file can be written; of a live mechanism a page alone."""
+    if not isinstance(path, str | Path):
+        raise MechanismError(f"animate: path= must be the name of a file, got {path!r}")
     ending = Path(path).suffix.lower()
     if live and ending not in _PAGES:
         raise MechanismError(f"animate: live=True writes a page, which ends in .html, got '{path}'")

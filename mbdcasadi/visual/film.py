@@ -124,7 +124,7 @@ def film(
     scene, scale = compose(sample, replace(options, names=True, velocities=True))  # a page switches them on and off
     name = motion.mechanism.name if title is None else str(title)
     poses = scene.poses(sample)
-    quantities = read_lines(plots or {})
+    quantities = read_lines({} if plots is None else plots)
     course = Course(motion, [options.paths, *[column for _, column in quantities.values()]])
     for label, values in zip(quantities, course.values[1:], strict=True):
         if not np.isfinite(values).all():

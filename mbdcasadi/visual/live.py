@@ -157,7 +157,7 @@ def stage(
     box = room(scene, poses, traced)
     scene = with_names(scene, poses, box)
     name = model.mechanism.name if title is None else str(title)
-    quantities = read_lines(plots or {})
+    quantities = read_lines({} if plots is None else plots)
     for _, column in quantities.values():
         model.eom.function(column)  # raises for symbols that the mechanism does not have
     # a film of nothing: the page finds its own frames

@@ -142,7 +142,7 @@ def test_a_load_over_many_outputs_that_begins_and_ends_gently(method):
     ],
 )
 def test_a_load_that_is_zero_at_both_of_its_switches(span, half, place, count):
-    """Stops at the two switches alone would let IDAS step from one to the other; the work of the load is 16/15 of 0.2 J."""
+    """Stops at the two switches alone let IDAS step from one to the other. The work of the load is 16/15 of 0.2 J."""
     body = mbd.Body("puck", mass=1.0, inertia=1.0)
     bump = mbd.positive_power(1 - ((body.x - place) / half) ** 2, 2) * 0.2 / half
     mechanism = mbd.Mechanism(bodies=[body], forces=[mbd.Force("load", body.at(0, 0), (bump, 0))])

@@ -191,7 +191,9 @@ class ExplicitTime:
         hidden = np.zeros(len(times), bool)
         for kind, group in self._groups.items():
             with np.errstate(invalid="ignore", over="ignore"):
-                values = group.values(p, (low + gap * shares).ravel())[_ENTERS[kind]].reshape(-1, len(times), shares.size)
+                values = group.values(p, (low + gap * shares).ravel())[_ENTERS[kind]].reshape(
+                    -1, len(times), shares.size
+                )
                 first, last = values[:, :, :1], values[:, :, -1:]
                 off = np.max(np.abs(values - first - (last - first) * shares), axis=2)
                 size = np.max(np.where(np.isfinite(values), np.abs(values), 0.0), axis=(1, 2), keepdims=True)

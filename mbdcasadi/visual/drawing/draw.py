@@ -98,6 +98,8 @@ def draw(
     if options.trace and not isinstance(pictured, Trajectory):
         raise MechanismError("draw: a trace is the path of a point over a motion; this is one state")
     count = 1 if poses is None else whole(poses, "draw", "poses", 1)
+    if axes is not None and not hasattr(axes, "set_xlim"):
+        raise MechanismError(f"draw: axes= takes axes of Matplotlib, got {axes!r}")
     if axes is None:
         axes = Figure(layout="constrained").subplots()
         fresh = True
