@@ -109,7 +109,7 @@ class DifferentiableMotion:
         self._integrator, self._given, self._in_state = integrator, frozenset(varied), in_state
         self._is_reversible = reversible and integrator.is_multistep
         self._courses: OrderedDict[tuple[Any, ...], Cuts] = OrderedDict()
-        self.load_limit = LoadLimit(setup, integrator)
+        self.load_limit = LoadLimit(setup, integrator, self._integrands)
         self._timed = timed_equations(setup, self._integrands)
         self.course_varies = bool(self._timed.parameters & self._given)
         # from zero the search of IDAS for forces that depend on reactions, |λ|, may fail

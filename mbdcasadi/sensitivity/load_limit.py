@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 
+import casadi as ca
 import numpy as np
 
 from ..arguments.values import RunValues
@@ -36,9 +37,12 @@ class LoadLimit:
         True if loads may come and go with the motion, or outlines meet.
     """
 
-    def __init__(self, setup: Setup, integrator: Integrator):
+    def __init__(self, setup: Setup, integrator: Integrator, integrands: ca.SX | None = None):
         self._setup, self._integrator = setup, integrator
-        self.is_needed = meets_loads(setup.eom, setup.signals) or has_gaps(setup.eom.mechanism)
+        passing = integrands is not None and integrands.numel() and meets_loads(setup.eom, setup.signals, integrands)
+        #: expressions that are integrated along the motion and may come and go
+        self._integrands = integrands if passing else None
+        self.is_needed = bool(passing) or meets_loads(setup.eom, setup.signals) or has_gaps(setup.eom.mechanism)
         self._shortest = np.inf
         self._known: dict[tuple[float, float], deque[np.ndarray]] = {}
 
@@ -51,7 +55,8 @@ class LoadLimit:
         if any(np.all(np.abs(point - other) <= NEAR * np.abs(other) + ZERO) for other in known):
             return
         known.append(point)
-        shortest = shortest_unseen_load(self._setup.at_values(grid, values), self._integrator, start)
+        setup = self._setup.at_values(grid, values)
+        shortest = shortest_unseen_load(setup, self._integrator, start, self._integrands)
         if shortest < self._shortest:  # a power of two, so that nearly equal loads share what is compiled
             self._shortest = float(2.0 ** np.floor(np.log2(shortest)))
 
@@ -64,7 +69,9 @@ class LoadLimit:
         return max(self._shortest / STEPS_PER_LOAD, span / MOST_LOAD_STEPS)
 
 
-def shortest_unseen_load(setup: Setup, integrator: Integrator, start: np.ndarray) -> float:
+def shortest_unseen_load(
+    setup: Setup, integrator: Integrator, start: np.ndarray, integrands: ca.SX | None = None
+) -> float:
     """Duration of the shortest load or contact on a motion over which the steps of an integrator may pass, s.
 
     Infinite if there is none. A simulation stops around loads that its own steps pass over; analyses whose steps are
@@ -74,13 +81,14 @@ def shortest_unseen_load(setup: Setup, integrator: Integrator, start: np.ndarray
     ----------
     start : numpy.ndarray
         State ``(q, v, z)`` at the first time.
+    integrands : casadi.SX, optional
+        Expressions that are integrated along the motion, whose courses count as loads do.
     """
     modes = SingleMode(setup)
     n, time = setup.eom.q.numel(), float(setup.grid[0])
-    run = Run(setup, modes, (), integrator)
-    run.keeps_paths = True
+    run = Run(setup, modes, (), integrator, keeps_paths=True)
     try:
         run.run(modes.at(modes.free, time, *np.split(start, [n, 2 * n])))
     except MechanismError:  # the analysis itself says why
         pass
-    return run.shortest_load()
+    return run.shortest_load(integrands)

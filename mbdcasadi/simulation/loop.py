@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ..assembly.consistent_start import consistent_start
@@ -28,7 +29,7 @@ from .changes.impacts import instant_of
 from .changes.modes import Block, Modes
 from .changes.transitions import Transitions
 from .checks.failure_diagnosis import cause_of_failure, singular_event
-from .checks.unseen_loads import meets_loads
+from .checks.unseen_loads import UnseenLoads, meets_loads
 from .outputs import Outputs
 from .path import Path
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
@@ -61,8 +62,11 @@ class Run:
         *,
         progress: bool = False,
         interruption: Interruption | None = None,
+        keeps_paths: bool = False,
     ):
         self.setup, self.modes, self.events, self.integrator = setup, modes, tuple(events), integrator
+        #: True if the paths of all pieces are kept, on which the shortest load is looked for
+        self.keeps_paths = keeps_paths
         self._progress, self._noticed = progress, interruption
         timed = time_dependence(setup)
         self._max_step, self._obstacle, self._corners = timed.max_step, timed.obstacle(), timed.velocity_jumps
@@ -82,8 +86,6 @@ class Run:
         self._notes = timed.notes
         self._x = self._extra_stops = np.zeros(0)
         self._passed: list[float] = []
-        #: True if the paths of all pieces are kept, on which the shortest load is looked for
-        self.keeps_paths = False
         self._paths: list[Path] = []
         #: events of the instant at which the run ended that change the mechanism, and the state there
         self.changing: list[Event] = []
@@ -101,7 +103,7 @@ class Run:
         smoothed = any(getattr(element, "smoothings", ()) for element in mechanism.elements)
         # drift is taken away at the ends of pieces, which outputs far apart would make as long as the run
         drifts = bool(eom.lam.numel()) and float(np.max(np.diff(self.setup.grid))) > self._span / PIECES * (1 + 1e-9)
-        if self.events or conditions or smoothed or switching(mechanism) or eom.has_loops:
+        if self.keeps_paths or self.events or conditions or smoothed or switching(mechanism) or eom.has_loops:
             return True
         return drifts or meets_loads(eom, self.setup.signals)
 
@@ -513,12 +515,14 @@ class Run:
         """Steps of the integrator."""
         return sum([arc.stepper.counts.all_steps for arc in self._arcs.values()])
 
-    def shortest_load(self) -> float:
-        """Duration of the shortest load or contact on the paths that were kept, s; infinite if there is none."""
+    def shortest_load(self, integrands: ca.SX | None = None) -> float:
+        """Duration of the shortest load, contact or integrand on the paths that were kept, s; infinite if none."""
         if not self._paths:
             return np.inf
         path = Path.joined(self._paths)
-        return min(self._arc.unseen_loads.shortest(path), self._arc.resolution.shortest_contact(path))
+        arc = self._arc
+        looks = [arc.unseen_loads] if integrands is None else [arc.unseen_loads, UnseenLoads(arc.stepper, integrands)]
+        return min([arc.resolution.shortest_contact(path), *(look.shortest(path) for look in looks)])
 
     def unresolved(self) -> list[str]:
         """Sentences on what the steps of the integrator did not resolve."""

@@ -74,14 +74,18 @@ class UnseenLoads:
     ----------
     stepper : Stepper
         Method that advances the run, whose short integrations verify suspicions.
+    integrands : casadi.SX, optional
+        Expressions that are integrated along the motion: their courses are looked at instead of the loads.
     """
 
-    def __init__(self, stepper: Stepper):
+    def __init__(self, stepper: Stepper, integrands: ca.SX | None = None):
         self._stepper, self._numeric = stepper, stepper.numeric
         eom = stepper.numeric.eom
-        quantities = _quantities(eom, stepper.signals)
+        quantities = _quantities(eom, stepper.signals, integrands)
         self._count, self.watched, self._quantities = quantities.switches, quantities.number, quantities.function
-        self._z_rate = eom.function(eom.z_rate) if eom.sizes[3] else None
+        rate = eom.z_rate if integrands is None else integrands
+        self._moves = integrands is None
+        self._rate = eom.function(rate) if rate.numel() else None
         # by how much more than these limits something must be missed to be looked at
         self._doubt = 1.0
 
@@ -140,8 +144,10 @@ class UnseenLoads:
         return shortest
 
     def _limits(self, path: Path) -> np.ndarray:
-        """Errors of velocities and first-order states that do not count (n_x - n,)."""
+        """Errors of velocities and first-order states, or of the integrals, that do not count."""
         reltol, abstol = self._stepper.integrator.tolerances
+        if not self._moves:
+            return np.array([MISSED_TOLERANCES * abstol])
         n, bodies = self._numeric.eom.q.numel(), len(self._numeric.eom.mechanism.bodies)
         size = np.max(np.abs(path.x[:, n:]), axis=0, initial=0.0)
         size[: 3 * bodies] = np.max(size[: 3 * bodies], initial=0.0)
@@ -315,23 +321,25 @@ class UnseenLoads:
         return UnseenLoad(first, np.r_[path.times[first + 1 : load.interval + 1], load.stops])
 
     def _rates(self, path: Path, times: np.ndarray) -> np.ndarray:
-        """Rates of the velocities and first-order states on the path (k, n_x - n)."""
+        """Rates of the velocities and first-order states on the path (k, n_x - n), or the integrands."""
         states = hermite_states(path, times, self._numeric.eom.q.numel())
         t, q, v, a, z, lam, u = self._stepper.outputs.block(times, states)
-        if self._z_rate is None:
+        if self._rate is None:
             return a
-        z_rate = self._z_rate(t[None, :], q.T, v.T, a.T, z.T, lam.T, u.T, self._numeric.p).full().T
-        return np.hstack([a, z_rate])
+        rate = self._rate(t[None, :], q.T, v.T, a.T, z.T, lam.T, u.T, self._numeric.p).full().T
+        return np.hstack([a, rate]) if self._moves else rate
 
 
-def meets_loads(eom: Equations, signals: Signals) -> bool:
-    """Return True if a motion may meet loads that steps pass over."""
-    return bool(_quantities(eom, signals).number)
+def meets_loads(eom: Equations, signals: Signals, integrands: ca.SX | None = None) -> bool:
+    """Return True if a motion may meet loads, or integrands that come and go, that steps pass over."""
+    return bool(_quantities(eom, signals, integrands).number)
 
 
-def _quantities(eom: Equations, signals: Signals) -> _Quantities:
-    """Quantities of a motion that are watched; kept for a mechanism."""
-    return signals.kept(eom, ("state quantities",), lambda: _Quantities(eom, signals), bounded=True)
+def _quantities(eom: Equations, signals: Signals, integrands: ca.SX | None = None) -> _Quantities:
+    """Quantities of a motion that are watched; those of its loads are kept for a mechanism."""
+    if integrands is not None:
+        return _Quantities(eom, signals, integrands)
+    return signals.kept(eom, ("state quantities",), lambda: _Quantities(eom, signals, None), bounded=True)
 
 
 def _duration(load: np.ndarray, spacing: float) -> float:
@@ -354,23 +362,28 @@ class _Quantities:
         ``(t, q, v, z, p) ->`` their values (number,).
     """
 
-    def __init__(self, eom: Equations, signals: Signals):
-        switches, transients = state_quantities(eom, signals)
+    def __init__(self, eom: Equations, signals: Signals, integrands: ca.SX | None):
+        switches, transients = state_quantities(eom, signals, integrands)
         column = ca.vertcat(ca.SX(0, 1), *switches, *transients)
         self.switches, self.number = len(switches), column.numel()
         known = [eom.t, eom.q, eom.v, eom.z, eom.p]
         self.function = Evaluator(ca.Function("quantities", known, [ca.densify(column)]))
 
 
-def state_quantities(eom: Equations, signals: Signals) -> tuple[list[ca.SX], list[ca.SX]]:
-    """Quantities that switch, and others that may pass quickly."""
-    elements = [e for e in eom.mechanism.elements if not has_gap(e) and not getattr(e, "smoothings", ())]
-    loads = [ca.vec(as_sx(x)) for e in elements for pair in e.virtual_work for x in pair]
-    loads += [ca.vec(ca.SX(rate)) for rate in eom.mechanism.state_rates.values()]
-    loads += [eom.Phi, eom.velocity_rows]
-    everything = ca.vertcat(ca.SX(0, 1), *loads)
+def state_quantities(
+    eom: Equations, signals: Signals, integrands: ca.SX | None = None
+) -> tuple[list[ca.SX], list[ca.SX]]:
+    """Quantities of the loads, or of integrands, that switch, and others that may pass quickly."""
+    everything = _loads(eom) if integrands is None else integrands
     if eom.u.numel() and ca.depends_on(everything, eom.u):
         everything = ca.substitute(everything, eom.u, signals.with_expressions(eom.u))
     unknown = ca.vertcat(eom.a, eom.lam, eom.u)
     state = ca.vertcat(eom.q, eom.v, eom.z)
     return state_switches(everything, state, unknown)
+
+
+def _loads(eom: Equations) -> ca.SX:
+    elements = [e for e in eom.mechanism.elements if not has_gap(e) and not getattr(e, "smoothings", ())]
+    loads = [ca.vec(as_sx(x)) for e in elements for pair in e.virtual_work for x in pair]
+    loads += [ca.vec(ca.SX(rate)) for rate in eom.mechanism.state_rates.values()]
+    return ca.vertcat(ca.SX(0, 1), *loads, eom.Phi, eom.velocity_rows)
