@@ -237,7 +237,8 @@ class DifferentiableMotion:
             np.r_[x0, np.zeros(self.integrals)] if self.follows_state else None,
             values,
             limits=limits,
-            watch_step=float(whole[-1] - whole[0]) / WATCH_POINTS,
+            # both borders of a short load must not lie between two states that are looked at
+            watch_step=min(float(whole[-1] - whole[0]) / WATCH_POINTS, self.load_limit.max_step or np.inf),
             in_time=self._sides_in_time(float(grid[0]) + self._width, p),
         )
         course = replace(limits, jumps=self._follow(passage, timed, p, grid))

@@ -186,11 +186,11 @@ class BorderPassage:
         slopes = margin_rates_of(w, rates, self.sides, whole)[watched]
         # what stands at its border at the start goes inside from there
         margins[:, 0] = np.maximum(margins[:, 0], 0.0)
-        rounding = ZERO_VALUE * (1 + np.max(np.abs(x)))
+        rounding = self._rounding(x[:-1])  # of its start: beyond the border the held equations may grow without bound
         left, visits = margins[:, 1:] < -rounding, _may_visit(margins, slopes, np.diff(times))
         for k in np.flatnonzero(np.any(left | visits, axis=0)):
             candidates = np.flatnonzero(left[:, k] | visits[:, k])
-            crossing = self._crossing_in(times[k], x[k], times[k + 1], candidates, rounding)
+            crossing = self._crossing_in(times[k], x[k], times[k + 1], candidates, float(rounding[k]))
             if crossing is not None:
                 switch = int(watched[crossing[0]])
                 return switch, crossing[1], crossing[2], float(np.max(np.abs(rates[switch])))
@@ -313,8 +313,8 @@ class BorderPassage:
         soon = self._time + 1e-2 * self._watch_step
         x = self._integrated(self._time, self._x, np.array([soon]), np.zeros(1, bool))
         w = self._call(self._system.quantities, np.array([soon]), x, self.sides)[0]
-        rounding = ZERO_VALUE * (1 + np.max(np.abs(self._x)))
-        leaves: np.ndarray = at_rest & (margins_of(w, self.sides, self._system.whole)[:, 0] < -rounding)
+        margins = margins_of(w, self.sides, self._system.whole)[:, 0]
+        leaves: np.ndarray = at_rest & (margins < -self._rounding(self._x))
         return leaves
 
     def _cut(self, switches: Sequence[int], sides: np.ndarray, *, impulse: bool = False) -> None:
@@ -364,9 +364,15 @@ class BorderPassage:
         n = self._system.numeric.eom.q.numel()
         return float(np.max(np.abs(self._x[n : 2 * n]), initial=0.0))
 
+    def _rounding(self, x: np.ndarray) -> np.ndarray:
+        """Values of quantities that are rounding, by the size of states (…, n_x) without their integrals."""
+        eom = self._system.numeric.eom
+        size = np.max(np.abs(x[..., : 2 * eom.q.numel() + eom.z.numel()]), axis=-1, initial=0.0)
+        return np.asarray(ZERO_VALUE * (1 + size))
+
     def _near(self, rates: np.ndarray) -> np.ndarray:
         """Distances from the borders that are rounding."""
-        return np.maximum(self._instant * np.abs(rates), ZERO_VALUE * (1 + np.max(np.abs(self._x))))
+        return np.maximum(self._instant * np.abs(rates), self._rounding(self._x))
 
     def _margins_in_time(self, sides: np.ndarray) -> np.ndarray:
         """Distances of the quantities in time from the borders of sides at the present time (switches,)."""
