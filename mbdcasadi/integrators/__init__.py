@@ -60,11 +60,11 @@ def as_integrator(
         names = ", ".join((*_BY_NAME, *besides))
         raise SimulationError(f"method must be one of {names}, or an integrator such as IDAS(), got {method!r}")
     tolerances = (RELTOL if reltol is None else reltol, ABSTOL if abstol is None else abstol)
-    if options is not None or any(type(tolerance) is not float for tolerance in tolerances):
+    if options is not None or type(jit) is not bool or any(type(tolerance) is not float for tolerance in tolerances):
         return kind(*tolerances, jit=jit, options=options)
     if jit:
         required_compiler()
-    return _with_tolerances(kind, *tolerances, bool(jit))
+    return _with_tolerances(kind, *tolerances, jit)
 
 
 @lru_cache

@@ -318,9 +318,7 @@ class DataLaw(Immutable):
     ):
         what = "DataLaw"
         if (rates is None) != (damping_forces is None):
-            raise ModelError(
-                f"{what}: the curve of a damper needs rates and damping_forces, and only one of them is given"
-            )
+            raise ModelError(f"{what}: a damper needs both rates and damping_forces, and only one of them is given")
         self._curve = displacements, forces, kind, outside
         self._damper = None if rates is None else (rates, damping_forces, kind, outside)
         self.damping = quantity(damping, what, "damping")
