@@ -163,6 +163,22 @@ class PhaseSolution:
         """Transitions of small errors from mesh point to mesh point."""
         return growth(self.polynomials)
 
+    @cached_property
+    def growth_to_end(self) -> np.ndarray:
+        """Factors by which errors at the ends of the intervals grow up to the end, in typical sizes (N, k, 2 k)."""
+        return self.growth.to_end(self.state_sizes)
+
+    @cached_property
+    def largest_growth(self) -> float:
+        """Largest factor by which a small error grows from a mesh point to the end, in typical sizes."""
+        return float(np.max(np.linalg.norm(self.growth_to_end, 2, axis=(1, 2)), initial=1.0))
+
+    @property
+    def state_sizes(self) -> np.ndarray:
+        """Typical sizes of coordinates and rates (2 n,)."""
+        scales = self.program.scales.q
+        return np.r_[scales, scales / self.duration]
+
     @property
     def state_errors(self) -> np.ndarray:
         """The same of the first-order states, as shares of their ranges (N, k)."""

@@ -23,6 +23,9 @@ FINE_ERROR = COARSE_ERROR / 3
 #: Miss of a simulation with the inputs of a solution, rad or sizes of the mechanism, from which it does not follow the
 #: motion, and largest number of intervals to which the mesh is refined for it without `tolerance`.
 REPLAY_ERROR, REPLAY_INTERVALS = 0.01, 120
+#: Share that errors at the ends of intervals have of those inside at most (measured on 21 solutions: up to 0.047), and
+#: order of a scheme from which they are so much smaller.
+END_SHARE, SHARED_ORDER = 0.05, 6
 #: Error that any integration makes, rad or sizes of the mechanism.
 INTEGRATION_ERROR = 1e-11
 #: Growth of errors from which rounding and the errors of the solver alone lead a simulation away.
@@ -138,7 +141,7 @@ class ReplayErrors(Coarseness):
 
 def _not_followed(part: PhaseSolution, error: float, of_phase: str) -> str:
     """Miss of a simulation with the inputs of a phase, its cause and a remedy, in words."""
-    growth, tolerance = largest_growth(part), f"take tolerance= (local errors are up to {part.mesh_error:.1g})"
+    growth, tolerance = part.largest_growth, f"take tolerance= (local errors are up to {part.mesh_error:.1g})"
     unstable = growth > UNSTABLE_GROWTH
     remedy = "only feedback keeps it on its way" if growth > FOLLOWED_GROWTH else tolerance
     remedy += ", or feedback that keeps it on its way" if unstable and growth <= FOLLOWED_GROWTH else ""
@@ -158,8 +161,9 @@ def replay_error(part: PhaseSolution) -> float:
 
     Zero if it is certainly small, and that of an integration alone if intervals cannot be integrated again.
     """
-    least = INTEGRATION_ERROR * largest_growth(part)
-    if max(np.sum(_at_end(part, part.inner_errors)), least) <= REPLAY_ERROR:
+    least = INTEGRATION_ERROR * part.largest_growth
+    share = END_SHARE if part.program.scheme.order >= SHARED_ORDER else 1.0
+    if max(share * np.sum(_at_end(part, part.inner_errors)), least) <= REPLAY_ERROR:
         return 0.0
     try:
         carried = part.growth.carried(part.end_differences)
@@ -171,22 +175,11 @@ def replay_error(part: PhaseSolution) -> float:
 
 def _at_end(part: PhaseSolution, errors: np.ndarray) -> np.ndarray:
     """What errors of the intervals (N, 2 n or more) have become at the end, at most (N,)."""
-    sizes, places = _sizes(part), part.growth.places
-    scaled = errors[:, places] / sizes[places]
-    carried = np.einsum("ijk,ik->ij", np.abs(part.growth.to_end(sizes)), scaled)
+    places = part.growth.places
+    scaled = errors[:, places] / part.state_sizes[places]
+    carried = np.einsum("ijk,ik->ij", np.abs(part.growth_to_end), scaled)
     largest_ones: np.ndarray = np.max(carried, axis=1, initial=0.0)
     return largest_ones
-
-
-def largest_growth(part: PhaseSolution) -> float:
-    """Largest factor by which a small error grows from a mesh point to the end, in typical sizes."""
-    return float(np.max(np.linalg.norm(part.growth.to_end(_sizes(part)), 2, axis=(1, 2)), initial=1.0))
-
-
-def _sizes(part: PhaseSolution) -> np.ndarray:
-    """Typical sizes of coordinates and rates (2 n,)."""
-    scales = part.program.scales.q
-    return np.r_[scales, scales / part.duration]
 
 
 def warn_of_coarse_mesh(solution: SolvedMotion) -> None:
@@ -198,9 +191,8 @@ def warn_of_coarse_mesh(solution: SolvedMotion) -> None:
 
 def warn_of_growth(solution: SolvedMotion) -> None:
     """Warn if a motion on a mesh that is fine enough is not followed by a simulation with its own inputs."""
-    if Coarseness(solution).largest <= COARSE_ERROR:
-        for sentence in ReplayErrors(solution).sentences():
-            warn(sentence)
+    for sentence in ReplayErrors(solution).sentences() if Coarseness(solution).largest <= COARSE_ERROR else ():
+        warn(sentence)
 
 
 def coarseness(part: PhaseSolution) -> np.ndarray:
@@ -208,7 +200,7 @@ def coarseness(part: PhaseSolution) -> np.ndarray:
 
     Zero if they are certainly small, infinite if an interval cannot be integrated again.
     """
-    sizes = _sizes(part)
+    sizes = part.state_sizes
     steps = part.projection_steps / sizes
     fine = max(np.max(part.inner_errors / sizes), np.max(steps)) <= FINE_ERROR  # nan is not
     if fine and not part.phase.mechanism.states:

@@ -20,7 +20,7 @@ from ...simulation.simulate import simulate
 from ..nlp.change import Change
 from ..phase_solution import PhaseSolution
 from ..solved_motion import SolvedMotion
-from .local_error import REPLAY_ERROR, UNSTABLE_GROWTH, largest_growth
+from .local_error import REPLAY_ERROR, UNSTABLE_GROWTH
 
 #: Share of the duration of a phase by which the simulation goes on behind its planned end to find what closes.
 BEYOND = 0.05
@@ -111,7 +111,7 @@ class Replay:
             np.array(self.times),
             self.time_error,
             self.impulse_error,
-            max(largest_growth(part) for part in parts if part.mesh.count),
+            max(part.largest_growth for part in parts if part.mesh.count),
         )
 
     def _motion(self) -> Trajectory:
