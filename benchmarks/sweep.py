@@ -2,11 +2,15 @@
 
     python benchmarks/sweep.py
     python benchmarks/sweep.py --runs 2000 --readme
+    python benchmarks/sweep.py --derivatives
 
 The four-bar of ``models.py`` starts at different speeds of its crank and runs
 for a second; kept is the angle of the crank at 51 times. Slow methods run a
 part of the cases, spread over all of them. The error is the largest one of
 that angle (rad) over a few cases against Runge–Kutta at 1e-12.
+
+With ``--derivatives`` the analyses that differentiate a motion instead: a cost
+with its gradient, sensitivities and an identification, by three parameters.
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
@@ -29,7 +34,7 @@ one_thread()
 
 import exudyn_parts  # noqa: E402  (after the threads are set)
 import numpy as np  # noqa: E402
-from models import four_bar  # noqa: E402
+from models import Model, chain, four_bar  # noqa: E402
 from peers import Buffered  # noqa: E402
 
 import mbdcasadi as mbd  # noqa: E402
@@ -39,6 +44,8 @@ TIMES = np.linspace(0, 1, 51)
 SLOWEST, FASTEST = 2.0, 8.0
 #: Cases that are compared with the reference.
 CHECKED = 8
+#: Values of a cost before those that are timed: what pays to compile is compiled by then.
+WARM = 150
 #: Steps of Exudyn between two outputs.
 EXUDYN_STEPS = 40
 RESULTS = Path(__file__).parent / "results"
@@ -198,20 +205,135 @@ def table(rows: list[Row]) -> str:
     return "\n".join(lines)
 
 
+# --- derivatives --------------------------------------------------------------------------------
+@dataclass
+class Derivatives:
+    """Analyses that differentiate a motion of a model by one method; least times of the processor, ms.
+
+    Attributes
+    ----------
+    first : float
+        A cost function and its first value with gradient, of a new mechanism.
+    value, gradient : float
+        Later values, and values with gradients, at other values of the parameters each.
+    sensitivities : float
+        Sensitivities at all outputs, repeated.
+    identify : float
+        Identification of a new mechanism.
+    error : float
+        Error of the gradient, relative to its largest entry.
+    """
+
+    model: str
+    method: str
+    first: float
+    value: float
+    gradient: float
+    sensitivities: float
+    identify: float
+    error: float = 0.0
+
+
+def damped(model: Model, times: np.ndarray) -> SimpleNamespace:
+    """A model with gravity, dampers and a spring that are parameters, and its motion with an error as data."""
+    gravity, damping, stiffness = mbd.Parameter("g", 9.81), mbd.Parameter("c", 0.01), mbd.Parameter("k", 0.02)
+    plain = model.mechanism()
+    bodies = plain.bodies
+    forces = [mbd.Torque(f"damper of {body.name}", body, -damping * body.omega) for body in bodies]
+    forces += [mbd.Gravity((0, -gravity)), mbd.Torque("spring", bodies[2], -stiffness * bodies[2].phi)]
+    mechanism = plain.replace(forces=forces, parameters=[gravity, damping, stiffness])
+    start, angle = model.start(mechanism), bodies[-1].phi
+    seen = mbd.simulate(mechanism, times, initial=start)[angle] + 1e-3 * np.sin(37 * times)
+    return SimpleNamespace(
+        mechanism=mechanism, wrt=[gravity, damping, stiffness], start=start, angle=angle, seen=seen, times=times
+    )
+
+
+def cost_of(m: SimpleNamespace, method: str, **settings: Any) -> Any:
+    """Mean square of the angle, and its value at the end."""
+    cost = {"running_cost": m.angle**2, "terminal_cost": m.angle, "initial": m.start}
+    return mbd.cost_function(m.mechanism, m.times, m.wrt, **cost, method=method, **settings)
+
+
+def differentiated(model: Model, times: np.ndarray, methods: tuple[str, ...]) -> list[Derivatives]:
+    """All analyses of a model, the methods in turn."""
+    random = np.random.default_rng(0)
+    exact = cost_of(damped(model, times), "erk", reltol=1e-12, abstol=1e-12)
+    reference = exact.gradient(exact.start)
+
+    def least(call: Callable[[], Any], repeats: int) -> float:
+        spent = []
+        for _ in range(repeats):
+            used = time.process_time()  # with a finer resolution, but without the compiler
+            call()
+            spent.append(time.process_time() - used)
+        return 1e3 * min(spent)
+
+    rows, costs = [], {}
+    for method in methods:
+        m = damped(model, times)
+        used = processor_seconds()
+        J = costs[method] = cost_of(m, method)
+        gradient = J.gradient(J.start)
+        first = 1e3 * (processor_seconds() - used)
+        row = Derivatives(model.name, method, first, np.inf, np.inf, np.inf, np.inf)
+        row.error = float(np.max(np.abs(gradient - reference)) / np.max(np.abs(reference)))
+        given = {"initial": m.start, "method": method}
+        again = lambda m=m, given=given: mbd.sensitivities(m.mechanism, m.times, [m.angle], m.wrt, **given)  # noqa: E731
+        again()
+        row.sensitivities = least(again, 5)
+        new, wrong = damped(model, times), [9.0, 0.01, 0.026]
+        given = {"initial": new.start, "method": method, "parameters": dict(zip(new.wrt, wrong, strict=True))}
+        used = processor_seconds()
+        mbd.identify(new.mechanism, times, {new.angle: new.seen}, new.wrt, **given)
+        row.identify = 1e3 * (processor_seconds() - used)
+        rows.append(row)
+    for turn in range(WARM + 20):
+        for row in rows:
+            J = costs[row.method]
+            d = J.start * (1 + 1e-4 * random.random(J.start.size))
+            spent = [least(partial(call, d * factor), 1) for call, factor in ((J, 1.0), (J.value_and_gradient, 1.0001))]
+            if turn >= WARM:
+                row.value, row.gradient = min(row.value, spent[0]), min(row.gradient, spent[1])
+    return rows
+
+
+def derivatives() -> list[Derivatives]:
+    """All analyses of the four-bar over two seconds and of a chain over one."""
+    methods = ("idas", "erk", "dop853")
+    rows = differentiated(four_bar(), np.linspace(0, 2, 101), methods)
+    return rows + differentiated(chain(10), np.linspace(0, 1, 51), methods)
+
+
+def table_of_derivatives(rows: list[Derivatives]) -> str:
+    """The rows in Markdown."""
+    lines = [
+        "| | | first, ms | value, ms | with gradient, ms | sensitivities, ms | identify, ms | error of the gradient |",
+        "|---|---|---:|---:|---:|---:|---:|---:|",
+    ]
+    for r in rows:
+        times = (r.first, r.value, r.gradient, r.sensitivities, r.identify)
+        numbers = " | ".join(f"{time:.3g}" for time in times)
+        lines.append(f"| {r.model} | {r.method} | {numbers} | {r.error:.0e} |")
+    return "\n".join(lines)
+
+
 def main() -> None:
     """Measure, print, and keep the numbers."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=10_000)
     parser.add_argument("--readme", action="store_true", help="put the table into README.md")
+    parser.add_argument("--derivatives", action="store_true", help="measure derivatives instead of sweeps")
     options = parser.parse_args()
-    rows = measure(options.runs)
-    text = f"{describe()}\n\n{table(rows)}"
+    section = "derivatives" if options.derivatives else "sweep"
+    rows: list[Any] = derivatives() if options.derivatives else measure(options.runs)
+    text = f"{describe()}\n\n{table_of_derivatives(rows) if options.derivatives else table(rows)}"
     print(text)
     RESULTS.mkdir(exist_ok=True)
     content = machine() | {"rows": [asdict(row) for row in rows]}
-    (RESULTS / "sweep.json").write_text(json.dumps(content, indent=1) + "\n")
+    (RESULTS / f"{section}.json").write_text(json.dumps(content, indent=1) + "\n")
     if options.readme:
-        into_readme("sweep", text)
+        into_readme(section, text)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,9 @@ diagonal D of its size and refinement gives the multipliers of least norm.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import casadi as ca
 import numpy as np
 
@@ -37,14 +40,7 @@ REPORT_REFINEMENTS = 4
 
 
 def saddle_point_solution(
-    eom: Equations,
-    force: ca.SX,
-    gamma: ca.SX | None = None,
-    *,
-    force_slope: ca.SX | None = None,
-    augmentation: np.ndarray | None = None,
-    redundant: bool = False,
-    refinements: int = REPORT_REFINEMENTS,
+    eom: Equations, force: ca.SX, gamma: ca.SX | None = None, **options: Any
 ) -> tuple[ca.SX, ca.SX]:
     """Return ``(a, lam)`` as expressions.
 
@@ -54,6 +50,24 @@ def saddle_point_solution(
         Generalised forces in place of Q (n,).
     gamma : casadi.SX, optional
         Right side in place of that of the equations (m,).
+    **options
+        See :func:`saddle_point_solver`.
+    """
+    return saddle_point_solver(eom, **options)(force, eom.gamma if gamma is None else gamma)
+
+
+def saddle_point_solver(
+    eom: Equations,
+    *,
+    force_slope: ca.SX | None = None,
+    augmentation: np.ndarray | None = None,
+    redundant: bool = False,
+    refinements: int = REPORT_REFINEMENTS,
+) -> Callable[[ca.SX, ca.SX], tuple[ca.SX, ca.SX]]:
+    """Return the function ``(force, gamma) -> (a, lam)`` of right sides, also of several side by side.
+
+    Parameters
+    ----------
     force_slope : casadi.SX, optional
         Derivative of the force by the multipliers (n, m), which is then subtracted from ``Phi_q^T``: a step of
         Newton's method for forces that depend on reactions.
@@ -64,10 +78,9 @@ def saddle_point_solution(
     refinements : int
         Refinement steps if they are.
     """
-    jacobian, gamma = eom.Phi_q, eom.gamma if gamma is None else gamma
-    if augmentation is not None:
-        weighted = jacobian.T @ ca.diag(ca.DM(augmentation))
-        force = force + weighted @ gamma
+    jacobian = eom.Phi_q
+    weighted = None if augmentation is None else jacobian.T @ ca.diag(ca.DM(augmentation))
+    if weighted is not None:
         factors = ca.ldl(ca.diag(eom.mass_diagonal) + weighted @ jacobian)
 
         def over_mass(right: ca.SX) -> ca.SX:
@@ -79,19 +92,26 @@ def saddle_point_solution(
             return ca.diag(inverse) @ right
 
     if jacobian.size1() == 0:
-        return over_mass(force), ca.SX(0, 1)
+        return lambda force, gamma: (over_mass(force), ca.SX(0, force.size2()))
     columns = jacobian.T if force_slope is None else jacobian.T - force_slope
     schur = jacobian @ over_mass(columns)
-    right = jacobian @ over_mass(force) - gamma
-    if force_slope is not None:
-        lam = ca.solve(schur, right)
-    elif redundant:
-        # the eigenvalues of A^½ S A^½ lie between 0 and 1
-        sizes = None if augmentation is None else 1 / augmentation
-        lam = solve_redundant(schur, right, eom.angular_rows, refinements, sizes)
-    else:
-        lam = ca.ldl_solve(right, *ca.ldl(schur))
-    return over_mass(force - columns @ lam), lam
+    sizes = None if augmentation is None else 1 / augmentation
+    factors_of_rows = ca.ldl(schur) if force_slope is None and not redundant else None
+
+    def multipliers(right: ca.SX) -> ca.SX:
+        if force_slope is not None:
+            return ca.solve(schur, right)
+        if factors_of_rows is None:
+            # the eigenvalues of A^½ S A^½ lie between 0 and 1
+            return solve_redundant(schur, right, eom.angular_rows, refinements, sizes)
+        return ca.ldl_solve(right, *factors_of_rows)
+
+    def solution(force: ca.SX, gamma: ca.SX) -> tuple[ca.SX, ca.SX]:
+        force = force if weighted is None else force + weighted @ gamma
+        lam = multipliers(jacobian @ over_mass(force) - gamma)
+        return over_mass(force - columns @ lam), lam
+
+    return solution
 
 
 def shifted(matrix: ca.SX, angular: np.ndarray, sizes: np.ndarray | None = None) -> tuple[ca.SX, ca.SX, list[int]]:

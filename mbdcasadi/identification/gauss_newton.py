@@ -127,9 +127,9 @@ class GaussNewton:
                 outcome.converged = True
             if outcome.converged or count == self._iterations:
                 break
-            slope, square = float(scaled @ (closed + slopes @ step)), float(gaps @ gaps)
-            if square > 0:
-                penalty = max(penalty, 2 * slope / square)
+            change, square = closed + slopes @ step, float(gaps @ gaps)
+            if square > 0:  # closing the gaps may cost more than it did to leave them open
+                penalty = max(penalty, 2 * float((2 * scaled + change) @ change) / square)
             moves = [f.node_slope @ step + f.node_closing for f in linearised]
             share = self._shorten(theta, step, moves, self._loss.cost(residual) + penalty * square, penalty)
             if share is None:

@@ -16,13 +16,12 @@ from ..model.mechanism import Mechanism
 from ..model.quantities import listed, refuse_twice, whole
 from ..model.symbols import Parameter
 from ..numerics.console import keyboard_interrupts
-from ..sensitivity.compiled_run import MotionSetup
 from ..simulation.changes.events import refuse_events
 from .data import Experiment, IdentificationError, read_experiments
 from .fit import Fit
 from .gauss_newton import GaussNewton
 from .loss import Loss
-from .shooting import Shooting
+from .shooting import FitSetup, Shooting
 
 #: Tolerance of the integrator unless another one is given.
 TOLERANCE = 1e-9
@@ -88,8 +87,9 @@ def identify(
         Residual from which a sample counts as an outlier, in standard deviations of the noise (found from the inner
         half of the residuals). With the default a fit to normal noise without outliers is 95 % as efficient as
         that of the squares by "huber".
-    method : {"auto", "idas", "erk", "rosenbrock"} or Integrator
-        Integrator.
+    method : {"auto", "dop853", "idas", "erk", "rosenbrock"} or Integrator
+        Integrator. "auto" takes IDAS if the motion at the start is stiff, else DOP853 if there is a C compiler, no rows
+        are redundant and the motion passes no pose in which the linkage could fold, else Runge–Kutta.
     reltol, abstol : float, default 1e-9
         Its tolerances.
 
@@ -183,7 +183,7 @@ def _shootings(
     shootings = []
     for e in motions:
         arguments = {"initial": e.initial, "inputs": e.inputs, "parameters": e.parameters, **chosen}
-        setup = MotionSetup(mechanism, "identify", e.times, **arguments)
+        setup = FitSetup(mechanism, "identify", e.times, **arguments)
         most = e.times.size - 1
         usual = max(1, min(MOST_SEGMENTS, most // SAMPLES))
         count = usual if segments is None else whole(segments, "identify", "segments", 1, most)

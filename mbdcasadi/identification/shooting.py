@@ -23,6 +23,7 @@ import numpy as np
 from ..arguments.values import RunValues
 from ..errors import SimulationError
 from ..integrators.failures import reason_of
+from ..integrators.native import build
 from ..model.cache import Cache
 from ..numerics.least_squares import least_norm, project_velocity
 from ..numerics.newton import solve
@@ -31,6 +32,7 @@ from ..sensitivity.compiled_run import PATTERNS, MotionSetup
 from ..sensitivity.cuts import Cuts
 from ..sensitivity.derivatives import Compiled, lengths_of
 from ..sensitivity.differentiable_start import found
+from ..simulation.contact.compiled_elements import has_many_contacts
 from .data import Experiment
 
 #: Singular values below this share of the largest one belong to directions, or combinations of unknowns, that leave no
@@ -62,6 +64,13 @@ class Linearised:
     gaps: np.ndarray
     node_slope: np.ndarray
     node_closing: np.ndarray
+
+
+class FitSetup(MotionSetup):
+    """The arguments of an identification; "auto" takes DOP853 if there is a C compiler, but for many contacts."""
+
+    def _may_run_in_c(self) -> bool:
+        return build.compiler() is not None and not has_many_contacts(self.numeric)
 
 
 class Shooting:

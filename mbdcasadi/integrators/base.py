@@ -169,22 +169,10 @@ class Integrator(Immutable):
 
 
 class NativeMethod(Integrator):
-    """Base class of methods that run in code of this package: they take no options, and are no functions of CasADi.
-
-    Attributes
-    ----------
-    needs_plugin : str
-        Analyses that need a function of CasADi, and the method to take there; ends the message that refuses them.
-    """
+    """Base class of methods that run in code of this package: they take no options, and no algebraic unknowns."""
 
     plugin: ClassVar[str] = ""
     solves_algebraic: ClassVar[bool] = False
-    needs_plugin: ClassVar[str]
-
-    def plugin_options(self, *, algebraic: bool) -> dict[str, Any]:
-        raise SimulationError(
-            f'method="{self.name}" runs in C of its own and is no CasADi function, as {self.needs_plugin}'
-        )
 
 
 def tightened(tolerance: float, factor: float, tightest: float) -> float:

@@ -152,6 +152,11 @@ class InitialValueProblem:
         if not self.stops.size:
             object.__setattr__(self, "stops", np.zeros(self.times.size, bool))
 
+    @property
+    def channel(self) -> np.ndarray:
+        """Values of inputs by interval (n_u, k), without rows if there are none."""
+        return np.zeros((0, self.times.size)) if self.u is None else self.u
+
     def after(self, x: np.ndarray, z: np.ndarray, start: float, part: slice) -> InitialValueProblem:
         """The problem from a later state over some of its intervals."""
         u = None if self.u is None else self.u[:, part]

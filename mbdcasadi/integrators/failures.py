@@ -15,6 +15,7 @@ _REASONS = {
     "IDA_BAD_EWT": "a state grew beyond all bounds",
     "IDA_RES_FAIL": "the equations gave a value that is not finite",
     "IDA_REP_RES_ERR": "the equations gave values that are not finite",
+    "IDA_CONSTR_FAIL": "the constraints cannot be met together any more",
     "IDA_NO_RECOVERY": "no consistent accelerations were found",
 }
 

@@ -13,6 +13,7 @@ from ..arguments.values import RunValues
 from ..assembly.setup import Setup
 from ..equations.numeric import NumericEquations
 from ..errors import SimulationError, warn
+from ..integrators import RungeKutta
 from ..integrators.failures import reason_of
 from ..kinematics.singular import describe_singularity
 from ..model.cache import Cache
@@ -42,7 +43,8 @@ class MotionSetup(Setup):
     Parameters
     ----------
     method, reltol, abstol
-        The integrator; ``"auto"`` takes Runge–Kutta if the motion at the start is not stiff.
+        The integrator; ``"auto"`` takes an explicit one if the motion at the start is not stiff, that of CasADi if one
+        in C does not lead through the motion.
     keeps_abstol : bool, optional
         True if the absolute tolerance is the user's; by default it is if it is given, or an integrator is.
     **arguments
@@ -71,12 +73,14 @@ class MotionSetup(Setup):
         super().__init__(mechanism, analysis, times=times, takes_duration=False, **arguments)
         self.differentiable_start = DifferentiableStart(self.numeric, self.initial, self.time, self.signals)
         _ = self.start[self.eom.a]  # raises where there are no accelerations
-        in_c = isinstance(method, str) and method == "auto" and self._may_run_in_c()
+        chooses = isinstance(method, str) and method == "auto"
+        in_c = chooses and self._may_run_in_c()
         integrator = chosen_integrator(
             method, SingleMode(self), reltol=reltol, abstol=abstol, analysis=analysis, in_c=in_c
         )
         self.integrator = suited_to_friction(integrator, self.numeric)
         stated = abstol is not None or integrator is method
+        self._is_tried = chooses and self.integrator.runs_whole
         self._analysis, self._keeps_abstol = analysis, stated if keeps_abstol is None else keeps_abstol
 
     def _may_run_in_c(self) -> bool:
@@ -99,6 +103,9 @@ class MotionSetup(Setup):
         """
         given = self.integrator
         made = DifferentiableMotion(self, given, varied=varied, **options)
+        if self._is_tried and not len(made.poses):  # as through a pose in which the linkage could fold
+            given = self.integrator = RungeKutta(*given.tolerances)
+            made = DifferentiableMotion(self, given, varied=varied, **options)
         for sentence in range_near_rounding(made.poses):
             warn(f"{self._analysis}: {sentence}")
         if not self.resolve_all([made.poses]):
@@ -163,7 +170,7 @@ class CompiledRun:
         start = setup.differentiable_start
         self.setup = setup
         self.design = DesignVariables(wrt, setup, start)
-        if has_gaps(setup.mechanism) and not setup.integrator.is_multistep:
+        if has_gaps(setup.mechanism) and not (setup.integrator.is_multistep or setup.integrator.runs_whole):
             warn(
                 f'derivatives by method="{setup.integrator.name}" through contacts are those of its steps, which the '
                 "error test does not control: through hard ones they may be off by tens of per cent while the motion "
@@ -208,13 +215,14 @@ class CompiledRun:
         return slopes / lengths
 
     def adjoint(self, d: np.ndarray, weights: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """``weights^T dY/dd`` (n_d,), by one adjoint integration, or forward if that could pass over a load.
+        """``weights^T dY/dd`` (n_d,), by one adjoint integration, or forward if that could pass over a load, and in C.
 
         CasADi limits no steps of IDAS backwards in time: where the adjoint rests they grow, and pass over loads that
         are short.
         """
         course = self._course(d)
-        if self.motion.load_limit.max_step is not None and self.setup.integrator.is_multistep:
+        integrator = self.setup.integrator
+        if integrator.runs_whole or (self.motion.load_limit.max_step is not None and integrator.is_multistep):
             return weights @ self._slopes(d, y)
         try:
             return self._of(course).adjoint([d, self.guess, *course.arguments], y, weights)
@@ -291,9 +299,11 @@ class CompiledRun:
             raise SimulationError(self._stopped(d, reason_of(error))) from None
 
     def _stopped(self, d: np.ndarray, why: str) -> str:
+        folds = ', or the linkage passes a pose in which it could fold: take method="erk"'
         return (
             f"the integrator stopped at {self._where(d)}: {why}; simulate with these values says where and why; if it "
             "reaches the end, a force has no finite derivative on the way, as a root or a power below one at zero"
+            f"{folds if self.setup.integrator.runs_whole else ''}"
         )
 
     def _where(self, d: np.ndarray) -> str:

@@ -42,12 +42,14 @@ from ..simulation.contact.watched_terms import has_gaps
 from ..simulation.formulations import choose_formulation
 from ..simulation.schedule import PIECES, WATCH_POINTS
 from ..simulation.stepping.compiled_stepper import DECAY, perturbed
+from ..simulation.stepping.whole_stepper import refuse_redundant_rows
 from ..simulation.time_dependence import TimeDependence, dependence_at, timed_equations
 from .cuts import Cuts, OneSidedWarnings
 from .held_system import HeldMotion, HeldSystem, SwitchesInTime, completed, parts_of_motion
 from .load_limit import LoadLimit
 from .motion_function import motion_function, projected
 from .switching import BorderPassage
+from .whole_motion import WholeIntegrator
 
 #: Drift of the positions that is left, in tolerances: it is gone at the outputs, and what it does to the motion is
 #: then of the size of the integrator's own error.
@@ -97,6 +99,8 @@ class DifferentiableMotion:
         reversible: bool = False,
     ):
         numeric, signals, grid, start = setup.numeric, setup.signals, setup.grid, setup.start
+        if integrator.runs_whole and setup.has_redundant_rows:
+            refuse_redundant_rows(integrator, numeric, start)
         if signals.controller or signals.polynomials:
             raise ModelError(
                 "inputs= takes numbers, samples and expressions here; a SampledController or the polynomials of an "
@@ -114,6 +118,8 @@ class DifferentiableMotion:
         self.course_varies = bool(self._timed.parameters & self._given)
         # from zero the search of IDAS for forces that depend on reactions, |λ|, may fail
         self._unknowns = perturbed(np.r_[start.a, start.lam])
+        # functions that are compiled already do not keep the callbacks in them alive
+        self._callbacks: list[WholeIntegrator] = []
         self._find_switches()
         self._hold(frozenset())
         # CasADi does not restart IDAS where samples change, and repeats stretches of the motion with the samples of
@@ -146,19 +152,20 @@ class DifferentiableMotion:
             free=free,
             in_time=in_time,
         )
-        dae = self._dae = self.form.dae(system.numeric, system.signals, system.integrands)
+        decay = DECAY * PIECES / float(self.grid[-1] - self.grid[0])
+        if self._integrator.runs_whole:
+            whole = WholeIntegrator(system.numeric, system.signals, system.integrands, self._integrator)
+            self._callbacks.append(whole)
+            self.held = HeldMotion(system, whole, None, np.zeros(0), decay)
+            return
+        dae = self.form.dae(system.numeric, system.signals, system.integrands)
         backwards = None
         if self._is_reversible:
             first = system.numeric.eom.p.numel()
             levels = range(first, first + self.signals.levels.numel())
             backwards = ReversibleIntegrator(dae, self._integrator, self._given | frozenset(levels))
-        self.held = HeldMotion(
-            system,
-            CompiledIntegrator(dae, self._integrator),
-            backwards,
-            self._unknowns if dae.z.numel() else np.zeros(0),
-            DECAY * PIECES / float(self.grid[-1] - self.grid[0]),
-        )
+        compiled, unknowns = CompiledIntegrator(dae, self._integrator), self._unknowns[: dae.z.numel()]
+        self.held = HeldMotion(system, compiled, backwards, unknowns, decay)
 
     @property
     def integrals(self) -> int:
@@ -168,7 +175,7 @@ class DifferentiableMotion:
     @property
     def state_size(self) -> int:
         """Number of components of the state and the integrals."""
-        return int(self._dae.x.numel())
+        return self.held.system.state_size + self.integrals
 
     @property
     def follows_state(self) -> bool:
@@ -343,7 +350,8 @@ class DifferentiableMotion:
     def outputs(self, expressions: Sequence[ca.SX], grid: np.ndarray | None = None) -> ca.Function:
         """Return ``(X, p, levels, channel) -> Y``: expressions, stacked, at the outputs or some of them (n_y, n_t)."""
         grid = self.grid if grid is None else grid
-        at_one = self.at_one_output(ca.vertcat(ca.SX(0, 1), *[ca.vec(e) for e in expressions]))
+        stacked = ca.vertcat(ca.SX(0, 1), *[ca.vec(e) for e in expressions])
+        at_one = self.at_one_output(stacked, project=not self._integrator.runs_whole)
         states, values = ca.MX.sym("X", self.state_size + 1, grid.size), self.symbols(grid.size - 1)
         p, levels = (ca.repmat(part, 1, grid.size) for part in (values.p, values.levels))
         # the interval that ends at an output holds its inputs too; the first output takes the first interval
@@ -351,12 +359,18 @@ class DifferentiableMotion:
         results = at_one.map(grid.size)(ca.DM(grid).T, states[:-1, :], p, levels, by_output)
         return ca.Function("outputs", [states, *values], [results], ["X", *RunValues._fields], ["Y"])
 
-    def at_one_output(self, expression: ca.SX) -> ca.Function:
-        """``(t, x, p, levels, channel) -> values`` at one output."""
+    def at_one_output(self, expression: ca.SX, *, project: bool = True) -> ca.Function:
+        """``(t, x, p, levels, channel) -> values`` at one output.
+
+        Parameters
+        ----------
+        project : bool
+            False for states that are on the constraints, with their variations.
+        """
         eom, kind = self.numeric.eom, ca.MX if self.numeric.eom.Q_depends_on_lam else ca.SX
         arguments = [kind.sym("t"), kind.sym("x", self.state_size), *self.symbols(1, kind)]
         t, x, p, *inputs = arguments
-        x = projected(Recovery(self.numeric, redundant=self.redundant), t, x, p)
+        x = projected(Recovery(self.numeric, redundant=self.redundant), t, x, p) if project else x
         six = completed(self.numeric, self.signals, [t, x, p, *inputs], redundant=self.redundant)
         values = eom.function(expression)(t, *six, p)
         return ca.Function("output", arguments, [values])

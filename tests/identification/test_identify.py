@@ -391,3 +391,24 @@ def test_ctrl_c_after_the_first_steps_has_a_fit(monkeypatch):
         mbd.identify(model, times, {rod.phi: record}, [k, c], [rod.phi == first])
     assert caught.value.partial.values == pytest.approx(calls[2])
     assert caught.value.partial.standard_error[k] > 0
+
+
+@pytest.mark.slow
+def test_data_that_the_model_cannot_follow_take_no_more_steps():
+    """If closing the gaps makes the residuals larger, the penalty of the gaps outweighs it: full steps are taken."""
+    damping, weight = mbd.Parameter("damping", 0.3), mbd.Parameter("weight", 9.0)
+    p = pendulum(
+        forces=lambda rod: [
+            mbd.Torque("damper", rod, -damping * rod.omega), mbd.Force("rest of weight", rod.at(0, 0), (0, G - weight))
+        ],
+        parameters=[damping, weight],
+    )  # fmt: skip
+    times, start = np.linspace(0, 2, 41), [p.rod.phi == -0.3, p.rod.omega == 2]
+    motion = mbd.simulate(p.mechanism, times, initial=start, parameters={damping: 0.1, weight: G})
+    seen = motion[p.rod.phi] + 0.01 * np.sin(37 * times)
+    fits = [
+        mbd.identify(p.mechanism, times, {p.rod.phi: seen}, [damping, weight], start, segments=segments, method="erk")
+        for segments in (5, 1)
+    ]
+    assert fits[0].iterations <= 6
+    np.testing.assert_allclose(fits[0].values, fits[1].values, rtol=1e-7)

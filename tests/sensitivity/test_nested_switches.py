@@ -71,11 +71,12 @@ def test_all_analyses_agree_with_closed_forms(name):
 
 
 @pytest.mark.slow
-def test_stripes_of_a_coordinate():
+@pytest.mark.parametrize("method", ["idas", "dop853"])
+def test_stripes_of_a_coordinate(method):
     """Pushes in stripes of a width p, each 0.4 m, by their work."""
     on_stripe = lambda body: ca.fmod(body.x, 0.4) < P  # noqa: E731
     body, mechanism = pushed(lambda b: mbd.if_else(ca.logic_and(on_stripe(b), b.x > -1), HIGH, 0.0))
-    found = mbd.sensitivities(mechanism, TIMES, {"v": body.vx, "x": body.x}, [P], [body.vx == 1])
+    found = mbd.sensitivities(mechanism, TIMES, {"v": body.vx, "x": body.x}, [P], [body.vx == 1], method=method)
     assert 1.6 < found["x"][-1] < 1.9  # four stripes and a part of the fifth
     # v² = 1 + 2 (4 p + x - 1.6): v dv/dp = 4 + dx/dp
     assert found["v"][-1] == pytest.approx(np.sqrt(1 + 2 * HIGH * (4 * 0.3 + found["x"][-1] - 1.6)), abs=1e-6)

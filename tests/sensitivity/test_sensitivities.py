@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import minimize
 
 import mbdcasadi as mbd
+from mbdcasadi.identification.shooting import FitSetup
 
 TIMES = np.linspace(0, 1.5, 31)
 
@@ -45,7 +46,7 @@ def rod_by_hand(length, gravity, angle, tau, times=TIMES):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["idas", "erk"])
+@pytest.mark.parametrize("method", ["idas", "erk", "dop853"])
 def test_positions_energies_and_reactions_against_differences(method):
     rod, pin, swing, symbols = swinging_rod()
     eom = mbd.equations(swing)
@@ -312,7 +313,7 @@ def test_gradients_by_samples_are_those_of_the_motion_by_idas_too(tolerance):
         J("a")
 
 
-@pytest.mark.parametrize("method", ["idas", "erk"])
+@pytest.mark.parametrize("method", ["idas", "erk", "dop853"])
 def test_gradients_by_samples_of_a_cost_of_the_input_alone_are_exact(method):
     push = mbd.Input("push")
     block = mbd.Body("block", mass=1, inertia=0.1)
@@ -402,6 +403,11 @@ def test_an_adjoint_through_a_pose_in_which_the_linkage_could_fold_names_it():
     step = 1e-4
     slope = (J([0.7 + step]) - J([0.7 - step])) / (2 * step)
     assert J.gradient(J.start) == pytest.approx([slope], rel=1e-5)
+    J = mbd.cost_function(model, times, [torque], method="dop853", **given)
+    with pytest.raises(mbd.SimulationError, match=r"could fold.*method=\"erk\""):
+        J.gradient(J.start)
+    setup = FitSetup(model, "identify", times, initial=given["initial"], method="auto")
+    assert len(setup.motion([0]).poses) == times.size and setup.integrator.name == "erk"
 
 
 def test_of_friction_by_the_load_of_a_joint():
@@ -427,7 +433,7 @@ def small_oscillator(origin=0.0):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("amplitude, error", [(1e-6, 1e-5), (1e-9, 1e-3)])
-@pytest.mark.parametrize("method", ["idas", "erk"])
+@pytest.mark.parametrize("method", ["idas", "erk", "dop853"])
 def test_motions_of_small_range_are_resolved_by_every_analysis(amplitude, error, method):
     """The default tolerance does not resolve them: results were off by up to 92 times the amplitude."""
     model, mass, stiffness = small_oscillator()

@@ -3,7 +3,7 @@
 ===========  =======================================================
 ``method``   the strategy object
 ``steps.c``  steps, Newton's iterations, interpolation
-``pieces``   the steps called piece by piece, like CasADi's integrators
+``pieces``   the method over pieces
 ===========  =======================================================
 
 The run in C stands on the room ``native``.

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
+from ...errors import SimulationError
 from ..base import NativeMethod
 
 
@@ -45,4 +46,9 @@ class BDF(NativeMethod):
 
     name: ClassVar[str] = "bdf"
     runs_piecewise: ClassVar[bool] = True
-    needs_plugin: ClassVar[str] = 'sweeps and derivatives need it; take method="idas"'
+
+    def plugin_options(self, *, algebraic: bool) -> dict[str, Any]:
+        raise SimulationError(
+            'method="bdf" runs in C of its own and is no CasADi function, as sweeps and derivatives need it; take '
+            'method="idas"'
+        )

@@ -5,6 +5,7 @@
 ``steps.c``         steps, projection, dense output, events
 ``constants``       of the decisions between steps
 ``coefficients``    of the method, from SciPy
+``pieces``          the method over pieces, from starts that may be off the constraints
 ``runner``          the choice between C and steps as CasADi functions
 ``stepwise``        the run without a compiler
 ``step_functions``  a step as CasADi functions

@@ -21,6 +21,10 @@ class DOP853(NativeMethod):
     same method runs step by step, up to 20 times slower. ``motion.statistics.notes``
     names the code that ran.
 
+    Sweeps run it in threads. In derivatives, which it finds forward, the variations of the motion are states like
+    others, in the error test and in the projection: gradients are nearer to those of the motion than with other methods
+    at the same tolerance.
+
     It needs rows that do not depend on each other, and forces that do not depend on
     reactions. Stiff motion, as with stiff bushings or lasting hard contacts, ends in an
     error or takes long: use :class:`IDAS` or :class:`Rosenbrock`.
@@ -54,4 +58,3 @@ class DOP853(NativeMethod):
 
     name: ClassVar[str] = "dop853"
     runs_whole: ClassVar[bool] = True
-    needs_plugin: ClassVar[str] = 'derivatives need it; take method="erk", or "idas"'

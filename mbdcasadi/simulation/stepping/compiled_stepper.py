@@ -11,7 +11,7 @@ import numpy as np
 from ...equations.numeric import NumericEquations
 from ...errors import SimulationError
 from ...integrators import IDAS, Integrator, RungeKutta
-from ...integrators.bdf.pieces import NativeIntegrator
+from ...integrators.bdf.pieces import ImplicitIntegrator
 from ...integrators.compiled import (
     FEW_STEPS,
     MAX_STEPS,
@@ -20,6 +20,7 @@ from ...integrators.compiled import (
     InitialValueProblem,
     IntegrationFailure,
 )
+from ...integrators.native.pieces import NativeIntegrator
 from ...numerics.console import Interruption
 from ...numerics.least_squares import largest
 from ..contact.compiled_elements import compiled_elements
@@ -110,7 +111,7 @@ class CompiledStepper(Stepper):
         if not method.runs_piecewise:
             return None
         numeric = self.numeric
-        return NativeIntegrator(
+        return ImplicitIntegrator(
             explicit_system(numeric, self.signals, terms, implicit=True), method, numeric.eom.mechanism.cache
         )
 
