@@ -45,7 +45,7 @@ class WholeIntegrator(CompiledIntegrator):
 
     def __init__(self, numeric: NumericEquations, signals: Signals, integrands: ca.SX, integrator: Integrator):
         self.integrator, self._weights = integrator, numeric.projection_weights
-        self._system = VariedSystem(numeric, signals, integrands)
+        self._equations = VariedSystem(numeric, signals, integrands)
         self._runs: dict[tuple[int, tuple[int, ...]], ExplicitIntegrator] = {}
         # a function of CasADi does not keep the callbacks in it alive
         self._callbacks: dict[int, _Callback] = {}
@@ -63,7 +63,7 @@ class WholeIntegrator(CompiledIntegrator):
         steps: int = MAX_STEPS,
         least_steps: int = 0,
     ) -> ca.Function:
-        count, system = fractions.size, self._system
+        count, system = fractions.size, self._equations
         size, parameters = system.size + 1, 3 + system.parameters + system.levels
         if count not in self._callbacks:
             shapes = [(size, 1), (parameters, 1), (system.channel + 1, count), (count + 1, 1), (size, count)]
@@ -96,15 +96,15 @@ class WholeIntegrator(CompiledIntegrator):
         (start, length), dp, clock, dx = dp[:2, :, None], dp[2:-1].T, dx[-1], dx[:-1].T
         moves = bool(np.any(start) or np.any(length))
         if moves:
-            dx = dx - start * self._system.rates(problem, np.array([problem.start]), problem.x[None, :])
-        parameters = tuple(np.flatnonzero(np.any(dp[:, : self._system.parameters], axis=0)).tolist())
+            dx = dx - start * self._equations.rates(problem, np.array([problem.start]), problem.x[None, :])
+        parameters = tuple(np.flatnonzero(np.any(dp[:, : self._equations.parameters], axis=0)).tolist())
         parts = []
         for some in np.array_split(np.arange(count), -(-count // TOGETHER)):
-            varied = self._system.varied(problem, parameters, dx[some], dp[some], du[some])
-            parts.append(self._system.variations(self._states(varied, some.size, parameters), some.size))
+            varied = self._equations.varied(problem, parameters, dx[some], dp[some], du[some])
+            parts.append(self._equations.variations(self._states(varied, some.size, parameters), some.size))
         varied_states = np.concatenate(parts)
         if moves:
-            rates = self._system.rates(problem, problem.times, states[:-1].T)
+            rates = self._equations.rates(problem, problem.times, states[:-1].T)
             varied_states = varied_states + (start + length * fractions)[:, :, None] * rates
         rows = varied_states.transpose(2, 0, 1).reshape(-1, count * times)
         return np.vstack([rows, np.repeat(clock, times)])
@@ -119,7 +119,7 @@ class WholeIntegrator(CompiledIntegrator):
         key = variations, parameters
         with self._lock:
             if key not in self._runs:
-                system, cache = self._system.with_variations(*key)
+                system, cache = self._equations.with_variations(*key)
                 weights = np.tile(self._weights, 1 + variations)
                 self._runs[key] = ExplicitIntegrator(system, self.integrator, cache, weights)
             return self._runs[key]._attempt(problem, steps)
