@@ -135,7 +135,7 @@ def cost_function(
     ``method="erk"`` it is both, and quicker where the motion is not stiff;
     through a pose in which the linkage could fold it is the only method.
     ``method="dop853"`` finds it forward too, in C, where the motion is smooth and not stiff: the fastest and most exact
-    method for up to some twenty entries. For more, as the samples of an input, the adjoint of "erk" costs as much as
+    method for up to some fifty entries. For more, as the samples of an input, the adjoint of "erk" costs as much as
     for one entry, and that of IDAS where the motion is stiff.
     Events have no place here: a motion that is restarted has other derivatives.
 
