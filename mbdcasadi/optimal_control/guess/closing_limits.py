@@ -8,7 +8,7 @@ else. So the search goes on, until a solution is found:
 2. without limits, and from there with all of them, on a mesh twice as fine if it is coarse for that motion,
 3. with violations of limits and conditions at a price beside the cost, from the motion without limits, from the first
    guess, from simulated motions under random inputs, and from motions to other poses at the end; and with all demands
-   from motions that come near to them,
+   from motions that come near to them, to other poses at the end also from a solution without limits,
 4. from the first guess with more iterations, if the solver had run out of them,
 5. from detours (a weak motor swings a pendulum up in several swings),
 6. with the least sum of all violations, from several starts.
@@ -224,8 +224,19 @@ class LimitSearch:
 
     def _by_other_ends(self) -> Solution | None:
         """The first solution from motions to other poses at the end; None if there is none."""
-        solved = (self._by_penalties(guess, guess.description) for guess in self._other_ends)
-        return next((solution for solution in solved if solution is not None), None)
+        for guess in self._other_ends:
+            solved = self._closed_in_from(guess) or self._by_penalties(guess, guess.description)
+            if solved is not None:
+                return solved
+        return None
+
+    def _closed_in_from(self, guess: Guess) -> Solution | None:
+        """Solution with all limits, from one without limits from a guess; None if there is none."""
+        free, succeeded = self._solver.solve_unlimited(self._meshes, guess, FREE_ITERATIONS)
+        self._note(free, f"no limits, {guess.description}")
+        if not succeeded or branch_jump(free) is not None:
+            return None
+        return self._solved(self._guess_of(free), f"all limits, closed in, {guess.description}", CLOSING_ITERATIONS)
 
     def _by_penalties(self, guess: Guess, description: str) -> Solution | None:
         """Solution from a motion whose violations have a price that rises, if this comes near to all demands."""
