@@ -15,6 +15,8 @@ from ..arguments.values import RunValues
 from ..assembly.setup import Setup
 from ..errors import MechanismError
 from ..integrators import Integrator
+from ..results.state import State
+from ..results.trajectory import Trajectory
 from ..simulation.changes.modes import SingleMode
 from ..simulation.checks.unseen_loads import meets_loads
 from ..simulation.contact.watched_terms import has_gaps
@@ -85,10 +87,20 @@ def shortest_unseen_load(
         Expressions that are integrated along the motion, whose courses count as loads do.
     """
     modes = SingleMode(setup)
-    n, time = setup.eom.q.numel(), float(setup.grid[0])
     run = Run(setup, modes, (), integrator, keeps_paths=True)
     try:
-        run.run(modes.at(modes.free, time, *np.split(start, [n, 2 * n])))
+        run.run(_state(modes, start))
     except MechanismError:  # the analysis itself says why
         pass
     return run.shortest_load(integrands)
+
+
+def simulated(setup: Setup, integrator: Integrator, start: np.ndarray) -> Trajectory:
+    """Return the motion from a state ``(q, v, z)`` at the first time as :func:`simulate` finds it."""
+    modes = SingleMode(setup)
+    return Run(setup, modes, (), integrator).run(_state(modes, start))
+
+
+def _state(modes: SingleMode, start: np.ndarray) -> State:
+    n, time = modes.setup.eom.q.numel(), float(modes.setup.grid[0])
+    return modes.at(modes.free, time, *np.split(start, [n, 2 * n]))

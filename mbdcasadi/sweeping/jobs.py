@@ -12,7 +12,8 @@ from ..arguments.values import RunValues
 from ..errors import MechanismError, warn
 from ..model.quantities import whole
 from ..sensitivity.compiled_run import MotionSetup
-from ..sensitivity.load_limit import LoadLimit
+from ..sensitivity.load_limit import LoadLimit, simulated
+from ..simulation.singular.regularity import Regularity, parts_between
 from ..simulation.time_dependence import timed_equations
 from .cases import farthest
 from .plan import Plan
@@ -50,6 +51,7 @@ class Jobs:
         self._shared: Any = None
         self._channel = setup.signals.channel_over(setup.grid)
         self._path = StartPath(setup)
+        self._column = ca.vertcat(ca.SX(0, 1), *[ca.vec(e) for _, e in named])
         self._prepare([e for _, e in named])
         #: numbers that are kept of a case
         self.width = setup.grid.size * sum(e.numel() for _, e in named)
@@ -62,6 +64,9 @@ class Jobs:
             self._motion = self.setup.motion(varied, in_state=False)
         self._look_for_loads(self._motion.load_limit, spread)
         self._outputs = self._motion.outputs(outputs)
+        start = self.setup.start
+        self._regularity = Regularity(self.setup.numeric, start.t, start.q)
+        self._between = parts_between(self._motion.poses, self.setup.eom)
         self._parcels: dict[tuple[Any, ...], Parcel] = {}
 
     def _resolves_more(
@@ -95,6 +100,23 @@ class Jobs:
         usable = reached & np.all(np.isfinite(starts), axis=1)
         return [(x0, self._values(k)) for x0, k in zip(starts[usable], chosen[usable], strict=True)]
 
+    def simulated(self, cases: np.ndarray) -> tuple[np.ndarray, list[str]]:
+        """Outputs of cases as :func:`simulate` finds them (k, n), NaN for one without, and why it has none.
+
+        It continues a motion smoothly across poses in which the mechanism could fold, where compiled runs may leave
+        for another branch.
+        """
+        values, reasons = np.full((cases.size, self.width), np.nan), [""] * cases.size
+        starts, reached = self._path.starts(self._plan.p[cases])
+        for row, k in enumerate(cases.tolist()):
+            try:
+                x0 = starts[row] if reached[row] else assembled_start(self.setup, self._plan.p[k], k)
+                motion = simulated(self.setup.at_values(self.setup.grid, self._values(k)), self.setup.integrator, x0)
+                values[row] = motion[self._column].ravel()
+            except MechanismError as error:
+                reasons[row] = str(error)
+        return values, reasons
+
     def _values(self, k: int) -> RunValues:
         """Values of parameters and inputs of a case."""
         return RunValues(self._plan.p[k], self._plan.levels[k], self._channel)
@@ -125,7 +147,10 @@ class Jobs:
             x0, cuts = ca.MX.sym("x0", setup.differentiable_start.function.size1_out(0)), course.symbols
             values = motion.symbols(1)._replace(channel=self._channel)
             states, _ = motion.motion(course)(x0, *values, *cuts)
-            run = ca.Function("run", [x0, *values[:2], *cuts], [self._outputs(states, *values), states[-1, -1]])
+            n = setup.eom.q.numel()
+            fall = self._regularity.fall(setup.grid, states[:n, :], states[n : 2 * n, :], values.p, self._between)
+            results = [self._outputs(states, *values), states[-1, -1], fall]
+            run = ca.Function("run", [x0, *values[:2], *cuts], results)
             self._parcels[course.pattern] = Parcel(run, self._path, float(setup.grid[-1] - setup.grid[0]))
         return self._parcels[course.pattern]
 
@@ -174,7 +199,7 @@ class WholeJobs(Jobs):
 
         def poses_from(x0: np.ndarray, values: RunValues) -> np.ndarray:
             course = tuple(part[None, ...] for part in times_of(setup, values.p).arguments)
-            q = trial.results(x0[None, :], values.p[None, :], values.levels[None, :], course)[0][0]
+            q = trial.results(x0[None, :], values.p[None, :], values.levels[None, :], course).values[0]
             return q.reshape(setup.grid.size, -1)
 
         self._resolves_more(poses_from, spread)

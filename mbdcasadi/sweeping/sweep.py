@@ -184,6 +184,7 @@ def _blocks(
     courses, failures = jobs.courses(cases)
     if failures:
         yield _failed(failures, jobs)
+    folding = 0
     runner: _Here | _Elsewhere
     if executor is not None:
         runner = _Elsewhere(executor)
@@ -196,6 +197,12 @@ def _blocks(
             ran = outcome.reached
             if outcome.note and outcome.note not in notes:
                 notes.append(outcome.note)
+            folds = np.flatnonzero(outcome.folds)
+            if folds.size:
+                outcome.values[folds], messages = jobs.simulated(done[folds])
+                for k, message in zip(folds.tolist(), messages, strict=True):
+                    outcome.messages[k] = message
+                folding += folds.size
             if np.any(ran):
                 messages = [m for m, good in zip(outcome.messages, ran, strict=True) if good]
                 yield done[ran], outcome.values[ran], messages
@@ -206,6 +213,11 @@ def _blocks(
                     runner.submit(jobs.batch(left[good], courses, starts))
                 if not np.all(good):
                     yield _failed({int(k): m for k, m in zip(left, messages, strict=True) if m}, jobs)
+        if folding:
+            notes.append(
+                f"{folding} cases come near to poses in which the mechanism could fold; they ran one after the other, "
+                "as by simulate"
+            )
     finally:
         runner.cancel()
 

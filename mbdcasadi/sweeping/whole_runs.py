@@ -20,6 +20,7 @@ from ..sensitivity.compiled_run import MotionSetup
 from ..simulation.contact.watched_terms import has_gaps
 from ..simulation.formulations import choose_formulation
 from ..simulation.schedule import Schedule
+from ..simulation.singular.regularity import ENTRY
 from ..simulation.stepping.explicit_system import explicit_system
 from ..simulation.stepping.whole_stepper import refuse_redundant_rows
 from ..simulation.time_dependence import dependence_at, timed_equations
@@ -35,8 +36,28 @@ REASONS = {
     Status.TOO_SMALL: "a step became too small",
     Status.NOT_FINITE: "a value was not finite",
     Status.APART: "the constraints cannot be met together any more",
+    Status.SINGULAR: "it comes near to a pose in which the mechanism could fold",
 }
 STOPPED = "it was stopped"
+
+
+@dataclass(frozen=True)
+class Results:
+    """Outputs of some cases.
+
+    Attributes
+    ----------
+    values : numpy.ndarray
+        Outputs (k, n); NaN for a case without.
+    reasons : list of str
+        Reason why a case has none; empty for others.
+    folds : numpy.ndarray of bool
+        True if a case comes near to a pose in which the mechanism could fold (k,).
+    """
+
+    values: np.ndarray
+    reasons: list[str]
+    folds: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -138,7 +159,7 @@ class WholeParcel:
         eom, column = setup.eom, ca.vertcat(ca.SX(0, 1), *[ca.vec(e) for e in outputs])
         self._outputs = eom.function(column)
         self._needs_dynamics = bool(ca.depends_on(column, ca.vertcat(eom.a, eom.lam, eom.u)))
-        self._count = setup.grid.size
+        self._count, self._may_fold = setup.grid.size, eom.has_loops
         self.size = self._count * self._outputs.numel_out(0)
         self._keep_runners(setup.eom.mechanism.cache)
 
@@ -159,8 +180,8 @@ class WholeParcel:
 
     def results(
         self, starts: np.ndarray, parameters: np.ndarray, levels: np.ndarray, course: tuple[np.ndarray, ...]
-    ) -> tuple[np.ndarray, list[str]]:
-        """Outputs of cases (k, n), NaN for one without, and why it has none.
+    ) -> Results:
+        """Outputs of cases.
 
         Parameters
         ----------
@@ -170,7 +191,7 @@ class WholeParcel:
             :attr:`Times.arguments` by case.
         """
         if not len(starts):
-            return np.full((0, self.size), np.nan), []
+            return Results(np.full((0, self.size), np.nan), [], np.zeros(0, bool))
         # what all cases share has a stride of zero
         times, wanted, stops, columns, max_step = (part[:1] if part.strides[0] == 0 else part for part in course)
         cases = Cases(starts, parameters, levels, times, wanted, stops, columns, max_step.ravel(), self._needs_dynamics)
@@ -190,8 +211,8 @@ class WholeParcel:
         for runner in list(self._running):
             runner.run.halt()
 
-    def _run(self, runner: ExplicitRunner, cases: Cases) -> tuple[np.ndarray, list[str]]:
-        """Outputs of cases in one thread, and why some have none."""
+    def _run(self, runner: ExplicitRunner, cases: Cases) -> Results:
+        """Outputs of cases in one thread."""
         count = len(cases.starts)
         values = np.full((count, self._count, self._outputs.numel_out(0)), np.nan)
         outcome = runner.run_cases(cases, self._stretch(cases, 0), self._outputs, values)
@@ -203,22 +224,24 @@ class WholeParcel:
         reasons = [""] * count
         for k in np.flatnonzero(failed):
             reasons[k] = f"{REASONS.get(outcome[0][k], STOPPED)} at t = {outcome[1][k]:.6g} s"
-        return values.reshape(count, -1), reasons
+        return Results(values.reshape(count, -1), reasons, outcome[0] == Status.SINGULAR)
 
-    def _run_each(self, runner: ExplicitRunner, cases: Cases) -> tuple[np.ndarray, list[str]]:
+    def _run_each(self, runner: ExplicitRunner, cases: Cases) -> Results:
         """The same without C: case by case."""
         count = len(cases.starts)
         values, messages = np.full((count, self.size), np.nan), [""] * count
+        folds = np.zeros(count, bool)
         motions: dict[int, tuple[np.ndarray, ...]] = {}
         for k in range(count):
             wanted = cases.wanted[k if len(cases.wanted) > 1 else 0]
-            motion = self._motion(runner, self._stretch(cases, k), wanted)
+            motion, status = self._motion(runner, self._stretch(cases, k), wanted)
+            folds[k] = status == Status.SINGULAR
             if isinstance(motion, str):
                 messages[k] = motion
             else:
                 motions[k] = motion
         if not motions:
-            return values, messages
+            return Results(values, messages, folds)
         chosen = np.array(list(motions))
         columns = [np.concatenate(parts, axis=-1) for parts in zip(*motions.values(), strict=True)]
         rows = self._outputs(*columns, np.repeat(cases.p[chosen].T, self._count, axis=1)).full().T
@@ -228,7 +251,7 @@ class WholeParcel:
                 values[k] = row
             else:
                 messages[k] = REASONS[Status.NOT_FINITE]
-        return values, messages
+        return Results(values, messages, folds)
 
     def _runner(self) -> ExplicitRunner:
         return ExplicitRunner(self._system, None, self._cache, compiles=self._compiles)
@@ -250,17 +273,21 @@ class WholeParcel:
             *self._tolerances,
             float(max_step),
             most_steps=MOST_STEPS,
+            fall=ENTRY if self._may_fold else 0.0,
         )
 
-    def _motion(self, runner: ExplicitRunner, case: Stretch, wanted: np.ndarray) -> tuple[np.ndarray, ...] | str:
-        """``t, q, v, a, z, lam, u`` of a case, a column for each output, or why it has none."""
+    def _motion(
+        self, runner: ExplicitRunner, case: Stretch, wanted: np.ndarray
+    ) -> tuple[tuple[np.ndarray, ...] | str, Status]:
+        """``t, q, v, a, z, lam, u`` of a case, a column for each output, or why it has none; and how it ended."""
         reached = runner.advance(case, Progress())
         if reached.status != Status.DONE:
             time = float(reached.times[-1]) if reached.times.size else self._start
-            return f"{REASONS.get(reached.status, STOPPED)} at t = {time:.6g} s"
+            return f"{REASONS.get(reached.status, STOPPED)} at t = {time:.6g} s", reached.status
         kept = wanted[reached.index]
         grid, states = np.r_[self._start, reached.times[kept]], np.vstack([case.x, reached.x[kept]])
         held = np.vstack([case.channels[:1], case.channels[wanted]])  # the first output takes the first interval
         a, lam, u = runner.run.complete(grid, states, held, case.p, case.levels)
         n = a.shape[1]
-        return grid[None, :], states[:, :n].T, states[:, n : 2 * n].T, a.T, states[:, 2 * n :].T, lam.T, u.T
+        columns = grid[None, :], states[:, :n].T, states[:, n : 2 * n].T, a.T, states[:, 2 * n :].T, lam.T, u.T
+        return columns, reached.status

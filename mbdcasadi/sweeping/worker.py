@@ -11,12 +11,15 @@ import numpy as np
 from ..integrators.failures import reason_of
 from ..numerics.console import call
 from ..numerics.packed import Packed
+from ..simulation.singular.regularity import ENTRY
 from .starts import StartPath
-from .whole_runs import WholeParcel
+from .whole_runs import Results, WholeParcel
 
 
 class Parcel:
-    """A compiled run ``(x0, p, levels, cuts, sides, borders) -> (outputs, clock)``, and the way to its starts.
+    """A compiled run ``(x0, p, levels, cuts, sides, borders) -> (outputs, clock, fall)``, and the way to its starts.
+
+    The fall is that of the regularity of its poses, see :meth:`Regularity.fall`.
 
     Parameters
     ----------
@@ -32,20 +35,22 @@ class Parcel:
 
     def results(
         self, starts: np.ndarray, parameters: np.ndarray, levels: np.ndarray, course: tuple[np.ndarray, ...]
-    ) -> tuple[np.ndarray, list[str]]:
-        """Outputs of cases (k, n), NaN for one without, and why it has none."""
+    ) -> Results:
+        """Outputs of cases."""
         function = self.run.unpacked()
         values, messages = np.full((len(starts), self.size), np.nan), [""] * len(starts)
+        folds = np.zeros(len(starts), bool)
         for k, case in enumerate(zip(starts, parameters, levels, *course, strict=True)):
             try:
-                row, clock = call(_evaluated, function, case)
+                row, clock, fall = call(_evaluated, function, case)
+                folds[k] = not fall > ENTRY
                 arrived = abs(clock - self.span) <= 1e-6 * self.span and np.all(np.isfinite(row))
                 messages[k] = "" if arrived else "a step became too small, or a value was not finite"
             except RuntimeError as error:
                 messages[k] = reason_of(error)
             if not messages[k]:
                 values[k] = row
-        return values, messages
+        return Results(values, messages, folds)
 
 
 @dataclass(frozen=True)
@@ -58,6 +63,8 @@ class BatchOutcome:
         Outputs (k, n); NaN for a case without.
     messages : list of str
         Reason for the failure of a case; empty for others.
+    folds : numpy.ndarray of bool
+        True if the mechanism could fold on the way: the case is to be simulated (k,).
     reached : numpy.ndarray of bool
         True if its start was found (k,).
     note : str
@@ -66,6 +73,7 @@ class BatchOutcome:
 
     values: np.ndarray
     messages: list[str]
+    folds: np.ndarray
     reached: np.ndarray
     note: str
 
@@ -96,15 +104,16 @@ def run_batch(
     chosen = np.flatnonzero(reached)
     if chosen.size < len(reached):
         course = tuple(argument[chosen] for argument in course)
-    results, reasons = parcel.results(starts[chosen], parameters[chosen], levels[chosen], course)
-    values[chosen] = results
-    for k, reason in zip(chosen, reasons, strict=True):
+    results = parcel.results(starts[chosen], parameters[chosen], levels[chosen], course)
+    values[chosen], folds = results.values, np.zeros(len(parameters), bool)
+    folds[chosen] = results.folds
+    for k, reason in zip(chosen, results.reasons, strict=True):
         if reason:
             messages[k] = f"the integrator stopped: {reason}; simulate with the values of this case says where and why"
-    return BatchOutcome(values, messages, reached, parcel.said)
+    return BatchOutcome(values, messages, folds, reached, parcel.said)
 
 
-def _evaluated(function: ca.Function, case: tuple[Any, ...]) -> tuple[np.ndarray, float]:
-    """Outputs of a case by time, and its clock, as numbers."""
-    values, clock = function(*case)
-    return values.full().ravel(order="F"), float(clock)
+def _evaluated(function: ca.Function, case: tuple[Any, ...]) -> tuple[np.ndarray, float, float]:
+    """Outputs of a case by time, its clock, and the fall of its regularity, as numbers."""
+    values, clock, fall = function(*case)
+    return values.full().ravel(order="F"), float(clock), float(fall)

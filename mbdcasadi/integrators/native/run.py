@@ -207,11 +207,8 @@ class NativeRun:
 
     def advance(self, s: Stretch, progress: Progress) -> Reached:
         """Integrate over a stretch; `progress` goes on."""
-        extra = 0
-        if s.every_step or s.keep_samples or self.watched is not None or s.fall:
-            extra = MOST_SAMPLES + max(min(EXTRA_ROWS, EXTRA_BYTES // (8 * self.system.size + 16)), 64)
         task, arrays = self._task, _Arrays()
-        rows = self._prepare(s, progress, s.times.size + 8 + extra, arrays)
+        rows = self._prepare(s, progress, s.times.size, arrays)
         self.library.mbd_advance(self._run, ctypes.addressof(task))
         vars(progress).update(zip(PROGRESS, _PROGRESS(task), strict=True))
         count = task.recorded
@@ -229,15 +226,18 @@ class NativeRun:
             task.least_regularity,
         )
 
-    def _prepare(self, s: Stretch, progress: Progress, capacity: int, arrays: _Arrays) -> _Rows:
+    def _prepare(self, s: Stretch, progress: Progress, outputs: int, arrays: _Arrays) -> _Rows:
         """Make a stretch the task of the engine, which reads what is kept in `arrays`; return the room for its states.
 
         Parameters
         ----------
-        capacity : int
-            Number of states that the engine may write.
+        outputs : int
+            Number of outputs that there may be.
         """
-        task, rows = self._task, self._rows
+        extra = 0
+        if s.every_step or s.keep_samples or self.watched is not None or s.fall:
+            extra = MOST_SAMPLES + max(min(EXTRA_ROWS, EXTRA_BYTES // (8 * self.system.size + 16)), 64)
+        task, rows, capacity = self._task, self._rows, outputs + 8 + extra
         for place, values in zip(self._given, _GIVEN(s), strict=True):
             place[:] = values
         for name, value in zip(SETTINGS, _SETTINGS(s), strict=True):
@@ -308,7 +308,7 @@ class NativeRun:
             Times up to which they came, s.
         """
         arrays, count = _Arrays(), cases.times.shape[-1]
-        self._prepare(common, Progress(), count + 8, arrays)
+        self._prepare(common, Progress(), count, arrays)
         number = len(cases.starts)
         status, reached = np.zeros(number, np.int32), np.zeros(number)
         entry = _entry(output, 0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -25,6 +26,8 @@ FALL = 0.1
 COARSE_TURN = 3 * PIVOT_TURN
 #: Poses between two times of a path, at most.
 MOST_POSES = 400
+#: Parts of an interval between two outputs, at most, in runs that are compiled as a whole.
+MOST_PARTS = 20
 
 
 class Regularity:
@@ -59,6 +62,34 @@ class Regularity:
         pivots = self._function.rows(times[:, None], q, self.numeric.p, self.numeric.scale.columns)[0].ravel()
         return np.where(np.isfinite(pivots), pivots, 0.0)
 
+    def fall(self, times: np.ndarray, q: Any, v: Any, p: Any, between: int) -> Any:
+        """Lowest pivot of a motion, relative to its largest one, as an expression; 1 if there are no loops.
+
+        Parameters
+        ----------
+        times : numpy.ndarray
+            Times of the motion (k,), s.
+        q, v, p : casadi.MX
+            Coordinates and velocities by column (n, k), and parameters.
+        between : int
+            Parts into which each interval is divided by poses of cubic Hermite polynomials.
+        """
+        if not self.is_needed:
+            return ca.MX(1)
+        steps = ca.repmat(ca.DM(np.diff(times)).T, q.size1(), 1)
+        all_times, poses = [times], [q]
+        for share in np.arange(1, between) / between:
+            rest = 1 - share
+            slopes = steps * (rest * v[:, :-1] - share * v[:, 1:])
+            ends = (1 + 2 * share) * rest**2 * q[:, :-1] + share**2 * (1 + 2 * rest) * q[:, 1:]
+            poses.append(ends + share * rest * slopes)
+            all_times.append(times[:-1] + share * np.diff(times))
+        instants, columns = np.concatenate(all_times), ca.DM(self.numeric.scale.columns)
+        of_poses = self._function.function.map(instants.size)
+        shared = ca.repmat(p, 1, instants.size), ca.repmat(columns, 1, instants.size)
+        pivots = of_poses(ca.DM(instants).T, ca.horzcat(*poses), *shared)
+        return ca.mmin(pivots) / ca.mmax(pivots)
+
     def along(self, path: Path, *, largest: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
         """Times of a path between which no body turns far, and the smallest relative pivot at them.
 
@@ -75,6 +106,12 @@ class Regularity:
             if np.min(values) > FALL * max(largest, float(np.max(values))):
                 break
         return times, values
+
+
+def parts_between(poses: np.ndarray, eom: Equations) -> int:
+    """Parts into which intervals between poses (k, n) are divided so that no body turns far in one."""
+    turn = float(np.max(np.abs(np.diff(poses[:, np.flatnonzero(eom.angles)], axis=0)), initial=0.0))
+    return int(np.clip(np.ceil(turn / PIVOT_TURN), 1, MOST_PARTS))
 
 
 def coarse_times(path: Path, eom: Equations) -> np.ndarray:
