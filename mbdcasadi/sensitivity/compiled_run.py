@@ -10,8 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ..arguments.values import RunValues
-from ..assembly.setup import Setup
-from ..equations.numeric import NumericEquations
+from ..assembly.setup import Setup, kept_numeric
 from ..errors import SimulationError, warn
 from ..integrators import RungeKutta
 from ..integrators.failures import reason_of
@@ -32,7 +31,10 @@ from .derivatives import Compiled, lengths_of
 from .design_variables import DesignVariables
 from .differentiable_motion import DifferentiableMotion
 from .differentiable_start import DifferentiableStart, found
+from .load_limit import simulated
 
+#: Difference from the motion that continues smoothly, in sizes of the coordinates, from which one is on another branch.
+BRANCH_TOLERANCE = 1e-2
 #: Patterns of cuts for which compiled functions are kept.
 PATTERNS = 16
 
@@ -191,7 +193,8 @@ class CompiledRun:
         ModelError
             For parameters beyond what the model allows.
         SimulationError
-            If no start is found near the last one, or the integrator stops.
+            If no start is found near the last one, the integrator stops, or the motion leaves for another branch in a
+            pose in which the mechanism could fold.
         """
         self.setup.mechanism.check_values(self.design.parameters(d))
         course = self._course(d)
@@ -199,6 +202,7 @@ class CompiledRun:
         self._refuse_no_start(float(residual), d)
         if not self.motion.reached(states.full()):
             raise SimulationError(self._stopped(d, "the step size became too small, or a value was not finite"))
+        self._refuse_other_branch(d, states.full())
         self.guess = solution.full().ravel()
         return y.full().ravel()
 
@@ -231,21 +235,52 @@ class CompiledRun:
 
     def _stopped_backwards(self, d: np.ndarray, course: Cuts, why: str) -> str:
         """Message on an adjoint integration that failed; a singular pose on the way is a likely cause."""
-        states = self._run(course, d)[1].full()
-        eom = self.setup.eom
-        n, k = eom.q.numel(), eom.q.numel() + eom.v.numel() + eom.z.numel()
-        path = Path(self.setup.grid, states[:k].T, np.zeros((0, 0)))
-        numeric = NumericEquations(eom, self.design.parameters(d))
-        time = singular_time(numeric, path)
-        if time is not None:
-            pose = hermite_poses(path, np.array([time]), n)[0]
-            rows = describe_singularity(numeric, time, pose).rows
-            why += (
-                f", beside a pose near t = {time:.3g} s in which {', '.join(rows)} depend on each other and the "
-                "mechanism could fold: the adjoint equations are singular there"
-            )
+        pose = self._singular_pose(d, self._path(self._run(course, d)[1].full()))
+        if pose is not None:
+            why += f", beside {pose}: the adjoint equations are singular there"
         remedy = 'take method="erk", larger tolerances, or more output times'
         return f"the adjoint integration stopped at {self._where(d)}: {why}; {remedy}"
+
+    # --- singular poses on the way ----------------------------------------------------------------
+    def _path(self, states: np.ndarray) -> Path:
+        eom = self.setup.eom
+        size = eom.q.numel() + eom.v.numel() + eom.z.numel()
+        return Path(self.setup.grid, states[:size].T, np.zeros((0, 0)))
+
+    def _singular_pose(self, d: np.ndarray, path: Path) -> str | None:
+        """Description of a pose of a motion in which the mechanism could fold; None if there is none."""
+        numeric = kept_numeric(self.setup.eom, self.design.parameters(d))
+        time = singular_time(numeric, path)
+        if time is None:
+            return None
+        rows = describe_singularity(
+            numeric, time, hermite_poses(path, np.array([time]), self.setup.eom.q.numel())[0]
+        ).rows
+        return (
+            f"a pose near t = {time:.3g} s in which {', '.join(rows)} depend on each other and the mechanism could fold"
+        )
+
+    def _refuse_other_branch(self, d: np.ndarray, states: np.ndarray) -> None:
+        """Raise if the motion is not the one that continues smoothly in a pose in which the mechanism could fold."""
+        if not self.setup.eom.has_loops:
+            return
+        setup, path = self.setup, self._path(states)
+        pose = self._singular_pose(d, path)
+        if pose is None:
+            return
+        _, _, p, levels, channel = (part.full() for part in self.design.function(d))
+        values = RunValues(p.ravel(), levels.ravel(), channel)
+        smooth = simulated(setup.at_values(setup.grid, values), setup.integrator, path.x[0]).q
+        apart = np.abs(smooth - path.x[:, : smooth.shape[1]])
+        misses = apart / kept_numeric(setup.eom, values.p).scale.coordinates
+        if np.max(misses) > BRANCH_TOLERANCE:
+            row, column = np.unravel_index(np.argmax(misses), misses.shape)
+            raise SimulationError(
+                f"the motion passes {pose}, and leaves for another branch at {self._where(d)}: "
+                f"{setup.eom.coordinate_names[column]} is off by {apart[row, column]:.3g} at t = "
+                f"{setup.grid[row]:.6g} s from the motion of simulate, which continues smoothly; end the run before that "
+                'pose, or take smaller reltol= and abstol=, or method="erk"'
+            )
 
     # --- the course ---------------------------------------------------------------------------
     def _course(self, d: np.ndarray) -> Cuts:

@@ -141,7 +141,7 @@ def singular_time(numeric: NumericEquations, path: Path) -> float | None:
     regularity = Regularity(numeric, float(path.times[0]), path.x[0, : numeric.eom.q.numel()])
     if not regularity.is_needed:
         return None
-    times, values = regularity.along(path)
+    times, values = regularity.along(path, largest=0.0)
     k = int(np.argmin(values))
     return float(times[k]) if values[k] < ENTRY * np.max(values) else None
 
