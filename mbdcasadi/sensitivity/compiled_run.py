@@ -278,8 +278,8 @@ class CompiledRun:
             raise SimulationError(
                 f"the motion passes {pose}, and leaves for another branch at {self._where(d)}: "
                 f"{setup.eom.coordinate_names[column]} is off by {apart[row, column]:.3g} at t = "
-                f"{setup.grid[row]:.6g} s from the motion of simulate, which continues smoothly; end the run before that "
-                'pose, or take smaller reltol= and abstol=, or method="erk"'
+                f"{setup.grid[row]:.6g} s from the motion of simulate, which continues smoothly; end the run before "
+                'that pose, or take smaller reltol= and abstol=, or method="erk"'
             )
 
     # --- the course ---------------------------------------------------------------------------
