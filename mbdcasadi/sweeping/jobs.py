@@ -23,8 +23,8 @@ from .worker import Parcel
 
 #: Batches into which the cases are cut, and the largest of them, if the user does not say.
 BATCHES, LARGEST_BATCH = 64, 250
-#: Cases, as far from each other as they are spread, from which the absolute tolerance is chosen, and on whose motions
-#: short loads are looked for.
+#: Cases, as far from each other as they are spread, by which the absolute tolerance and the distance between the poses
+#: that are looked at are chosen, and on whose motions short loads are looked for.
 RANGES, PROBED = 8, 200
 
 
@@ -60,26 +60,15 @@ class Jobs:
         """Make the objects that the cases share."""
         varied = [k for k in range(self.setup.p.size) if np.ptp(self._plan.p[:, k]) > 0]
         self._motion, spread = self.setup.motion(varied, in_state=False), self._spread()
-        if self._resolves_more(self._motion.poses_from, spread):
+        poses = _poses(self._motion.poses_from, spread)
+        if self.setup.resolve_all(poses):
             self._motion = self.setup.motion(varied, in_state=False)
         self._look_for_loads(self._motion.load_limit, spread)
         self._outputs = self._motion.outputs(outputs)
         start = self.setup.start
         self._regularity = Regularity(self.setup.numeric, start.t, start.q)
-        self._between = parts_between(self._motion.poses, self.setup.eom)
+        self._between = max([parts_between(some, self.setup.eom) for some in poses], default=1)
         self._parcels: dict[tuple[Any, ...], Parcel] = {}
-
-    def _resolves_more(
-        self, poses_from: Callable[[np.ndarray, RunValues], np.ndarray], spread: list[tuple[np.ndarray, RunValues]]
-    ) -> bool:
-        """Take an absolute tolerance that resolves the motions of some cases; True if it is another one."""
-        poses = []
-        for x0, values in spread[:RANGES]:
-            try:
-                poses.append(poses_from(x0, values))
-            except MechanismError:  # the case itself says why
-                continue
-        return self.setup.resolve_all(poses)
 
     def _look_for_loads(self, limit: LoadLimit, spread: list[tuple[np.ndarray, RunValues]]) -> None:
         """Limit the steps by loads on the motions of cases; report if these are not all."""
@@ -151,7 +140,8 @@ class Jobs:
             fall = self._regularity.fall(setup.grid, states[:n, :], states[n : 2 * n, :], values.p, self._between)
             results = [self._outputs(states, *values), states[-1, -1], fall]
             run = ca.Function("run", [x0, *values[:2], *cuts], results)
-            self._parcels[course.pattern] = Parcel(run, self._path, float(setup.grid[-1] - setup.grid[0]))
+            span, may_fold = float(setup.grid[-1] - setup.grid[0]), self._regularity.is_needed
+            self._parcels[course.pattern] = Parcel(run, self._path, span, may_fold=may_fold)
         return self._parcels[course.pattern]
 
     def batches(self, courses: dict[int, Any], size: int | None) -> Iterator[tuple[Any, ...]]:
@@ -202,7 +192,7 @@ class WholeJobs(Jobs):
             q = trial.results(x0[None, :], values.p[None, :], values.levels[None, :], course).values[0]
             return q.reshape(setup.grid.size, -1)
 
-        self._resolves_more(poses_from, spread)
+        setup.resolve_all(_poses(poses_from, spread))
         limit = LoadLimit(setup, setup.integrator)
         self._look_for_loads(limit, spread)
         self._load_step = limit.max_step
@@ -214,6 +204,19 @@ class WholeJobs(Jobs):
 
     def parcel(self, course: Any) -> WholeParcel:
         return self._whole
+
+
+def _poses(
+    poses_from: Callable[[np.ndarray, RunValues], np.ndarray], spread: list[tuple[np.ndarray, RunValues]]
+) -> list[np.ndarray]:
+    """Coordinates at the outputs of some of the cases that are spread farthest, each (n_t, n)."""
+    poses = []
+    for x0, values in spread[:RANGES]:
+        try:
+            poses.append(poses_from(x0, values))
+        except MechanismError:  # the case itself says why
+            continue
+    return poses
 
 
 def jobs_of(plan: Plan, named: list[tuple[Any, ca.SX]]) -> Jobs:

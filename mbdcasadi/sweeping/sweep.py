@@ -215,8 +215,8 @@ def _blocks(
                     yield _failed({int(k): m for k, m in zip(left, messages, strict=True) if m}, jobs)
         if folding:
             notes.append(
-                f"{folding} cases come near to poses in which the mechanism could fold; they ran one after the other, "
-                "as by simulate"
+                "cases that come near to poses in which the mechanism could fold, or stopped, ran one after the other, "
+                f"as by simulate: {folding}"
             )
     finally:
         runner.cancel()

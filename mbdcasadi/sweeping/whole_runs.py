@@ -52,7 +52,8 @@ class Results:
     reasons : list of str
         Reason why a case has none; empty for others.
     folds : numpy.ndarray of bool
-        True if a case comes near to a pose in which the mechanism could fold (k,).
+        True if a case is to be simulated (k,): it comes near to a pose in which the mechanism could fold, or it is one
+        of a compiled run that stopped, as near such a pose.
     """
 
     values: np.ndarray

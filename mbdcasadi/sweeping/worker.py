@@ -25,12 +25,14 @@ class Parcel:
     ----------
     span : float
         Time of the clock at the end, s.
+    may_fold : bool
+        True if the mechanism has poses in which it could fold: near them a run may stop.
     """
 
     said = ""
 
-    def __init__(self, function: ca.Function, path: StartPath, span: float):
-        self.run, self.path, self.span = Packed(function), path, span
+    def __init__(self, function: ca.Function, path: StartPath, span: float, *, may_fold: bool):
+        self.run, self.path, self.span, self.may_fold = Packed(function), path, span, may_fold
         self.size = function.numel_out(0)
 
     def results(
@@ -48,7 +50,9 @@ class Parcel:
                 messages[k] = "" if arrived else "a step became too small, or a value was not finite"
             except RuntimeError as error:
                 messages[k] = reason_of(error)
-            if not messages[k]:
+            if messages[k]:
+                folds[k] = self.may_fold
+            else:
                 values[k] = row
         return Results(values, messages, folds)
 
@@ -64,7 +68,7 @@ class BatchOutcome:
     messages : list of str
         Reason for the failure of a case; empty for others.
     folds : numpy.ndarray of bool
-        True if the mechanism could fold on the way: the case is to be simulated (k,).
+        True if a case is to be simulated (k,), see :class:`Results`.
     reached : numpy.ndarray of bool
         True if its start was found (k,).
     note : str

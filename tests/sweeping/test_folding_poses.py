@@ -10,7 +10,7 @@ CRANK, BASE = 0.3, 0.5
 TIMES = np.linspace(0, 0.6, 41)
 
 
-def parallelogram():
+def parallelogram(gravity=9.81):
     """Two cranks of equal length and a coupler, which stays horizontal; the mass of one crank is a parameter."""
     mass = mbd.Parameter("mass", 1.0)
     corner = CRANK * np.array([np.cos(1), np.sin(1)])
@@ -23,7 +23,7 @@ def parallelogram():
         mbd.Revolute("C", coupler.at(BASE / 2, 0), right.at(CRANK / 2, 0)),
         mbd.Revolute("D", mbd.ground.at(BASE, 0), right.at(-CRANK / 2, 0)),
     ]
-    model = mbd.Mechanism([left, coupler, right], pins, forces=[mbd.Gravity()], parameters=[mass])
+    model = mbd.Mechanism([left, coupler, right], pins, forces=[mbd.Gravity((0, -gravity))], parameters=[mass])
     return model, left, coupler, mass
 
 
@@ -49,6 +49,19 @@ def test_cases_that_pass_such_poses_stay_on_the_branch_that_continues_smoothly(m
     for k, value in enumerate((0.5, 2.0)):
         assert swept["left"][k] == pytest.approx(turning_alone(value, TIMES), abs=1e-5)
     assert any("could fold" in note for note in swept.notes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["idas", "erk"])
+def test_cases_that_turn_far_between_outputs_are_looked_at_closely_though_the_first_is_at_rest(method):
+    """They were off by several radians: poses between outputs were looked at as closely as the first case needs."""
+    model, left, coupler, mass = parallelogram(gravity=0)
+    times, masses = np.linspace(0, 1, 4), np.array([1.0, 1.9, 2.0])
+    given = {"initial": [left.omega == 12 * (mass - 1)], "outputs": {"left": left.phi, "coupler": coupler.phi}}
+    swept = mbd.sweep(model, times, {mass: masses}, method=method, **given)
+    assert not swept.failures
+    assert np.max(np.abs(swept["coupler"])) < 1e-6
+    assert swept["left"] == pytest.approx(1 + 12 * np.outer(masses - 1, times), abs=1e-5)
 
 
 def test_cases_that_pass_none_run_as_ever():

@@ -185,9 +185,9 @@ def test_a_parcel_travels():
         np.zeros((1, 1)),
         tuple(x[None] for x in times_of(setup, setup.p).arguments),
     )
-    values, messages = pickle.loads(pickle.dumps(parcel)).results(*case)
-    assert messages == [""]
-    np.testing.assert_allclose(values[0], [0, -1.0], atol=1e-9)
+    found = pickle.loads(pickle.dumps(parcel)).results(*case)
+    assert found.reasons == [""] and not found.folds.any()
+    np.testing.assert_allclose(found.values[0], [0, -1.0], atol=1e-9)
 
 
 @pytest.mark.slow

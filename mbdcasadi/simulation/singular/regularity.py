@@ -26,8 +26,6 @@ FALL = 0.1
 COARSE_TURN = 3 * PIVOT_TURN
 #: Poses between two times of a path, at most.
 MOST_POSES = 400
-#: Parts of an interval between two outputs, at most, in runs that are compiled as a whole.
-MOST_PARTS = 20
 
 
 class Regularity:
@@ -111,7 +109,7 @@ class Regularity:
 def parts_between(poses: np.ndarray, eom: Equations) -> int:
     """Parts into which intervals between poses (k, n) are divided so that no body turns far in one."""
     turn = float(np.max(np.abs(np.diff(poses[:, np.flatnonzero(eom.angles)], axis=0)), initial=0.0))
-    return int(np.clip(np.ceil(turn / PIVOT_TURN), 1, MOST_PARTS))
+    return int(np.clip(np.ceil(turn / PIVOT_TURN), 1, MOST_POSES))
 
 
 def coarse_times(path: Path, eom: Equations) -> np.ndarray:
