@@ -12,12 +12,14 @@ from .newton import Equations, solve
 #: Longest step, in sizes of the unknowns, and as a share of the smallest singular value: singular points are noticed.
 STEP, SHARE = 0.1, 0.5
 #: Share of the longest step down to which steps are divided, and largest number of points.
-SMALLEST, MOST_POINTS = 1e-4, 3000
+SMALLEST, MOST_POINTS = 1e-4, 1000
 #: Singular value of rows of length one below which a point counts as nearly singular.
 NEARLY_SINGULAR = 3e-3
 #: Cosine of the angle between the directions of two points that follow each other, and share of a step by which it may
 #: be corrected.
 STRAIGHT, CORRECTION = 0.95, 0.2
+#: Change of the equations by whole turns that is rounding, as a share of what a size of an unknown changes.
+ROUNDING = 1e-9
 #: Iterations of a correction.
 ITERATIONS = 12
 
@@ -142,4 +144,9 @@ class _Curve:
         along = float(ahead @ before.direction)
         aside = np.linalg.norm(ahead - along * before.direction)
         meets = 0 <= along <= step and aside <= CORRECTION * step and first.direction @ before.direction > STRAIGHT
-        return turns * self._turn if meets else None
+        return turns * self._turn if meets and self._repeats(first.y, turns * self._turn) else None
+
+    def _repeats(self, y: np.ndarray, period: np.ndarray) -> bool:
+        """True if turns lead to the same solution: with gears of unequal teeth they may lead only near to it."""
+        change = self._scaled(y + period)[0] - self._scaled(y)[0]
+        return bool(np.all(np.abs(change) <= ROUNDING * (1 + np.max(np.abs(period))) * self._lengths))

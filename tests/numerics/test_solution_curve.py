@@ -28,6 +28,13 @@ def test_two_angles_that_turn_together():
     assert np.abs(curve.period) == pytest.approx([2 * np.pi, 4 * np.pi])
 
 
+@pytest.mark.parametrize("ratio", [1.001, 2.0005])
+def test_turns_that_lead_only_near_to_the_first_point(ratio):
+    """Gears whose teeth have no small common multiple: after a turn the pose is nearly the first, but another one."""
+    rows = lambda x: (np.array([x[1] - ratio * x[0]]), np.array([[-ratio, 1.0]]))  # noqa: E731
+    assert followed(rows, [0.3, 0.3 * ratio], turning=True) is None
+
+
 def test_dependent_rows_are_taken_twice():
     rows = lambda x: (np.array([x @ x - 1, 2 * x @ x - 2]), np.array([2 * x, 4 * x]))  # noqa: E731
     assert followed(rows, [1, 0]) is not None

@@ -8,7 +8,8 @@ import pytest
 from motions import pendulum
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.refinement.local_error import REPLAY_ERROR, replay_error
+from mbdcasadi.optimal_control.phase_solution import PhaseSolution
+from mbdcasadi.optimal_control.refinement.local_error import REPLAY_ERROR, ReplayErrors, replay_error
 
 
 def held(duration, inertia=0.0):
@@ -27,6 +28,20 @@ def test_an_upright_pendulum():
     whole = np.linalg.multi_dot(growth.transitions[::-1])[np.ix_(angle, angle)]
     expected = [[np.cosh(rate), np.sinh(rate) / rate], [rate * np.sinh(rate), np.cosh(rate)]]
     assert np.allclose(whole, expected, rtol=1e-5)
+
+
+def test_intervals_that_cannot_be_integrated_again(monkeypatch):
+    """Rounding alone grows beyond what is followed: the warning says so, and no finer mesh is asked for."""
+
+    def ends_early(part):
+        raise RuntimeError("the integrator did not get to the end")
+
+    with pytest.warns(mbd.MechanismWarning, match="unstable"):
+        solution = mbd.optimize(held(9.0), intervals=20)
+    monkeypatch.setattr(PhaseSolution, "end_differences", property(ends_early))
+    errors = ReplayErrors(solution)
+    assert replay_error(solution.phases[0]) > REPLAY_ERROR and errors.largest == 0
+    assert "only feedback" in errors.sentences()[0]
 
 
 def cart(duration, start, end, links=1):

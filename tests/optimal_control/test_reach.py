@@ -231,6 +231,28 @@ def test_free_lengths_lead_to_other_branches():
     assert not is_refused(problem)
 
 
+@pytest.mark.slow
+def test_gears_that_come_back_only_nearly():
+    """A five-bar whose cranks are geared by 1001 to 999 teeth: after thirty turns one is ahead by 0.38 rad."""
+    left, right = (mbd.Body(name, mass=1, inertia=0.01, pose=(x, 0, np.pi / 2)) for name, x in (("l", 0), ("r", 0.3)))
+    a, b = (mbd.Body(n, mass=1, inertia=0.01, pose=(x, 0.2, phi)) for n, x, phi in (("a", 0.07, 1.1), ("b", 0.23, 2)))
+    tau = mbd.Input("tau")
+    joints = [
+        mbd.Revolute("L", mbd.ground.at(0, 0), left.at(0, 0)),
+        mbd.Revolute("R", mbd.ground.at(0.3, 0), right.at(0, 0)),
+        mbd.Revolute("A", left.at(0.05, 0), a.at(-0.15, 0)),
+        mbd.Revolute("B", right.at(0.06, 0), b.at(-0.15, 0)),
+        mbd.Revolute("C", a.at(0.15, 0), b.at(0.15, 0)),
+        mbd.Gear("mesh", left.at(0, 0), right.at(0, 0), 0.15015, 0.14985),
+    ]
+    mechanism = mbd.Mechanism([left, right, a, b], joints, forces=[mbd.Torque("motor", left, tau)], inputs=[tau])
+    start, turns = [left.phi == np.pi / 2, left.omega == 0], 2 * np.pi * 30.3
+    driver = mbd.Driver("turn", left.phi, np.pi / 2 + turns * mbd.t)
+    motion = mbd.kinematics(mechanism.replace(drivers=[driver]), np.linspace(0, 1, 1201))
+    end = [b.phi == float(motion[b.phi][-1]) for b in (left, a)]
+    assert not is_refused(mbd.OptimalControlProblem(mechanism, 1.0, start, end, running_cost=tau**2))
+
+
 def random_linkage(kind, random):
     """A four-bar, a slider-crank or a five-bar of random lengths, and conditions of a start at rest."""
     while True:

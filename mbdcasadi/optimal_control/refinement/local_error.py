@@ -121,7 +121,11 @@ class ReplayErrors(Coarseness):
         """Errors of the intervals of a phase (N,)."""
         if not replay_error(part) > REPLAY_ERROR:
             return np.zeros(part.mesh.count)
-        errors = COARSE_ERROR * part.mesh.count / REPLAY_ERROR * _at_end(part, part.end_errors)
+        try:
+            carried = _at_end(part, part.end_errors)
+        except RuntimeError:  # the integrator did not get to the end of an interval, which is coarse for that reason
+            return np.zeros(part.mesh.count)
+        errors = COARSE_ERROR * part.mesh.count / REPLAY_ERROR * carried
         foreseen = np.maximum(self.margin * errors / COARSE_ERROR, 1.0) ** (1 / self.order(part))
         return errors if np.sum(np.ceil(foreseen)) <= REPLAY_INTERVALS else np.zeros(part.mesh.count)
 
