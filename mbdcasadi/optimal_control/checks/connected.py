@@ -3,8 +3,8 @@
 The poses of a closed loop of one degree of freedom are curves, and a motion stays on the one on which it begins: the
 others are other assembly configurations, which are also called branches. The curve of the start is followed as a whole,
 with angles that count turns, and it is seen whether the conditions of a place are met anywhere on it, and whether path
-limits cut it off before. Loops that are singular on the way, where curves meet, and those of more degrees of freedom
-are left to the solver.
+limits cut it off before. Loops that are singular on the way, where curves meet, those whose curve does not close, or
+only after very many turns, and those of more degrees of freedom are left to the solver.
 """
 
 from __future__ import annotations

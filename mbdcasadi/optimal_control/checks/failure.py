@@ -225,8 +225,8 @@ _SEPARATED = {
         "assemble the start on that branch, by the poses of the bodies, or change the target",
     ),
     "turn": (
-        "asks for a turn that the linkage cannot make: its pose is on the branch of the start, but not after as many "
-        "turns",
+        "asks for a turn that the linkage cannot make: its pose is on the branch of the start, but no motion reaches "
+        "it with as many turns",
         "change the angles of the target by whole turns",
     ),
     "blocked": (
