@@ -184,7 +184,7 @@ def _blocks(
     courses, failures = jobs.courses(cases)
     if failures:
         yield _failed(failures, jobs)
-    folding = 0
+    folding: list[np.ndarray] = []
     runner: _Here | _Elsewhere
     if executor is not None:
         runner = _Elsewhere(executor)
@@ -194,29 +194,28 @@ def _blocks(
         for batch in jobs.batches(courses, size):
             runner.submit(batch)
         for done, outcome in runner.results():
-            ran = outcome.reached
+            ran = outcome.reached & ~outcome.folds
             if outcome.note and outcome.note not in notes:
                 notes.append(outcome.note)
-            folds = np.flatnonzero(outcome.folds)
-            if folds.size:
-                outcome.values[folds], messages = jobs.simulated(done[folds])
-                for k, message in zip(folds.tolist(), messages, strict=True):
-                    outcome.messages[k] = message
-                folding += folds.size
+            if np.any(outcome.folds):
+                folding.append(done[outcome.folds])
             if np.any(ran):
                 messages = [m for m, good in zip(outcome.messages, ran, strict=True) if good]
                 yield done[ran], outcome.values[ran], messages
-            left = done[~ran]
+            left = done[~outcome.reached]
             if left.size:
                 good, starts, messages = jobs.assembled(left)
                 if np.any(good):
                     runner.submit(jobs.batch(left[good], courses, starts))
                 if not np.all(good):
                     yield _failed({int(k): m for k, m in zip(left, messages, strict=True) if m}, jobs)
+        # no thread runs any more: a simulation writes expressions, which CasADi allows one thread at a time
+        for some in folding:
+            yield some, *jobs.simulated(some)
         if folding:
             notes.append(
                 "cases that come near to poses in which the mechanism could fold, or stopped, ran one after the other, "
-                f"as by simulate: {folding}"
+                f"as by simulate: {sum(some.size for some in folding)}"
             )
     finally:
         runner.cancel()
