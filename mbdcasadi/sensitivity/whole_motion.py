@@ -75,8 +75,9 @@ class WholeIntegrator(CompiledIntegrator):
     def _motion(self, *arguments: np.ndarray) -> np.ndarray:
         """States at the ends of intervals by column, the clock as the last row; see :func:`_problem`."""
         key = tuple(argument.tobytes() for argument in arguments)
-        if key in self._known:
-            return self._known[key]
+        known = self._known.get(key)
+        if known is not None:
+            return known
         problem, clock, fractions = _problem(*arguments)
         states = np.vstack([self._states(problem).T, clock + fractions])
         self._known[key] = states
