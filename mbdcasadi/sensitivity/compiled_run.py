@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -25,13 +26,13 @@ from ..simulation.checks.accuracy import range_near_rounding, ranges, tolerance_
 from ..simulation.contact.watched_terms import has_gaps
 from ..simulation.path import Path, hermite_poses
 from ..simulation.simulate import chosen_integrator, suited_to_friction
-from ..simulation.singular.regularity import singular_time
+from ..simulation.singular.regularity import singular_time, turns_far
 from .cuts import Cuts
 from .derivatives import Compiled, lengths_of
 from .design_variables import DesignVariables
 from .differentiable_motion import DifferentiableMotion
 from .differentiable_start import DifferentiableStart, found
-from .load_limit import simulated
+from .load_limit import REMEMBERED, is_near, simulated
 
 #: Difference from the motion that continues smoothly, in sizes of the coordinates, from which one is on another branch.
 BRANCH_TOLERANCE = 1e-2
@@ -184,6 +185,8 @@ class CompiledRun:
         self.rows = sum(e.numel() for e in self._expressions)
         self._outputs = self.motion.outputs(expressions)
         self._compiled = Cache(PATTERNS)
+        #: values at which a simulation has passed no pose in which the mechanism could fold
+        self._regular: deque[np.ndarray] = deque(maxlen=REMEMBERED)
 
     def values(self, d: np.ndarray) -> np.ndarray:
         """All outputs (n_y n_t + integrals,), time by time.
@@ -266,11 +269,15 @@ class CompiledRun:
             return
         setup, path = self.setup, self._path(states)
         pose = self._singular_pose(d, path)
-        if pose is None:
+        if pose is None and (not turns_far(path, setup.eom) or is_near(d, self._regular)):
             return
         _, _, p, levels, channel = (part.full() for part in self.design.function(d))
         values = RunValues(p.ravel(), levels.ravel(), channel)
-        smooth = simulated(setup.at_values(setup.grid, values), setup.integrator, path.x[0]).q
+        motion, passages = simulated(setup.at_values(setup.grid, values), setup.integrator, path.x[0])
+        if pose is None and not passages:
+            self._regular.append(d.copy())
+            return
+        smooth, pose = motion.q, pose or f"a pose near t = {passages[0]:.3g} s in which the mechanism could fold"
         apart = np.abs(smooth - path.x[:, : smooth.shape[1]])
         misses = apart / kept_numeric(setup.eom, values.p).scale.coordinates
         if np.max(misses) > BRANCH_TOLERANCE:

@@ -7,6 +7,7 @@ for all values of the parameters that are not near to earlier ones, since a body
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 
 import casadi as ca
 import numpy as np
@@ -54,7 +55,7 @@ class LoadLimit:
             return
         point = np.concatenate([start, *map(np.ravel, values)])
         known = self._known.setdefault((grid[0], grid[-1]), deque(maxlen=REMEMBERED))
-        if any(np.all(np.abs(point - other) <= NEAR * np.abs(other) + ZERO) for other in known):
+        if is_near(point, known):
             return
         known.append(point)
         setup = self._setup.at_values(grid, values)
@@ -69,6 +70,11 @@ class LoadLimit:
             return None
         span = float(self._setup.grid[-1] - self._setup.grid[0])
         return max(self._shortest / STEPS_PER_LOAD, span / MOST_LOAD_STEPS)
+
+
+def is_near(point: np.ndarray, known: Iterable[np.ndarray]) -> bool:
+    """Return True if a point is near to one that is known, in each component."""
+    return any(np.all(np.abs(point - other) <= NEAR * np.abs(other) + ZERO) for other in known)
 
 
 def shortest_unseen_load(
@@ -95,10 +101,14 @@ def shortest_unseen_load(
     return run.shortest_load(integrands)
 
 
-def simulated(setup: Setup, integrator: Integrator, start: np.ndarray) -> Trajectory:
-    """Return the motion from a state ``(q, v, z)`` at the first time as :func:`simulate` finds it."""
+def simulated(setup: Setup, integrator: Integrator, start: np.ndarray) -> tuple[Trajectory, tuple[float, ...]]:
+    """Return the motion from a state ``(q, v, z)`` at the first time as :func:`simulate` finds it.
+
+    The times are those at which it passes poses in which the mechanism could fold.
+    """
     modes = SingleMode(setup)
-    return Run(setup, modes, (), integrator).run(_state(modes, start))
+    run = Run(setup, modes, (), integrator)
+    return run.run(_state(modes, start)), run.passages
 
 
 def _state(modes: SingleMode, start: np.ndarray) -> State:

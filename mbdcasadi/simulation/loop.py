@@ -156,6 +156,11 @@ class Run:
                         arc.stepper.release()
         return builder.trajectory()
 
+    @property
+    def passages(self) -> tuple[float, ...]:
+        """Times at which the last run passed poses in which the mechanism could fold, s."""
+        return tuple(self._passed)
+
     def _prepare(self) -> None:
         """Empty the record of a run."""
         self._builder = TrajectoryBuilder(self.modes, self.setup.p)

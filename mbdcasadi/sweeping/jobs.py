@@ -100,7 +100,7 @@ class Jobs:
         for row, k in enumerate(cases.tolist()):
             try:
                 x0 = starts[row] if reached[row] else assembled_start(self.setup, self._plan.p[k], k)
-                motion = simulated(self.setup.at_values(self.setup.grid, self._values(k)), self.setup.integrator, x0)
+                motion, _ = simulated(self.setup.at_values(self.setup.grid, self._values(k)), self.setup.integrator, x0)
                 values[row] = motion[self._column].ravel()
             except MechanismError as error:
                 reasons[row] = str(error)

@@ -24,6 +24,8 @@ PIVOT_TURN = 0.05
 FALL = 0.1
 #: Turn between two of these poses, rad.
 COARSE_TURN = 3 * PIVOT_TURN
+#: Turn of a body between two times up to which a cubic polynomial gives the poses between them, rad.
+POLYNOMIAL_TURN = 1.0
 #: Poses between two times of a path, at most.
 MOST_POSES = 400
 
@@ -132,6 +134,11 @@ def _turns(path: Path, eom: Equations) -> np.ndarray:
     """Largest turn of a body between two times of a path, rad."""
     turns: np.ndarray = np.abs(np.diff(path.x[:, np.flatnonzero(eom.angles)], axis=0)).max(axis=1, initial=0.0)
     return turns
+
+
+def turns_far(path: Path, eom: Equations) -> bool:
+    """Return True if a body turns so far between two times of a path that a polynomial does not give its poses."""
+    return bool(np.max(_turns(path, eom), initial=0.0) > POLYNOMIAL_TURN)
 
 
 def singular_time(numeric: NumericEquations, path: Path) -> float | None:
