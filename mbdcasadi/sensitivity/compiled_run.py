@@ -26,7 +26,7 @@ from ..simulation.checks.accuracy import range_near_rounding, ranges, tolerance_
 from ..simulation.contact.watched_terms import has_gaps
 from ..simulation.path import Path, hermite_poses
 from ..simulation.simulate import chosen_integrator, suited_to_friction
-from ..simulation.singular.regularity import singular_time, turns_far
+from ..simulation.singular.regularity import Regularity, singular_time, turns_far
 from .cuts import Cuts
 from .derivatives import Compiled, lengths_of
 from .design_variables import DesignVariables
@@ -250,15 +250,18 @@ class CompiledRun:
         size = eom.q.numel() + eom.v.numel() + eom.z.numel()
         return Path(self.setup.grid, states[:size].T, np.zeros((0, 0)))
 
+    @cached_property
+    def _regularity(self) -> Regularity:
+        return Regularity(self.setup.numeric, self.setup.start.t, self.setup.start.q)
+
     def _singular_pose(self, d: np.ndarray, path: Path) -> str | None:
         """Description of a pose of a motion in which the mechanism could fold; None if there is none."""
-        numeric = kept_numeric(self.setup.eom, self.design.parameters(d))
-        time = singular_time(numeric, path)
+        eom, p = self.setup.eom, self.design.parameters(d)
+        time = singular_time(self._regularity, path, p)
         if time is None:
             return None
-        rows = describe_singularity(
-            numeric, time, hermite_poses(path, np.array([time]), self.setup.eom.q.numel())[0]
-        ).rows
+        pose = hermite_poses(path, np.array([time]), eom.q.numel())[0]
+        rows = describe_singularity(kept_numeric(eom, p), time, pose).rows
         return (
             f"a pose near t = {time:.3g} s in which {', '.join(rows)} depend on each other and the mechanism could fold"
         )

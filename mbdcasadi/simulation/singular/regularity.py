@@ -57,9 +57,10 @@ class Regularity:
             ("regularity", left_out), lambda: Evaluator(_regularity(eom, left_out))
         )
 
-    def at(self, times: np.ndarray, q: np.ndarray) -> np.ndarray:
-        """Smallest relative pivot at poses (k, n)."""
-        pivots = self._function.rows(times[:, None], q, self.numeric.p, self.numeric.scale.columns)[0].ravel()
+    def at(self, times: np.ndarray, q: np.ndarray, p: np.ndarray | None = None) -> np.ndarray:
+        """Smallest relative pivot at poses (k, n), for other values of the parameters if they are given."""
+        values = self.numeric.p if p is None else p
+        pivots = self._function.rows(times[:, None], q, values, self.numeric.scale.columns)[0].ravel()
         return np.where(np.isfinite(pivots), pivots, 0.0)
 
     def fall(self, times: np.ndarray, q: Any, v: Any, p: Any, between: int) -> Any:
@@ -90,19 +91,23 @@ class Regularity:
         pivots = of_poses(ca.DM(instants).T, ca.horzcat(*poses), *shared)
         return ca.mmin(pivots) / ca.mmax(pivots)
 
-    def along(self, path: Path, *, largest: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
+    def along(
+        self, path: Path, *, largest: float = np.inf, p: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Times of a path between which no body turns far, and the smallest relative pivot at them.
 
         Parameters
         ----------
         largest : float
             Largest pivot that was seen: as long as pivots stay well above its fall, fewer poses are enough.
+        p : numpy.ndarray, optional
+            Other values of the parameters.
         """
         n = self.numeric.eom.q.numel()
         times, values = np.zeros(0), np.zeros(0)
         for look in (coarse_times, finer_times) if np.isfinite(largest) else (finer_times,):
             times = look(path, self.numeric.eom)
-            values = self.at(times, hermite_poses(path, times, n))
+            values = self.at(times, hermite_poses(path, times, n), p)
             if np.min(values) > FALL * max(largest, float(np.max(values))):
                 break
         return times, values
@@ -141,12 +146,11 @@ def turns_far(path: Path, eom: Equations) -> bool:
     return bool(np.max(_turns(path, eom), initial=0.0) > POLYNOMIAL_TURN)
 
 
-def singular_time(numeric: NumericEquations, path: Path) -> float | None:
+def singular_time(regularity: Regularity, path: Path, p: np.ndarray) -> float | None:
     """Time at which a motion is nearest to a singular pose; None if it is not near to any."""
-    regularity = Regularity(numeric, float(path.times[0]), path.x[0, : numeric.eom.q.numel()])
     if not regularity.is_needed:
         return None
-    times, values = regularity.along(path, largest=0.0)
+    times, values = regularity.along(path, largest=0.0, p=p)
     k = int(np.argmin(values))
     return float(times[k]) if values[k] < ENTRY * np.max(values) else None
 
