@@ -32,7 +32,7 @@ from .derivatives import Compiled, lengths_of
 from .design_variables import DesignVariables
 from .differentiable_motion import DifferentiableMotion
 from .differentiable_start import DifferentiableStart, found
-from .load_limit import REMEMBERED, is_near, simulated
+from .reference_run import REMEMBERED, is_near, simulated
 
 #: Difference from the motion that continues smoothly, in sizes of the coordinates, from which one is on another branch.
 BRANCH_TOLERANCE = 1e-2

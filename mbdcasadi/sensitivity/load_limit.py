@@ -7,7 +7,6 @@ for all values of the parameters that are not near to earlier ones, since a body
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
 
 import casadi as ca
 import numpy as np
@@ -16,19 +15,14 @@ from ..arguments.values import RunValues
 from ..assembly.setup import Setup
 from ..errors import MechanismError
 from ..integrators import Integrator
-from ..results.state import State
-from ..results.trajectory import Trajectory
 from ..simulation.changes.modes import SingleMode
 from ..simulation.checks.unseen_loads import meets_loads
 from ..simulation.contact.watched_terms import has_gaps
 from ..simulation.loop import Run
+from .reference_run import REMEMBERED, is_near, start_state
 
 #: Steps over the shortest load that a simulation of the motion would have passed over, and steps that this may take.
 STEPS_PER_LOAD, MOST_LOAD_STEPS = 2.0, 1e5
-#: Relative difference of values from earlier ones that is small, and what counts as zero beside it.
-NEAR, ZERO = 1e-2, 1e-9
-#: Values that are remembered for each stretch.
-REMEMBERED = 1000
 
 
 class LoadLimit:
@@ -72,11 +66,6 @@ class LoadLimit:
         return max(self._shortest / STEPS_PER_LOAD, span / MOST_LOAD_STEPS)
 
 
-def is_near(point: np.ndarray, known: Iterable[np.ndarray]) -> bool:
-    """Return True if a point is near to one that is known, in each component."""
-    return any(np.all(np.abs(point - other) <= NEAR * np.abs(other) + ZERO) for other in known)
-
-
 def shortest_unseen_load(
     setup: Setup, integrator: Integrator, start: np.ndarray, integrands: ca.SX | None = None
 ) -> float:
@@ -95,22 +84,7 @@ def shortest_unseen_load(
     modes = SingleMode(setup)
     run = Run(setup, modes, (), integrator, keeps_paths=True)
     try:
-        run.run(_state(modes, start))
+        run.run(start_state(modes, start))
     except MechanismError:  # the analysis itself says why
         pass
     return run.shortest_load(integrands)
-
-
-def simulated(setup: Setup, integrator: Integrator, start: np.ndarray) -> tuple[Trajectory, tuple[float, ...]]:
-    """Return the motion from a state ``(q, v, z)`` at the first time as :func:`simulate` finds it.
-
-    The times are those at which it passes poses in which the mechanism could fold.
-    """
-    modes = SingleMode(setup)
-    run = Run(setup, modes, (), integrator)
-    return run.run(_state(modes, start)), run.passages
-
-
-def _state(modes: SingleMode, start: np.ndarray) -> State:
-    n, time = modes.setup.eom.q.numel(), float(modes.setup.grid[0])
-    return modes.at(modes.free, time, *np.split(start, [n, 2 * n]))

@@ -12,7 +12,8 @@ from ..arguments.values import RunValues
 from ..errors import MechanismError, warn
 from ..model.quantities import whole
 from ..sensitivity.compiled_run import MotionSetup
-from ..sensitivity.load_limit import LoadLimit, simulated
+from ..sensitivity.load_limit import LoadLimit
+from ..sensitivity.reference_run import simulated
 from ..simulation.singular.regularity import Regularity, parts_between
 from ..simulation.time_dependence import timed_equations
 from .cases import farthest
