@@ -20,7 +20,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..equations import Equations
+from ..equations.numeric import NumericEquations
 from ..errors import MechanismError
 from ..model.symbols import place_of
 from ..results.state import State
@@ -31,6 +31,8 @@ class Directions:
 
     Parameters
     ----------
+    numeric : NumericEquations
+        Equations of motion at the parameters of the state.
     state : State
         State about which to linearise.
     positions, rates : casadi.SX
@@ -47,9 +49,16 @@ class Directions:
     """
 
     def __init__(
-        self, eom: Equations, state: State, positions: ca.SX, rates: ca.SX, inputs: ca.SX, wrt: Sequence[ca.SX]
+        self,
+        numeric: NumericEquations,
+        state: State,
+        positions: ca.SX,
+        rates: ca.SX,
+        inputs: ca.SX,
+        wrt: Sequence[ca.SX],
     ):
-        self.eom, self.state = eom, state
+        eom = self.eom = numeric.eom
+        self.numeric, self.state = numeric, state
         self._inputs = inputs
         #: symbols that change, in the order of the parts below
         self.symbols = (eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u, eom.p)
@@ -70,15 +79,36 @@ class Directions:
         self.v = self._solved(ca.vertcat(velocity, rates), eom.v, (eom.lam.numel(), unit[1]), "velocity")
         self.u = self._given_inputs + self.of(self._inputs, without_inputs=True)
         motion = eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q
-        rows = ca.vertcat(motion, eom.Phi_q @ eom.a - eom.gamma)
-        both = self._solved(rows, ca.vertcat(eom.a, eom.lam), (rows.numel(), np.zeros((0, self.count))), "acceleration")
+        # masses and loads of a small mechanism are tiny beside the entries of Phi_q
+        columns, load = self.numeric.column_scale, self._load
+        rows = ca.vertcat(columns / load * motion, eom.Phi_q @ eom.a - eom.gamma)
+        none = np.zeros((0, self.count))
+        both = self._solved(
+            rows,
+            ca.vertcat(eom.a, eom.lam),
+            (rows.numel(), none),
+            "acceleration",
+            np.r_[columns, np.full(eom.lam.numel(), load)],
+        )
         self.a, self.lam = both[:n], both[n:]
 
-    def _solved(self, rows: ca.SX, unknown: ca.SX, sides: tuple[int, np.ndarray], level: str) -> np.ndarray:
-        """Change of the unknowns that keeps the first rows at zero and moves the others as given."""
+    @property
+    def _load(self) -> float:
+        """Load that gives the heaviest part an acceleration of one: the unit of multipliers here."""
+        return float(np.max(self.numeric.mass * self.numeric.column_scale**2, initial=0.0)) or 1.0
+
+    def _solved(
+        self,
+        rows: ca.SX,
+        unknown: ca.SX,
+        sides: tuple[int, np.ndarray],
+        level: str,
+        units: np.ndarray | float = 1.0,
+    ) -> np.ndarray:
+        """Change of the unknowns, measured in these units, that keeps the first rows at zero and moves the others."""
         held, moved = sides
         right = np.vstack([np.zeros((held, self.count)), moved]) - self.of(rows)
-        matrix = self._value(ca.jacobian(rows, unknown))
+        matrix = self._value(ca.jacobian(rows, unknown)) * units
         # rows of forces and of motions differ by many orders of magnitude
         size = np.max(np.abs(matrix), axis=1, initial=0.0)
         size = np.where(size > 0, size, 1.0)[:, None]
@@ -90,7 +120,7 @@ class Directions:
                 f"linearize: the coordinates chosen do not fix every {level} of the mechanism at this pose; "
                 "choose others, or leave coordinates= out"
             )
-        return columns[:, None] * answer
+        return (units * columns)[:, None] * answer
 
     # --- derivatives of expressions -----------------------------------------------------
     def of(self, expression: ca.SX, *, without_inputs: bool = False) -> np.ndarray:

@@ -107,7 +107,7 @@ def linearize(
     chosen = independent(setup.numeric, point, coordinates)
     held = _feedback(setup, changed)
     _warn_of_singular_pose(setup, point)
-    directions = Directions(eom, point, chosen.positions, chosen.rates, held, changed)
+    directions = Directions(setup.numeric, point, chosen.positions, chosen.rates, held, changed)
     rate = ca.vertcat(chosen.position_rate, chosen.acceleration, eom.z_rate)
     change = directions.of(rate)
     answer = directions.of(out) if out.numel() else np.zeros((0, directions.count))
@@ -118,7 +118,7 @@ def linearize(
         q, v = point.q + step * point.v + step**2 / 2 * point.a, point.v + step * point.a
         z = point.z + step * np.atleast_1d(point[eom.z_rate]).ravel() if eom.z.numel() else point.z
         after = complete_state(setup.numeric, setup.signals, point.t + step, q, v, z)
-        return Directions(eom, after, chosen.positions, chosen.rates, held, ()).of(rate)
+        return Directions(setup.numeric, after, chosen.positions, chosen.rates, held, ()).of(rate)
 
     timed = ca.depends_on(ca.vertcat(eom.Phi, eom.nu, eom.Q, eom.z_rate, held), eom.t)
     return LinearModel(

@@ -73,9 +73,22 @@ class LinearModel:
     @cached_property
     def is_steady(self) -> bool:
         """True if the state rests or moves steadily: velocities and first-order states do not change, and A neither."""
-        rates = self.rate[self.speeds :]
-        scale = 1 + np.max(np.abs(self.A[self.speeds :]), initial=0.0)
+        changing = slice(self.speeds, None)
+        rates = (self.rate / self._sizes)[changing]
+        slopes = (self.A * self._sizes / self._sizes[:, None])[changing]
+        scale = 1 + np.max(np.abs(slopes), initial=0.0)
         return bool(np.all(np.abs(rates) <= 1e-6 * scale)) and not self._changes_in_time()
+
+    @property
+    def _sizes(self) -> np.ndarray:
+        """Typical size of each state (k,): that of the coordinate that it moves most; one for a first-order state."""
+        coordinates = self.directions.numeric.scale.coordinates[:, None]
+        motions = len(self.A) - len(self.state.z)
+        moved = np.where(
+            np.arange(motions) < self.speeds, self.directions.q[:, :motions], self.directions.v[:, :motions]
+        )
+        largest = np.max(np.abs(moved) / coordinates, axis=0, initial=0.0)
+        return np.r_[1 / np.where(largest > 0, largest, 1.0), np.ones(len(self.state.z))]
 
     def _changes_in_time(self) -> bool:
         """True if A changes along the motion by a part that counts while its fastest mode takes its course."""

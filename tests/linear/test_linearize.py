@@ -352,3 +352,45 @@ def test_a_linear_model_in_a_bifurcation_is_reported_and_one_with_redundant_rows
     recwarn.clear()
     mbd.linearize(twice, mbd.equilibrium(twice))
     assert not recwarn.list
+
+
+@pytest.mark.parametrize("length, mass, time", [(1e-6, 1e-12, 1e-4), (1e-6, 1e-9, 1e-3), (100.0, 1e6, 10.0)])
+def test_modes_do_not_depend_on_the_units(length, mass, time):
+    """A double pendulum in units of any size: Phi_q has entries of one beside masses of 1e-12 and inertias of 1e-24."""
+    force = mass * length / time**2
+
+    def pendulum(unit_length, unit_mass, unit_time):
+        arms = [
+            mbd.Body(
+                f"arm {k}", unit_mass, unit_mass * unit_length**2 / 12, pose=(0, -(k + 0.5) * unit_length, -np.pi / 2)
+            )
+            for k in range(2)
+        ]
+        half = unit_length / 2
+        hinges = [
+            mbd.Revolute("hinge", mbd.ground.at(0, 0), arms[0].at(-half, 0)),
+            mbd.Revolute("elbow", arms[0].at(half, 0), arms[1].at(-half, 0)),
+        ]
+        weight = mbd.Gravity((0, -9.81 * unit_length / unit_time**2))
+        return mbd.Mechanism(arms, joints=hinges, forces=[weight]), hinges[1].reaction_on(arms[1]).force
+
+    small, load = pendulum(length, mass, time)
+    model = mbd.linearize(small, mbd.equilibrium(small), outputs={"load": load})
+    reference_pendulum, reference_load = pendulum(1.0, 1.0, 1.0)
+    reference = mbd.linearize(reference_pendulum, mbd.equilibrium(reference_pendulum), outputs={"load": reference_load})
+    # two thin rods: omega² = g/l (3 ∓ 6/√7), as in Den Hartog's text
+    wanted = np.sqrt(9.81 * np.array([3 - 6 / np.sqrt(7), 3 + 6 / np.sqrt(7)])) / (2 * np.pi)
+    assert [mode.frequency * time for mode in model.modes()] == pytest.approx(wanted, rel=1e-9)
+    assert model.C[:, :2] / force == pytest.approx(reference.C[:, :2], rel=1e-9, abs=1e-9)
+
+
+def test_a_small_slider_off_its_equilibrium_is_reported():
+    """1 µm and 1 ng on a spring: an acceleration of 100 m/s² is no rest."""
+    slider = mbd.Body("slider", mass=1e-12, inertia=1e-24)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), slider.at(0, 0))
+    spring = mbd.TSDA("spring", mbd.ground.at(-1e-6, 0), slider.at(0, 0), stiffness=1e-4, free_length=1e-6)
+    model = mbd.Mechanism([slider], joints=[rail], forces=[spring])
+    assert mbd.linearize(model, mbd.assemble(model, [slider.x == 0])).is_steady
+    off = mbd.linearize(model, mbd.assemble(model, [slider.x == 1e-6]))
+    with pytest.warns(mbd.MechanismWarning, match="neither an equilibrium"):
+        off.modes()

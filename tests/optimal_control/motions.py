@@ -18,10 +18,11 @@ def guided_block(
     force,
     parameters: Sequence = (),
     extra: Callable = lambda block: [],
+    inertia=0.01,
     **more,
 ):
     """A block on a guide, pushed by an input."""
-    block = mbd.Body("block", mass=mass, inertia=0.01)
+    block = mbd.Body("block", mass=mass, inertia=inertia)
     guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
     forces = [mbd.Force("push", block.at(0, 0), (force, 0)), *extra(block)]
     mechanism = mbd.Mechanism(

@@ -135,3 +135,69 @@ def test_the_size_of_a_cost_in_a_window_of_time(middle):
     solution = mbd.optimize(problem, intervals=40)
     assert 1e-3 < solution.program.cost_scale < 1
     assert solution.statistics.iterations < 20
+
+
+#: Length, mass and time of machines: of millimetres and grams, of micrometres, of kilometres and hours.
+SMALL_AND_LARGE = [(1e-3, 1e-3, 1.0), (1e-6, 1e-12, 1e-4), (1e3, 1e6, 1e4)]
+
+
+def moved_block(length, mass, time, **statement):
+    """A block that moves for two seconds by a force of up to 3 N, and what a cost needs."""
+    force = mass * length / time**2
+    push = mbd.Input("push", lower=-3 * force, upper=3 * force)
+    block, mechanism = guided_block(mass, push, inertia=0.01 * mass * length**2)
+    problem = mbd.OptimalControlProblem(
+        mechanism, duration=2 * time, initial=[block.x == 0, block.vx == 0], **statement_of(statement, block, push)
+    )
+    return mbd.optimize(problem, intervals=20)
+
+
+def statement_of(statement, block, push):
+    """Arguments that are functions of block and push, called."""
+    return {name: value(block, push) for name, value in statement.items()}
+
+
+@pytest.mark.parametrize("length, mass, time", SMALL_AND_LARGE)
+def test_the_magnitude_of_a_force_in_a_cost_is_as_large_as_the_force(length, mass, time):
+    """Least impulse: 3 N for s, -3 N for s; s (2 - s) 3 = 1. The mesh leaves 0.3 per cent."""
+    solution = moved_block(
+        length,
+        mass,
+        time,
+        final=lambda block, push: [block.x == length, block.vx == 0],
+        running_cost=lambda block, push: mbd.absolute(push),
+    )
+    wanted = 6 * (1 - np.sqrt(1 - 1 / 3))
+    assert solution.cost / (mass * length / time) == pytest.approx(wanted, rel=3e-3)
+
+
+@pytest.mark.parametrize("length, mass, time", SMALL_AND_LARGE)
+def test_a_distance_in_the_terminal_cost_is_as_large_as_the_way(length, mass, time):
+    """Effort 12 x²/T³ and 2 |x - 1|: x = 2/3."""
+    effort = length / ((mass * length / time**2) ** 2 * time)
+    solution = moved_block(
+        length,
+        mass,
+        time,
+        final=lambda block, push: [block.vx == 0],
+        running_cost=lambda block, push: effort * push**2,
+        terminal_cost=lambda block, push: 2 * mbd.absolute(block.x - length),
+    )
+    assert solution.cost / length == pytest.approx(4 / 3, rel=1e-6)
+    assert solution.trajectory.q[-1, 0] / length == pytest.approx(2 / 3, rel=1e-5)
+
+
+@pytest.mark.parametrize("length, mass, time", SMALL_AND_LARGE)
+def test_a_peak_without_a_value_is_as_large_as_what_it_limits(length, mass, time):
+    """Least peak of the force for 1 m in 2 s: 1 N, half forwards, half backwards."""
+    peak = mbd.Parameter("peak", 0.0)
+    solution = moved_block(
+        length,
+        mass,
+        time,
+        final=lambda block, push: [block.x == length, block.vx == 0],
+        terminal_cost=lambda block, push: peak,
+        path=lambda block, push: [push <= peak, -push <= peak],
+        free_parameters=lambda block, push: [peak],
+    )
+    assert solution.cost / (mass * length / time**2) == pytest.approx(1.0, rel=1e-6)

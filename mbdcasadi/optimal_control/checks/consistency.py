@@ -71,7 +71,7 @@ def at_end_alone(problem: ProblemStatement) -> list[Condition]:
     for condition in problem.boundary:
         if all(p.kind == "at_end" and p.phase is None for p in placeholders_in(condition.expression)):
             expression = with_values(condition.expression, lambda p: p.expression)
-            rows.append(Condition(expression, condition.equality, condition.label))
+            rows.append(Condition(expression, condition.equality, condition.label, definition=condition.definition))
     return rows
 
 

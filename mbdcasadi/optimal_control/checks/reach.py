@@ -166,7 +166,9 @@ def _places(setup: ProblemSetup) -> Iterator[_Stated]:
         suffix = f" in phase '{phase.name}'" if len(phases) > 1 else ""
         if isinstance(conditions, State):
             conditions = state_conditions(phase.equations, conditions)
-        return [(phase, replace(c, label=f"{prefix}{c.label}{suffix}")) for c in conditions]
+        # what only defines the magnitude of a part of the cost can always be met
+        met = [c for c in conditions if not c.definition]
+        return [(phase, replace(c, label=f"{prefix}{c.label}{suffix}")) for c in met]
 
     for k, phase in enumerate(phases):
         if phase.is_instant:
@@ -184,7 +186,8 @@ def _places(setup: ProblemSetup) -> Iterator[_Stated]:
             rows += [*stated(other, other.initial, "initial: "), *stated(other, other.path, "")]
             rows += stated(other, other.final, "final: ") if other.is_instant else []
         if k + len(following) == len(phases) - 1 and (not following or following[-1].is_instant):
-            rows += [(phases[-1], replace(c, label=f"boundary: {c.label}")) for c in at_end_alone(setup.problem)]
+            at_end = [c for c in at_end_alone(setup.problem) if not c.definition]
+            rows += [(phases[-1], replace(c, label=f"boundary: {c.label}")) for c in at_end]
         name = "the end" if len(phases) == 1 else f"the end of phase '{phase.name}'"
         state = phase.final if isinstance(phase.final, State) else None
         yield _Stated(name, k, len(times) - 1, (earliest, times[-1], latest), rows, state, following)

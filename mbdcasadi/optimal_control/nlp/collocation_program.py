@@ -23,6 +23,7 @@ from .compiled import OPTION_SETS
 from .instant_program import InstantProgram
 from .phase_program import PhasePlace, PhaseProgram
 from .rows import Row, condition_rows, violations
+from .scaling import parameter_size
 from .setup import PhaseSetup
 from .sparse_program import SparseProgram
 from .staged_program import StagedProgram
@@ -103,12 +104,12 @@ class CollocationProgram:
         """Variables and rows of the phases, one after the other."""
         phases: list[PhaseProgram] = []
         timed = problem.has_free_times or any(mesh.moving for mesh in meshes)
-        first, begins = 0, (0.0, 0.0)
+        first, begins, free_scale = 0, (0.0, 0.0), _parameter_sizes(problem, setups)
         for number, (setup, mesh) in enumerate(zip(setups, meshes, strict=True)):
             kind = InstantProgram if setup.phase.is_instant else PhaseProgram
             here = [x for x in integrals if setup.phase in problem.phases_of(x)]
             points = [(label, tau) for of, label, tau in self.held if of == number]
-            place = PhasePlace(number, first, begins, timed)
+            place = PhasePlace(number, first, begins, timed, free_scale)
             phases.append(kind(problem, setup, mesh, place, here, points))
             first += phases[-1].size
             low, high = setup.phase.span
@@ -278,6 +279,16 @@ class CollocationProgram:
     def violation(self, rows: np.ndarray) -> float:
         """Largest violation of scaled rows."""
         return float(np.max(violations(rows, self.lower), initial=0.0))
+
+
+def _parameter_sizes(problem: OptimalControlProblem, setups: Sequence[PhaseSetup]) -> np.ndarray:
+    """Sizes of the free parameters; those without a size of their own by the limits of the phase that counts most."""
+    sizes = []
+    for parameter in problem.free_parameters:
+        places = [(setup, place_of(parameter, setup.extra_parameters)) for setup in setups]
+        by_limits = [float(setup.sizes.parameters[k]) for setup, k in places if k is not None]
+        sizes.append(parameter_size(parameter) or max(by_limits, default=0.0) or 1.0)
+    return np.array(sizes)
 
 
 class _Edges(dict[tuple[int, bool], Edge]):

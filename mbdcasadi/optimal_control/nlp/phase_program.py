@@ -21,7 +21,6 @@ from ..refinement.mesh import Mesh
 from ..transcription.points import CollocationPoint, Interval
 from .blocks import Block, Edge, Unknowns
 from .rows import Rows, condition_rows, stack
-from .scaling import Sizes, parameter_size
 from .setup import PhaseSetup
 from .sparse_program import MappedBlock
 
@@ -43,6 +42,8 @@ class PhasePlace:
     begins: tuple[float, float]
     #: whether a time of the program is free: then all phases have their times among the variables
     timed: bool
+    #: sizes of the free parameters
+    free_scale: np.ndarray
 
 
 class PhaseProgram:
@@ -68,7 +69,7 @@ class PhaseProgram:
         self.number, self._first, self.begins = place.number, place.first, place.begins
         self.setup, self.phase, self.scheme, self.scales = setup, setup.phase, setup.scheme, setup.scales
         # not the problem itself: it holds the program
-        self._free, self.extra_parameters = problem.free_parameters, problem.extra_parameters(setup.phase)
+        self._free, self.extra_parameters = problem.free_parameters, setup.extra_parameters
         reduced = self.scheme.eom
         #: sizes of what the transcription works in
         self.reduced_scales = replace(self.scales.of(reduced.independent, reduced.rows), steps=max(mesh.count, 1))
@@ -77,20 +78,16 @@ class PhaseProgram:
         stated = {0, *mesh.waypoints.tolist(), mesh.count}
         #: places of the start, the waypoints and the end among the knots of the mesh
         self.stated_knots = [k for k, point in enumerate(mesh.knots.tolist()) if point in stated]
-        eom, extra = self.phase.equations, self.extra_parameters
-        #: symbols that an expression of the problem may contain
-        self.arguments = [eom.t, eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u, self.phase.input_rates, eom.p]
-        self.arguments.append(ca.vertcat(ca.SX(0, 1), *extra))
-        self.sizes = Sizes(setup.numeric, self.scales, self.arguments, np.array([p.value for p in extra]))
+        self.arguments, self.sizes = setup.arguments, setup.sizes
         self.integrals, self._held = list(integrals), held
         self.point_size = self.scheme.point_size + len(self.integrals)
         point_scale, self.inner_scale = self.scheme.sizes(self.reduced_scales)
         self.point_scale = np.concatenate([point_scale, [self.typical_value(p) for p in self.integrals]])
         self.time_count = mesh.knots.size if place.timed else 0
-        self.free_scale = np.array([parameter_size(p.value, p.lower, p.upper) for p in self._free])
+        self.free_scale = place.free_scale
         self.size = self.count * self.stride + self.point_size + self.time_count
         #: parameters of the mechanism, of which free ones are not used
-        self.p = ca.SX.sym("p", eom.p.numel())
+        self.p = ca.SX.sym("p", self.phase.equations.p.numel())
         self.initial, self.final = setup.ends.initial, setup.ends.final
         self._functions: dict[tuple[Condition, ...], ca.Function] = {}
 

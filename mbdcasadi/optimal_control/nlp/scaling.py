@@ -14,6 +14,7 @@ import numpy as np
 
 from ...equations.numeric import NumericEquations
 from ...model.bodies import ground
+from ...model.symbols import Parameter
 
 #: Smallest size of a limited quantity, as a share of its changes.
 SMALLEST_SHARE = 1e-3
@@ -38,7 +39,7 @@ class Scales:
     #: multipliers, and constraint rows, m or rad (m,)
     lam: np.ndarray
     rows: np.ndarray
-    #: first-order states and inputs
+    #: first-order states and inputs; zero for an input whose size only the limits of the motion can tell
     z: np.ndarray
     u: np.ndarray
     #: mask of the coordinates that are angles (n,)
@@ -79,7 +80,10 @@ def scales_of(numeric: NumericEquations, duration: float, poses: np.ndarray) -> 
 
 
 def _length(numeric: NumericEquations, poses: np.ndarray) -> float:
-    """Typical length: levers of the joints, distances between the bodies, the ground's points and the poses."""
+    """Typical length: levers of the joints, distances between the bodies, the ground's points and the poses.
+
+    Failing these that of the mechanism, by its radii of gyration.
+    """
     eom = numeric.eom
     markers = [m for e in eom.mechanism.elements for m in e.markers]
     points = _at_parameters(numeric, [m.local for m in markers]).reshape(-1, 2)
@@ -88,7 +92,7 @@ def _length(numeric: NumericEquations, poses: np.ndarray) -> float:
     bodies = len(eom.mechanism.bodies)
     places = np.vstack([points[fixed], poses[:, : 3 * bodies].reshape(-1, 3)[:, :2]])
     spread = np.ptp(places, axis=0) / 2
-    return float(np.max(np.r_[levers, spread], initial=0.0)) or 1.0
+    return float(np.max(np.r_[levers, spread], initial=0.0)) or numeric.scale.length
 
 
 def _at_parameters(numeric: NumericEquations, expressions: list[ca.SX]) -> np.ndarray:
@@ -111,7 +115,7 @@ def _load_at_rest(numeric: NumericEquations, q0: np.ndarray, translations: np.nd
 def _inputs_and_states(
     numeric: NumericEquations, duration: float, v: np.ndarray, load: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Sizes of inputs, from the loads that they make or their limits, and of first-order states."""
+    """Sizes of inputs, from the loads that they make or their limits, else zero, and of first-order states."""
     eom = numeric.eom
     q0, v0, z0 = eom.estimate
     at = (0.0, q0, v0, 0 * q0, z0, np.zeros(eom.lam.numel()), eom.input_values, numeric.p)
@@ -123,7 +127,7 @@ def _inputs_and_states(
         needed = float(np.min(load[works] / column[works])) if np.any(works) else np.inf
         limit = max((abs(x) for x in (symbol.lower, symbol.upper) if np.isfinite(x)), default=np.inf)
         size = min(needed, limit if limit > 0 else np.inf)
-        u[k] = size if np.isfinite(size) else abs(symbol.value) or 1.0
+        u[k] = size if np.isfinite(size) else abs(symbol.value)
     z = np.ones(eom.z.numel())
     for k, symbol in enumerate(eom.mechanism.states):
         span = max((abs(x) for x in (symbol.lower, symbol.upper) if np.isfinite(x)), default=0.0)
@@ -133,26 +137,61 @@ def _inputs_and_states(
     return u, z
 
 
+def sizes_of_phase(
+    numeric: NumericEquations,
+    scales: Scales,
+    arguments: list[ca.SX],
+    extra: Sequence[Parameter],
+    limits: Sequence[ca.SX],
+) -> Sizes:
+    """Return the sizes of expressions; symbols without a size of their own get it from the limits that contain them.
+
+    An input that takes the place of the magnitude of a force in a cost is as large as that force, a free parameter
+    that is an upper limit of it as well.
+    """
+    parameters = np.array([parameter_size(p) for p in extra])
+    sizes = Sizes(numeric, scales, arguments, extra, parameters)
+    if np.all(scales.u > 0) and np.all(parameters > 0):
+        return sizes
+
+    def completed(known: np.ndarray, symbols: Sequence[ca.SX]) -> np.ndarray:
+        pairs = zip(known.tolist(), symbols, strict=True)
+        return np.array([size or sizes.beside(symbol, limits) for size, symbol in pairs])
+
+    u = completed(scales.u, ca.vertsplit(numeric.eom.u))
+    complete = replace(scales, u=np.where(u > 0, u, 1.0))
+    return Sizes(numeric, complete, arguments, extra, completed(parameters, extra))
+
+
 class Sizes:
     """Sizes of expressions, sampled at states scattered over the typical ones.
 
-    Their arguments are ``t, q, v, a, z, lam, u, u_rate, p``, and the parameters that the mechanism does not have, with
-    the values `extra`.
+    Their arguments are ``t, q, v, a, z, lam, u, u_rate, p``, and the parameters `extra` that the mechanism does not
+    have, of the sizes `parameters`, zero if that is not known.
     """
 
-    def __init__(self, numeric: NumericEquations, scales: Scales, arguments: list[ca.SX], extra: np.ndarray):
+    def __init__(
+        self,
+        numeric: NumericEquations,
+        scales: Scales,
+        arguments: list[ca.SX],
+        extra: Sequence[Parameter],
+        parameters: np.ndarray,
+    ):
         random = np.random.default_rng(0)
-        self._arguments = arguments
+        self.scales, self.parameters, self._arguments = scales, parameters, arguments
         q0 = numeric.eom.estimate[0]
         widths = [scales.v, scales.a, scales.z, scales.lam, scales.u, scales.u / scales.time]
         columns = [random.uniform(0, scales.time, (1, SAMPLES))]
         columns.append(q0[:, None] + 0.5 * scales.q[:, None] * random.uniform(-1, 1, (q0.size, SAMPLES)))
         columns += [width[:, None] * random.uniform(-1, 1, (width.size, SAMPLES)) for width in widths]
-        extra_size = np.where(extra == 0, 1.0, np.abs(extra))
         p_size = np.where(numeric.p == 0, 1.0, np.abs(numeric.p))
-        self._values = [*columns, np.tile(numeric.p[:, None], (1, SAMPLES)), np.tile(extra[:, None], (1, SAMPLES))]
+        values = np.array([p.value for p in extra])
+        # an unknown magnitude is not zero
+        spread = np.where(values == 0, parameters, 0.0)[:, None] * random.uniform(0, 1, (values.size, SAMPLES))
+        self._values = [*columns, np.tile(numeric.p[:, None], (1, SAMPLES)), values[:, None] + spread]
         time = np.array([scales.time])
-        self._steps = np.concatenate([time, scales.q, *widths, p_size, extra_size])
+        self._steps = np.concatenate([time, scales.q, *widths, p_size, np.where(parameters > 0, parameters, 1.0)])
 
     def _sampled(self, expression: ca.SX) -> np.ndarray:
         function = ca.Function("size", self._arguments, [ca.densify(expression)])
@@ -169,12 +208,26 @@ class Sizes:
         """Return the changes of scalars over the typical sizes of what they depend on; 1 for those without (k,)."""
         if not expressions:
             return np.zeros(0)
+        return np.array([_median(row) for row in self._changes(expressions)])
+
+    def _changes(self, expressions: Sequence[ca.SX]) -> np.ndarray:
+        """Largest change of scalars by one of their arguments at each sample (k, SAMPLES)."""
         slopes = ca.jacobian(ca.vertcat(*expressions), ca.vertcat(*self._arguments))
         rows, columns = (np.array(part, int) for part in slopes.sparsity().get_triplet())
         sizes = np.abs(self._sampled(ca.vec(slopes.nz[:]))[:, :, 0]) * self._steps[columns, None]
         most = np.zeros((len(expressions), SAMPLES))
         np.maximum.at(most, rows, sizes)
-        return np.array([_median(row) for row in most])
+        return most
+
+    def beside(self, symbol: ca.SX, limits: Sequence[ca.SX]) -> float:
+        """Return the change of a symbol that makes up for others in a limit; 0 if no limit has both."""
+        shared = [limit for limit in limits if ca.depends_on(limit, symbol)]
+        if not shared:
+            return 0.0
+        slopes = np.abs(self._sampled(ca.densify(ca.jacobian(ca.vertcat(*shared), symbol)))[:, :, 0])
+        others = self._changes([ca.substitute(limit, symbol, 0) for limit in shared])
+        ratios = [np.max(o[s > 0] / s[s > 0], initial=0.0) for o, s in zip(others, slopes, strict=True)]
+        return float(max((r for r in ratios if np.isfinite(r)), default=0.0))
 
     def of_limits(self, expressions: Sequence[ca.SX]) -> np.ndarray:
         """Return sizes of ``quantity - limit``: the limit if it is a number or made of parameters; else as of changes.
@@ -205,7 +258,7 @@ def _median(values: np.ndarray) -> float:
     return float(usable[(usable.size - 1) // 2] + usable[usable.size // 2]) / 2 if usable.size else 1.0
 
 
-def parameter_size(value: float, lower: float, upper: float) -> float:
-    """Return the typical size of a free parameter: its value, or its limits if that is zero."""
-    limits = [abs(x) for x in (lower, upper) if np.isfinite(x)]
-    return abs(value) or max(limits, default=0.0) or 1.0
+def parameter_size(parameter: Parameter) -> float:
+    """Return the typical size of a free parameter: its value, or its limits if that is zero; zero without limits."""
+    limits = [abs(x) for x in (parameter.lower, parameter.upper) if np.isfinite(x)]
+    return abs(parameter.value) or max(limits, default=0.0)

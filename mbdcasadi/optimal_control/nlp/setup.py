@@ -21,12 +21,13 @@ from ...results.state import State
 from ..guess.kinematic_guess import KinematicPath, kinematic_path
 from ..guess.least_squares_loads import LeastSquaresLoads
 from ..phase import Phase
+from ..placeholders import with_values
 from ..problem import OptimalControlProblem
 from ..transcription import TRANSCRIPTIONS, Transcription
 from ..transcription.constraints import MotionConstraints
 from ..transcription.controls import CONTROLS, input_basis
 from .end_conditions import EndConditions
-from .scaling import scales_of
+from .scaling import Scales, scales_of, sizes_of_phase
 
 
 @dataclass(frozen=True)
@@ -123,8 +124,30 @@ class PhaseSetup:
         self.path = path
         self.ends = EndConditions(problem, phase, numeric, start, initial, self.path)
         span = float(path.segment_times[-1] - path.segment_times[0])
-        self.scales = scales_of(numeric, span if time is None else time, self.path.poses)
+        self.extra_parameters = problem.extra_parameters(phase)
+        eom, extra = phase.equations, self.extra_parameters
+        #: symbols that an expression of the problem may contain
+        self.arguments = [eom.t, eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u, phase.input_rates, eom.p]
+        self.arguments.append(ca.vertcat(ca.SX(0, 1), *extra))
+        scales = scales_of(numeric, span if time is None else time, self.path.poses)
+        self.sizes = sizes_of_phase(numeric, scales, self.arguments, extra, self._limits(problem))
         self.scheme = self._bound_scheme(problem, settings, initial)
+
+    def _limits(self, problem: OptimalControlProblem) -> list[ca.SX]:
+        """Limits on the way, at waypoints, and between the ends if the phase has all that they contain."""
+        on_way = [*self.phase.path, *(c for w in self.phase.waypoints for c in w.conditions)]
+        limits = [c.expression for c in on_way if not c.equality]
+        extra = ca.vertcat(ca.SX(0, 1), *self.extra_parameters)
+        for condition in problem.boundary:
+            values = with_values(condition.expression, lambda mark: mark.expression)
+            if not condition.equality and self.phase.has(ca.substitute(values, extra, ca.SX.zeros(extra.numel()))):
+                limits.append(values)
+        return limits
+
+    @property
+    def scales(self) -> Scales:
+        """Typical sizes of the mechanism and its motion."""
+        return self.sizes.scales
 
     @property
     def key(self) -> Hashable:
