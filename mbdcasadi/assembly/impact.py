@@ -105,7 +105,7 @@ def pose_and_jump(numeric: NumericEquations, law: ImpactLaw, before: State, what
     """
     q, v = _carried(numeric, before, what)
     q = _closed(numeric, law, before.t, q, what)
-    jump = law.solve(numeric.mass, before.t, q, v, numeric.p)
+    jump = law.solve(numeric, before.t, q, v)
     if largest(jump.left_over) > IMPACT_TOLERANCE * (1 + largest(jump.v) + largest(v)):
         worst = law.row_names[int(np.argmax(np.abs(jump.contradiction)))]
         raise SimulationError(

@@ -41,10 +41,10 @@ def effective_masses(eom: Equations, p: np.ndarray, mass: np.ndarray, scale: Sca
         return None
     total = float(np.sum(alike)) or 1.0
     jacobians = [np.asarray(eom.jacobian(0.0, pose, p)[0].full()) for pose in generic_poses(eom)]
-    units = np.where(scale.rows > 0, scale.rows, 1.0)
+    units = scale.length * scale.usual_rows
     scaled = [matrix * scale.coordinates / units[:, None] for matrix in jacobians if np.all(np.isfinite(matrix))]
     if not scaled:
-        return np.full(eom.lam.numel(), total) if np.any(mass == 0) else None
+        return total / units**2 if np.any(mass == 0) else None
     # a coordinate without mass counts as much as the lightest one with mass: a force on it is balanced by multipliers,
     # and their rounding is divided by this mass
     lightest = float(np.min(alike[alike > 0], initial=total))

@@ -11,9 +11,13 @@ import numpy as np
 
 from ..errors import ModelError
 from ..numerics.least_squares import least_norm
-from ..numerics.rank import dependent_rows, unit_rows
+from ..numerics.rank import dependent_rows
 from ..numerics.tolerances import ACCURACY
 from .derivation import Equations
+from .numeric import NumericEquations
+
+#: Length of a row, for coordinates that move a point by one metre, below which it is rounding.
+VANISHED = 1e-12
 
 
 @dataclass(frozen=True)
@@ -41,37 +45,39 @@ class Jump:
     dependent: tuple[int, ...]
 
 
-def jump(
-    mass: np.ndarray, jacobian: np.ndarray, right: np.ndarray, v: np.ndarray, sizes: np.ndarray | None = None
-) -> Jump:
-    """Solve ``M (v⁺ - v⁻) + J^T Λ = 0``, ``J v⁺ = b``, also if J has dependent rows.
+def jump(numeric: NumericEquations, jacobian: np.ndarray, right: np.ndarray, v: np.ndarray) -> Jump:
+    """Solve ``M (v⁺ - v⁻) + J^T Λ = 0``, ``J v⁺ = b``, also if J has dependent rows or M zeros on its diagonal.
 
     Of rows that depend on each other the first ones bear the impulses.
 
     Parameters
     ----------
-    mass : numpy.ndarray
-        Diagonal of M (n,); some of it may be zero.
+    numeric : NumericEquations
+        Equations with M and the sizes of the coordinates.
     jacobian, right : numpy.ndarray
         Rows J (k, n) and right sides b (k,).
     v : numpy.ndarray
         Velocities before (n,).
-    sizes : numpy.ndarray, optional
-        Typical sizes of the coordinates (n,), by which rows are compared.
 
     References
     ----------
     Haug 1989, section 6.6; Pfeiffer and Glocker, *Multibody Dynamics with Unilateral Contacts*, 1996, chapter 6.
     """
-    rows = unit_rows(jacobian if sizes is None else jacobian * sizes)
+    # in these units masses and rows are near one, whatever the size of the mechanism
+    sizes = numeric.column_scale
+    inertia = numeric.mass * sizes**2
+    unit = float(np.max(inertia, initial=0.0)) or 1.0
+    lengths = np.linalg.norm(jacobian * sizes, axis=1)
+    lengths = np.where(lengths > VANISHED, lengths, 1.0)
+    rows = jacobian * sizes / lengths[:, None]
     dependent = dependent_rows(rows)
     kept = [k for k in range(right.size) if k not in set(dependent)]
-    n, independent = v.size, jacobian[kept]
-    scale = float(np.max(mass, initial=0.0)) or 1.0
-    system = np.block([[np.diag(mass / scale), independent.T], [independent, np.zeros((len(kept), len(kept)))]])
-    step = least_norm(system, np.r_[np.zeros(n), right[kept] - independent @ v], threshold=ACCURACY)
-    after, impulses = v + step[:n], np.zeros(right.size)
-    impulses[kept] = scale * step[n:]
+    n, independent = v.size, rows[kept]
+    system = np.block([[np.diag(inertia / unit), independent.T], [independent, np.zeros((len(kept), len(kept)))]])
+    missed = (right - jacobian @ v)[kept] / lengths[kept]
+    step = least_norm(system, np.r_[np.zeros(n), missed], threshold=ACCURACY)
+    after, impulses = v + sizes * step[:n], np.zeros(right.size)
+    impulses[kept] = unit * step[n:] / lengths[kept]
     left_over = jacobian @ after - right
     spread = left_over - jacobian @ least_norm(jacobian, left_over, threshold=ACCURACY) if dependent else left_over
     return Jump(after, impulses, left_over, spread, tuple(dependent))
@@ -157,13 +163,13 @@ class ImpactLaw:
         """Return impulses by joint, from those of all rows (k,)."""
         return _split([*dict.fromkeys(self.eom.row_elements), *self.restitution], impulses)
 
-    def solve(self, mass: np.ndarray, t: float, q: np.ndarray, v: np.ndarray, p: np.ndarray) -> Jump:
+    def solve(self, numeric: NumericEquations, t: float, q: np.ndarray, v: np.ndarray) -> Jump:
         """Return the velocities just after the impact at a pose.
 
         Parameters
         ----------
-        mass : numpy.ndarray
-            Diagonal of M at the parameters (n,).
+        numeric : NumericEquations
+            The equations at values of their parameters.
         t : float
             Time, s.
         q, v : numpy.ndarray
@@ -177,8 +183,8 @@ class ImpactLaw:
                 "impact", [eom.t, eom.q, self.v_before, eom.p], [ca.densify(self.jacobian), ca.densify(self.right)]
             ),
         )
-        jacobian, right = (part.full() for part in function(t, q, v, p))
-        return jump(mass, jacobian, right.ravel(), v)
+        jacobian, right = (part.full() for part in function(t, q, v, numeric.p))
+        return jump(numeric, jacobian, right.ravel(), v)
 
 
 def impulses_of(element: Any) -> ca.SX:

@@ -287,7 +287,7 @@ class _Change:
         v_before = np.zeros(n)
         v_before[self._going_on] = self._instant.x[n_old + self._places]
         q = following.x0[:n]
-        jump = law.solve(following.motion.numeric.mass, time, q, v_before, following.p)
+        jump = law.solve(following.motion.numeric, time, q, v_before)
         kept = [k for k in range(law.impulses.numel()) if k not in set(jump.dependent)]
         rows = ca.vertcat(law.momentum, law.velocity[kept])
         unknowns = ca.vertcat(eom.v, law.impulses[kept])

@@ -336,7 +336,7 @@ class BorderPassage:
         missed = np.max(np.abs(jacobian @ v - nu.ravel()), initial=0.0)
         if missed <= NO_IMPULSE * (1 + self._speed):
             return False
-        self._x = np.r_[q, jump(numeric.mass, jacobian, nu.ravel(), v).v, self._x[2 * n :]]
+        self._x = np.r_[q, jump(numeric, jacobian, nu.ravel(), v).v, self._x[2 * n :]]
         return True
 
     def _append(self, switches: tuple[int, ...], border: float, sides: np.ndarray, impulse: bool = False) -> None:

@@ -385,7 +385,7 @@ class Run:
         q, v, z = (part[0] for part in self._arc.stepper.outputs.split(self._x[None, :]))
         jacobian, nu = self._arc.numeric.velocity(after, q)
         if nu.size:
-            self._x = np.r_[q, jump(self._arc.numeric.mass, jacobian, nu, v).v, z]
+            self._x = np.r_[q, jump(self._arc.numeric, jacobian, nu, v).v, z]
         self._arc.trail.begin(self._time, self._x)
 
     def _keep(self, times: np.ndarray, x: np.ndarray, since: np.ndarray, outputs: Outputs | None = None) -> None:

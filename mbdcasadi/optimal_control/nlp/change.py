@@ -254,7 +254,7 @@ class Change:
         parts = before.scheme.split_point(point)
         p = self.setup.before.numeric.p
         q, v = before.scheme.eom.states(np.array([time]), parts["q"][None, :], parts["v"][None, :], p)
-        collision = self.law.solve(numeric.mass, time, q[0][self.here], v[0][self.here], numeric.p)
+        collision = self.law.solve(numeric, time, q[0][self.here], v[0][self.here])
         x[self.index] = collision.impulses[list(self.setup.kept)]
         if after.phase.is_instant:
             chosen = after.scheme.eom.independent

@@ -168,7 +168,7 @@ class Replay:
         numeric = self.solution.phases[change.after.number].numeric
         phase = change.after.phase
         q = Recovery(numeric, redundant=False).positions(np.array([before.t]), before.q[change.here][None, :])[0]
-        collision = change.law.solve(numeric.mass, before.t, q, before.v[change.here], numeric.p)
+        collision = change.law.solve(numeric, before.t, q, before.v[change.here])
         planned = self.solution.variables[change.index]
         kept = collision.impulses[list(change.setup.kept)]
         size = largest(planned)

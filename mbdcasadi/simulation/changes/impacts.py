@@ -281,7 +281,7 @@ def jump_to(numeric: NumericEquations, state: State, targets: ca.SX, wanted: np.
     rows, nu = numeric.velocity(state.t, state.q)
     jacobian = np.vstack([rows, np.reshape(state[along], (targets.numel(), -1))])
     right = np.r_[nu, wanted - np.atleast_1d(state[rest])]
-    return jump(numeric.mass, jacobian, right, state.v, numeric.column_scale)
+    return jump(numeric, jacobian, right, state.v)
 
 
 def instant_of(grid: np.ndarray) -> float:
