@@ -262,6 +262,22 @@ def test_bounces_keep_their_energy(way, stiffness):
     np.testing.assert_allclose(energy, 9.81, atol=5e-6)
 
 
+@pytest.mark.slow
+def test_a_step_that_ends_at_a_switch_up_to_rounding(way):
+    """Three discs fall onto each other with friction: a contact begins where a step ends, and the run goes on."""
+    discs = [mbd.Body(f"disc {k}", mass=1.0, inertia=0.005, pose=(0.05 * k, 0.3 * (k + 1), 0)) for k in range(3)]
+    law, friction = mbd.HuntCrossley(1e4, exponent=1, damping=0.3), mbd.Coulomb(0.3, 0.01)
+    rims = [mbd.Circle(disc.at(0, 0), 0.1) for disc in discs]
+    floor = mbd.HalfPlane(mbd.ground.at(0, 0))
+    pairs = [*((floor, rim) for rim in rims), *pairwise(rims)]
+    contacts = [mbd.Contact(f"contact {k}", a, b, law, friction=friction) for k, (a, b) in enumerate(pairs)]
+    mechanism = mbd.Mechanism(discs, forces=[mbd.Gravity(), *contacts])
+    times = np.linspace(0, 0.3, 21)
+    motion, reference = (mbd.simulate(mechanism, times, method=method) for method in ("dop853", "idas"))
+    for disc in discs:
+        assert motion[disc.position] == pytest.approx(reference[disc.position], abs=1e-5)
+
+
 def test_a_force_that_switches_in_the_state(way):
     """From x = 1/2 on a force of 1 N: x = t until t = 1/2, and a parabola after it."""
     body = mbd.Body("body", mass=1, inertia=1)

@@ -148,6 +148,7 @@ static double length_to_switch(run_t* run, double t, double h, double* error, br
     at->left = 2.0 * fmin(left, NEARLY * h);
     return 0.0;
   }
+  if (left > between) return at->low;   /* a step of this length ends at the zero, up to rounding */
   return at->low + (at->trials % 3 ? left * (1.0 - BEFORE) : between / 2.0);
 }
 

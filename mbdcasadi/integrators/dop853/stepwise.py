@@ -268,6 +268,8 @@ class _StretchRun:
         if not passes and (left <= NEARLY * h or left > between):  # near to the zero, or there by rounding
             at.left = 2.0 * min(left, NEARLY * h)
             return 0.0
+        if left > between:  # a step of this length ends at the zero, up to rounding
+            return at.low
         return at.low + (left * (1.0 - BEFORE) if at.trials % 3 else between / 2.0)
 
     # --- events --------------------------------------------------------------------------------
