@@ -108,6 +108,9 @@ class Symbol(ca.SX, HoldsSymbols):
     """A named scalar of the model: a ``casadi.SX`` with a label, a value and limits."""
 
     label: str
+    value: float
+    lower: float = -math.inf
+    upper: float = math.inf
     _kind = ""
 
     def __init__(self, label: str):
@@ -134,6 +137,11 @@ class Symbol(ca.SX, HoldsSymbols):
         self.lower, self.upper = (number(x, what, n, infinite=True) for x, n in ((lower, "lower"), (upper, "upper")))
         if self.lower > self.upper:
             raise ModelError(f"{what}: lower = {self.lower} is above upper = {self.upper}")
+
+    @property
+    def typical_size(self) -> float:
+        """Size of the value, or of the limits if it is zero; zero if that is not known."""
+        return abs(self.value) or max((abs(x) for x in (self.lower, self.upper) if math.isfinite(x)), default=0.0)
 
 
 class Input(Symbol):

@@ -108,7 +108,8 @@ def equilibrium_path(
     with keyboard_interrupts("equilibrium_path", lambda: None if follower is None else follower.so_far):
         setup = Setup(mechanism, "equilibrium_path", **arguments, fixed={parameter: first})
         origin = equilibrium_of(setup, prefer=prefer)
-        statics = Statics(setup.numeric, setup.signals, setup.time, [parameter])
+        size = max(abs(first), abs(last))
+        statics = Statics(setup.numeric, setup.signals, setup.time, [parameter], sizes=[size])
         follower = Follower(statics, parameter, first, last, count)
         return follower.run(origin)
 
@@ -223,7 +224,7 @@ class Follower:
         usual = 1.0 / self.steps
         control = StepControl(usual, SMALLEST_STEP * usual, usual)
         while len(self._points) < MOST_POINTS:
-            following = self.advance(point, control.step)
+            following = self._advanced(point, control.step, sign)
             if following is None:
                 if not control.refuse():
                     raise EquilibriumError(
@@ -231,9 +232,6 @@ class Follower:
                         f"{point.x[-1]:.8g}: the constraints lock there, or a force has no value"
                     )
                 continue
-            if (following.x[-1] - self.last) * sign > 0 and (self.last - point.x[-1]) * sign > 0:
-                end = self._at(following, self.last)
-                following = end if end is not None else following
             self._critical += self._critical_between(point, following)
             self._points.append(following)
             point = following
@@ -270,6 +268,13 @@ class Follower:
         tangent = tangent / np.linalg.norm(tangent)
         return tangent if before is None or tangent @ before >= 0 else -tangent
 
+    def _advanced(self, point: _Point, step: float, sign: float) -> _Point | None:
+        """The same as :meth:`advance`, at the last value if the step leads across it."""
+        following = self.advance(point, step)
+        if following is None or not (self.last - point.x[-1]) * sign > 0 > (self.last - following.x[-1]) * sign:
+            return following
+        return self._at(following, self.last)
+
     def advance(self, point: _Point, step: float) -> _Point | None:
         """Equilibrium at an advance along the tangent of a point; None if there is none nearby."""
         seen, size = self._seen, self._size[self._seen]
@@ -285,7 +290,7 @@ class Follower:
     def _at(self, point: _Point, value: float) -> _Point | None:
         """Equilibrium at a value of the parameter, near a point."""
         guess, row = point.x.copy(), np.zeros(point.x.size)
-        guess[-1], row[-1] = value, 1.0
+        guess[-1], row[-1] = value, 1 / self._size[-1]
         x = self._solved(guess, row, guess, 0.0, iterations=20)
         return None if x is None else self._point(x, point.tangent)
 
@@ -294,10 +299,12 @@ class Follower:
     ) -> np.ndarray | None:
         """Equilibrium near a guess at an advance along a row from an origin; None if there is none."""
         equations, weights = self.statics.scaled(guess)
+        lever = self.statics.lever  # lengths of displacements, as in the other rows
 
         def with_advance(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             values, slope = equations(x)
-            return np.append(values, row @ (x - origin) - advance), np.vstack([slope, row])
+            ahead = lever * (row @ (x - origin) - advance)
+            return np.append(values, ahead), np.vstack([slope, lever * row])
 
         return newton(with_advance, guess, weights, iterations=iterations, smallest=SINGULAR)
 

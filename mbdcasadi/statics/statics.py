@@ -20,7 +20,7 @@ import numpy as np
 from ..arguments.inputs import Signals
 from ..equations.numeric import NumericEquations
 from ..model.conditions import Condition
-from ..model.symbols import place_of
+from ..model.symbols import Input, Parameter, place_of
 from ..numerics.least_squares import largest, least_norm
 from ..numerics.newton import solve
 from ..numerics.rank import analyse_rank
@@ -116,10 +116,13 @@ class Statics:
         Inputs; feedback is taken at zero velocity.
     t : float
         Time, s.
-    unknowns : sequence of casadi.SX, optional
+    unknowns : sequence of Input or Parameter, optional
         Inputs and parameters ``y`` that are looked for too.
     conditions : sequence of Condition, optional
         Equalities that hold besides.
+    sizes : sequence of float, optional
+        Typical sizes of the unknowns ``y``; otherwise their values, or their limits if these are zero, or what balances
+        the loads.
     """
 
     def __init__(
@@ -127,10 +130,12 @@ class Statics:
         numeric: NumericEquations,
         signals: Signals,
         t: float,
-        unknowns: Sequence[ca.SX] = (),
+        unknowns: Sequence[Input | Parameter] = (),
         conditions: Sequence[Condition] = (),
+        sizes: Sequence[float] | None = None,
     ):
         self.numeric, self.t = numeric, t
+        self._sizes = np.array([s.typical_size for s in unknowns] if sizes is None else sizes)
         eom = self.eom = numeric.eom
         self.n, self.k, self.m = eom.q.numel(), eom.z.numel(), eom.lam.numel()
         y = ca.vertcat(ca.SX(0, 1), *unknowns)
@@ -199,7 +204,12 @@ class Statics:
             values, slope = self.rows(x)
             return values / size, slope / size[:, None]
 
-        weights = [1 / c**2, np.ones(self.k), np.full(self.m, 1 / force**2), 1 / (1 + np.abs(self.split(x)[3])) ** 2]
+        weights = [
+            1 / c**2,
+            np.ones(self.k),
+            np.full(self.m, 1 / force**2),
+            (self.lever / self._size_of_unknowns(x, values, jacobian)) ** 2,
+        ]
         return equations, np.concatenate(weights)
 
     def _typical(self, x: np.ndarray, values: np.ndarray, jacobian: np.ndarray) -> float:
@@ -208,10 +218,20 @@ class Statics:
         Forces are those that act, reactions, and those that states and unknowns of the size they have would bring.
         """
         c, n = self.numeric.column_scale, self.n
-        _, z, lam, y = self.split(x)
-        size = np.concatenate([np.maximum(1.0, np.abs(z)), np.abs(lam), np.maximum(1.0, np.abs(y))])
+        _, z, lam, _ = self.split(x)
+        size = np.concatenate([np.maximum(1.0, np.abs(z)), np.abs(lam), self._size_of_unknowns(x, values, jacobian)])
         force = max(largest(c * values[:n]), largest(c[:, None] * jacobian[:n, n:] * size))
         return largest(c[:, None] * jacobian[:n, :n] * c) + force / self.lever
+
+    def _size_of_unknowns(self, x: np.ndarray, values: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+        """Sizes of the unknowns ``y``: those that they have, or typically have, or that balance the loads at `x`."""
+        y, c, n = self.split(x)[3], self.numeric.column_scale, self.n
+        size = np.maximum(self._sizes, np.abs(y))
+        slopes = np.max(np.abs(c[:, None] * jacobian[:n, x.size - y.size :]), axis=0, initial=0.0)
+        load = largest(c * values[:n])
+        balancing = np.where(slopes > 0, load / np.where(slopes > 0, slopes, 1.0), 0.0)
+        size = np.where(size > 0, size, balancing)
+        return np.where(size > 0, size, 1.0)
 
     # --- moving ------------------------------------------------------------------------------
     @property

@@ -32,7 +32,7 @@ class PoseSystem:
         self.free = ca.SX.sym("f", len(self.parameters))
         #: values of the free parameters to begin with, and their typical sizes
         self.values = np.array([p.value for p in self.parameters])
-        self.sizes = np.where(self.values != 0, np.abs(self.values), 1.0)
+        self.sizes = np.array([p.typical_size or 1.0 for p in self.parameters])
 
     def weights(self, numerics: Sequence[NumericEquations]) -> np.ndarray:
         """Weights of the unknowns in a step: poses by these equations, then the free parameters."""

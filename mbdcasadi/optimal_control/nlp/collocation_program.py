@@ -23,7 +23,6 @@ from .compiled import OPTION_SETS
 from .instant_program import InstantProgram
 from .phase_program import PhasePlace, PhaseProgram
 from .rows import Row, condition_rows, violations
-from .scaling import parameter_size
 from .setup import PhaseSetup
 from .sparse_program import SparseProgram
 from .staged_program import StagedProgram
@@ -287,7 +286,7 @@ def _parameter_sizes(problem: OptimalControlProblem, setups: Sequence[PhaseSetup
     for parameter in problem.free_parameters:
         places = [(setup, place_of(parameter, setup.extra_parameters)) for setup in setups]
         by_limits = [float(setup.sizes.parameters[k]) for setup, k in places if k is not None]
-        sizes.append(parameter_size(parameter) or max(by_limits, default=0.0) or 1.0)
+        sizes.append(parameter.typical_size or max(by_limits, default=0.0) or 1.0)
     return np.array(sizes)
 
 

@@ -149,7 +149,7 @@ def sizes_of_phase(
     An input that takes the place of the magnitude of a force in a cost is as large as that force, a free parameter
     that is an upper limit of it as well.
     """
-    parameters = np.array([parameter_size(p) for p in extra])
+    parameters = np.array([p.typical_size for p in extra])
     sizes = Sizes(numeric, scales, arguments, extra, parameters)
     if np.all(scales.u > 0) and np.all(parameters > 0):
         return sizes
@@ -256,9 +256,3 @@ def _median(values: np.ndarray) -> float:
     """Median of the finite values that are not zero; 1 if there are none."""
     usable = np.sort(values[np.isfinite(values) & (values > 0)])
     return float(usable[(usable.size - 1) // 2] + usable[usable.size // 2]) / 2 if usable.size else 1.0
-
-
-def parameter_size(parameter: Parameter) -> float:
-    """Return the typical size of a free parameter: its value, or its limits if that is zero; zero without limits."""
-    limits = [abs(x) for x in (parameter.lower, parameter.upper) if np.isfinite(x)]
-    return abs(parameter.value) or max(limits, default=0.0)
