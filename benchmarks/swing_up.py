@@ -152,28 +152,33 @@ class Stopwatch:
         return wall - self.solving, self.solving, self._processor() - self._cpu
 
 
+class Watched:
+    """A solver whose calls count as time in IPOPT, by the watch of :func:`ipopt_watched`."""
+
+    watch: Stopwatch | None = None
+
+    def __init__(self, solver: Any):
+        self._solver = solver
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        solve = self._solver if Watched.watch is None else Watched.watch.around(self._solver)
+        return solve(*arguments, **named)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._solver, name)
+
+
 @contextlib.contextmanager
 def ipopt_watched(watch: Stopwatch) -> Iterator[None]:
-    """Count the calls of the solvers that ``casadi.nlpsol`` makes meanwhile as time in IPOPT."""
+    """Count calls of the solvers that ``casadi.nlpsol`` makes meanwhile, or made in such a context, as in IPOPT."""
     import casadi as ca
 
-    class Watched:
-        def __init__(self, solver: ca.Function):
-            self._solver = solver
-            self._timed = watch.around(solver)
-
-        def __call__(self, *arguments: Any, **named: Any) -> Any:
-            return self._timed(*arguments, **named)
-
-        def __getattr__(self, name: str) -> Any:
-            return getattr(self._solver, name)
-
-    original = ca.nlpsol
+    original, Watched.watch = ca.nlpsol, watch
     ca.nlpsol = lambda *arguments, **named: Watched(original(*arguments, **named))
     try:
         yield
     finally:
-        ca.nlpsol = original
+        ca.nlpsol, Watched.watch = original, None
     if not watch.solving:
         raise RuntimeError("no solver of casadi.nlpsol was called: the time in IPOPT cannot be measured")
 

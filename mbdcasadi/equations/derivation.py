@@ -6,7 +6,7 @@ differentiation. No closed formula of a joint is written twice.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,12 +15,17 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ExpressionError, ModelError
-from ..model.cache import ExpressionKey
+from ..model.cache import Cache, ExpressionKey
+from ..model.contents import contents_of, values_of_contents
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_sx, describe, role_of, symbols_of
 from ..model.symbols import t as time
 from ..numerics.lazy import cached_property
 from ..numerics.symbolic import symbolic
+
+#: Bodies up to which what is computed from a mechanism serves others of equal contents: to read these takes as long as
+#: to derive the equations, of which larger mechanisms need little else.
+SHARING = 30
 
 
 def equations(mechanism: Mechanism) -> Equations:
@@ -139,6 +144,16 @@ class Equations:
         return ca.densify(ca.jtimes(displacement, self.q, force, True)) if pairs else ca.SX.zeros(self.q.numel())
 
     # --- sizes and properties ------------------------------------------------------
+    @cached_property
+    def contents(self) -> Hashable | None:
+        """Key that is equal for mechanisms of equal contents; None if these are not known."""
+        return contents_of(self.mechanism) if len(self.mechanism.bodies) <= SHARING else None
+
+    @cached_property
+    def shared(self) -> Cache:
+        """What holds no symbols, numbers and compiled functions, shared with mechanisms of equal contents."""
+        return values_of_contents(self.contents)
+
     @property
     def symbols(self) -> tuple[ca.SX, ...]:
         """``(t, q, v, a, z, lam, u, p)``, the arguments of every compiled expression."""
@@ -230,7 +245,7 @@ class Equations:
     def masses(self, p: np.ndarray) -> np.ndarray:
         """Diagonal of M as numbers (n,)."""
         diagonal = ca.densify(self.mass_diagonal)
-        function = self.mechanism.cache.get_or_create("masses", lambda: ca.Function("masses", [self.p], [diagonal]))
+        function = self.shared.get_or_create("masses", lambda: ca.Function("masses", [self.p], [diagonal]))
         return function(p).full().ravel()
 
     # --- compiled functions -----------------------------------------------------------

@@ -114,7 +114,7 @@ class NumericEquations:
         """Effective masses of the rows (m,), if bodies are light or have no mass; else None."""
         make = partial(effective_masses, self.eom, self.p, self.mass, self.scale)
         key = ("effective masses", self.p.tobytes())
-        return self.eom.mechanism.cache.get_or_create(key, make, bounded=True)
+        return self.eom.shared.get_or_create(key, make, bounded=True)
 
     @property
     def light_key(self) -> bytes | None:
@@ -134,7 +134,7 @@ class NumericEquations:
     @cached_property
     def _velocity(self) -> Evaluator:
         eom = self.eom
-        return eom.mechanism.cache.get_or_create("velocity", lambda: Evaluator(eom.jacobian))
+        return eom.shared.get_or_create("velocity", lambda: Evaluator(eom.jacobian))
 
     @cached_property
     def _acceleration(self) -> Evaluator:
@@ -143,7 +143,7 @@ class NumericEquations:
 
     def _evaluator(self, key: str, terms: Callable[[], tuple[list[ca.SX], list[ca.SX]]]) -> Evaluator:
         """A function of one time from its arguments and results, made once for a mechanism."""
-        return self.eom.mechanism.cache.get_or_create(key, lambda: Evaluator(ca.Function(key, *terms())))
+        return self.eom.shared.get_or_create(key, lambda: Evaluator(ca.Function(key, *terms())))
 
     def position(self, t: float, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``Phi`` and its Jacobian, position rows only."""
@@ -262,7 +262,7 @@ class NumericEquations:
         """``(t, q, v, z, u, p) -> (a, lam)`` for these masses."""
         choice: dict[str, Any] = {"redundant": redundant, "refinements": refinements}
         key = ("forward dynamics", self.light_key, *choice.values())
-        return self.eom.mechanism.cache.get_or_create(
+        return self.eom.shared.get_or_create(
             key, lambda: forward_dynamics(self.eom, augmentation=self.augmentation, **choice)
         )
 
@@ -378,7 +378,7 @@ class NumericEquations:
             return Evaluator(function) if function.is_a("SXFunction") else None
 
         key = ("forward dynamics by row", self.light_key, redundant)
-        return self.eom.mechanism.cache.get_or_create(key, make)
+        return self.eom.shared.get_or_create(key, make)
 
     def accelerations_of_rows(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray, *, redundant: bool

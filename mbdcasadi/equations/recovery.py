@@ -61,7 +61,7 @@ class Recovery:
         return self._kept("velocity step by row", lambda: Evaluator(self.velocity_step))
 
     def _kept(self, key: str, make: Callable[[], Any]) -> Any:
-        return self.numeric.eom.mechanism.cache.get_or_create(key, make)
+        return self.numeric.eom.shared.get_or_create(key, make)
 
     def positions(self, t: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Bring coordinates (k, n) onto ``Phi = 0``."""

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from ..numerics.evaluation import Evaluator
+from ..numerics.lazy import cached_property
 from .derivation import Equations
 from .explicit import ExplicitRow, explicit_rows
 
@@ -30,7 +33,30 @@ def _solved_rows(eom: Equations, *, curved: bool, angles: bool) -> list[Explicit
         solved = [] if eom.Q_depends_on_lam else explicit_rows(eom, curved=curved, angles=angles)
         return solved if len(solved) < eom.q.numel() else []
 
-    return eom.mechanism.cache.get_or_create(("solved rows", curved, angles), make)
+    return eom.shared.get_or_create(("solved rows", curved, angles), make)
+
+
+class _Placed(NamedTuple):
+    """All coordinates, their rates and accelerations in terms of the independent ones."""
+
+    q: ca.SX
+    v: ca.SX
+    a: ca.SX
+    #: coordinates if the explicit rows are `error` in place of zero
+    missed: ca.SX
+    error: ca.SX
+
+
+class _Terms(NamedTuple):
+    """Terms of :class:`ReducedEquations`, with the multipliers of all rows."""
+
+    motion: ca.SX
+    Phi: ca.SX
+    Phi_q: ca.SX
+    nu: ca.SX
+    gamma: ca.SX
+    z_rate: ca.SX
+    lam: ca.SX
 
 
 class ReducedEquations:
@@ -72,10 +98,6 @@ class ReducedEquations:
         Coordinates that are left.
     rows, explicit : list of int
         Rows that are left and those that are solved, among all rows.
-    motion : casadi.SX
-        ``f_w^T (M a + Phi_q^T lam - Q)``.
-    expansion : casadi.Function
-        ``(t, q, v, a, z, lam, u, p) -> (q, v, a, lam)``, from the independent to all.
 
     References
     ----------
@@ -84,11 +106,11 @@ class ReducedEquations:
     """
 
     def __init__(self, eom: Equations, *, curved: bool, angles: bool):
-        self.whole, self.mechanism, self.angles = eom, eom.mechanism, angles
+        self.whole, self.mechanism, self.curved, self.angles = eom, eom.mechanism, curved, angles
         self.t, self.z, self.u, self.p = eom.t, eom.z, eom.u, eom.p
-        solved = _solved_rows(eom, curved=curved, angles=angles)
-        self.explicit = [int(eom.position_rows[row.place]) for row in solved]
-        self._dependent = [row.coordinate for row in solved]
+        self._solved = _solved_rows(eom, curved=curved, angles=angles)
+        self.explicit = [int(eom.position_rows[row.place]) for row in self._solved]
+        self._dependent = [row.coordinate for row in self._solved]
         solved_rows, dependent = set(self.explicit), set(self._dependent)
         self.rows = [k for k in range(eom.lam.numel()) if k not in solved_rows]
         self.independent = [k for k in range(eom.q.numel()) if k not in dependent]
@@ -99,30 +121,84 @@ class ReducedEquations:
         self.angular_rows = eom.angular_rows[self.rows]
         positions = {int(k): place for place, k in enumerate(eom.position_rows)}
         self.position_rows = np.array([i for i, k in enumerate(self.rows) if k in positions], int)
-        self._derive(solved, [positions[k] for k in self.rows if k in positions])
+        self._places = [positions[k] for k in self.rows if k in positions]
 
-    def _derive(self, solved: list[ExplicitRow], places: list[int]) -> None:
-        eom, error = self.whole, ca.SX.sym("e", len(solved))
-        missed = _coordinates(eom, solved, error)
+    # --- terms, which are derived if they are asked for ------------------------------------------
+    @cached_property
+    def _placed(self) -> _Placed:
+        error = ca.SX.sym("e", len(self._solved))
+        missed = _coordinates(self.whole, self._solved, error)
         q = ca.substitute(missed, error, ca.SX.zeros(error.numel()))
         v = ca.jtimes(q, ca.vertcat(self.q, self.t), ca.vertcat(self.v, 1))
         a = ca.jtimes(v, ca.vertcat(self.q, self.v, self.t), ca.vertcat(self.v, self.a, 1))
-        self._all = [ca.densify(x) for x in (q, v, a)]
+        q, v, a = (ca.densify(x) for x in (q, v, a))
+        return _Placed(q, v, a, missed, error)
+
+    @cached_property
+    def _terms(self) -> _Terms:
+        eom, (q, _, a, missed, error) = self.whole, self._placed
         rows = eom.Phi_q[self.rows, :]
         load = eom.mass_diagonal * eom.a + rows.T @ self.lam - eom.Q
-        right = [_some(eom.Phi, places), _some(eom.nu, self.rows), _some(eom.gamma, self.rows)]
-        load, rows, self.Phi, nu, gamma = self.of(load, rows, *right)
-        self.motion = ca.jtimes(q, self.q, load, True)
-        self.Phi_q = rows @ ca.jacobian(q, self.q)
-        self.nu = nu - rows @ ca.jacobian(q, self.t)
-        self.gamma = gamma - rows @ ca.substitute(a, self.a, ca.SX.zeros(self.a.numel()))
+        right = [_some(eom.Phi, self._places), _some(eom.nu, self.rows), _some(eom.gamma, self.rows)]
+        load, rows, phi, nu, gamma, z_rate = self.of(load, rows, *right, eom.z_rate)
         pull = -ca.densify(ca.substitute(ca.jtimes(missed, error, load, True), error, ca.SX.zeros(error.numel())))
         lam = ca.SX(eom.lam)
         if self.explicit:
             lam[self.explicit] = pull
-        (z_rate,) = self.of(eom.z_rate)
-        self.z_rate = ca.substitute(z_rate, _some(eom.lam, self.explicit), pull)
-        self.expansion = ca.Function("expansion", [*self.symbols], [ca.densify(x) for x in (q, v, a, lam)])
+        return _Terms(
+            ca.jtimes(q, self.q, load, True),
+            phi,
+            rows @ ca.jacobian(q, self.q),
+            nu - rows @ ca.jacobian(q, self.t),
+            gamma - rows @ ca.substitute(a, self.a, ca.SX.zeros(self.a.numel())),
+            ca.substitute(z_rate, _some(eom.lam, self.explicit), pull),
+            lam,
+        )
+
+    @property
+    def motion(self) -> ca.SX:
+        """``f_w^T (M a + Phi_q^T lam - Q)``."""
+        return self._terms.motion
+
+    @property
+    def Phi(self) -> ca.SX:
+        """Position constraints that are left."""
+        return self._terms.Phi
+
+    @property
+    def Phi_q(self) -> ca.SX:
+        """Jacobian of the rows that are left."""
+        return self._terms.Phi_q
+
+    @property
+    def nu(self) -> ca.SX:
+        """Right side of their velocity equation."""
+        return self._terms.nu
+
+    @property
+    def gamma(self) -> ca.SX:
+        """Right side of their acceleration equation."""
+        return self._terms.gamma
+
+    @property
+    def z_rate(self) -> ca.SX:
+        """Rates of the first-order states."""
+        return self._terms.z_rate
+
+    @cached_property
+    def expansion(self) -> ca.Function:
+        """``(t, q, v, a, z, lam, u, p) -> (q, v, a, lam)``, from the independent to all."""
+
+        def make() -> ca.Function:
+            results = [*self._placed[:3], ca.densify(self._terms.lam)]
+            return ca.Function("expansion", [*self.symbols], results)
+
+        return self.whole.shared.get_or_create(("expansion", self.curved, self.angles), make)
+
+    @cached_property
+    def _expansion_by_row(self) -> Evaluator:
+        key = "expansion by row", self.curved, self.angles
+        return self.whole.shared.get_or_create(key, lambda: Evaluator(self.expansion))
 
     @property
     def symbols(self) -> tuple[ca.SX, ...]:
@@ -141,9 +217,11 @@ class ReducedEquations:
 
     def states(self, t: np.ndarray, w: np.ndarray, rate: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """All coordinates and velocities (k, n) at times (k,), of independent ones (k, m)."""
-        others = [np.zeros((x.numel(), t.size)) for x in (self.a, self.z, self.lam, self.u)]
-        q, v, *_ = self.expansion(t[None, :], w.T, rate.T, *others, np.tile(p[:, None], (1, t.size)))
-        return q.full().T, v.full().T
+        if not self._dependent:
+            return w, rate
+        others = [np.zeros(x.numel()) for x in (self.a, self.z, self.lam, self.u)]
+        q, v, *_ = self._expansion_by_row.rows(t[:, None], w, rate, *others, p)
+        return q, v
 
     def of(self, *expressions: ca.SX) -> Sequence[ca.SX]:
         """Expressions in positions, velocities and accelerations of all coordinates, in those of the independent."""
@@ -151,7 +229,7 @@ class ReducedEquations:
             return expressions
         eom = self.whole
         symbols = [x[self._dependent] for x in (eom.q, eom.v, eom.a)]
-        return ca.substitute(list(expressions), symbols, [x[self._dependent] for x in self._all])
+        return ca.substitute(list(expressions), symbols, [x[self._dependent] for x in self._placed[:3]])
 
 
 def _some(column: ca.SX, places: list[int]) -> ca.SX:

@@ -77,7 +77,7 @@ def scale_of(eom: Equations, p: np.ndarray, mass: np.ndarray) -> Scale:
     mass : numpy.ndarray
         Diagonal of M (n,).
     """
-    return eom.mechanism.cache.get_or_create(("scale", p.tobytes()), lambda: _scale(eom, p, mass), bounded=True)
+    return eom.shared.get_or_create(("scale", p.tobytes()), lambda: _scale(eom, p, mass), bounded=True)
 
 
 def generic_poses(eom: Equations) -> np.ndarray:
@@ -135,7 +135,7 @@ def _extent(eom: Equations, p: np.ndarray) -> float:
         local = ca.vertcat(ca.SX(0, 1), *[m.local for m in markers])
         return ca.Function("markers", [eom.p], [ca.densify(local)]), [m.body.is_ground for m in markers]
 
-    function, on_ground = mechanism.cache.get_or_create("marker points", points)
+    function, on_ground = eom.shared.get_or_create("marker points", points)
     local = function(p).full().reshape(-1, 2)
     ground = local[np.array(on_ground, bool)]
     reach = np.max(np.abs(local[~np.array(on_ground, bool)]), initial=0.0)

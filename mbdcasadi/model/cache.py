@@ -24,10 +24,17 @@ class Cache(Mapping[Hashable, Any]):
 
     A copy and an unpickled cache are empty, since the values can be made again. Of the values requested with
     ``bounded=True`` the most recent ones are kept.
+
+    Parameters
+    ----------
+    recent : int
+        Number of these, or the sum of their sizes, at most.
+    size : callable, optional
+        Size of a value.
     """
 
-    def __init__(self, recent: int = RECENT):
-        self._most = recent
+    def __init__(self, recent: int = RECENT, size: Callable[[Any], int] | None = None):
+        self._most, self._size = recent, size
         self._kept: dict[Hashable, Any] = {}
         self._recent: OrderedDict[Hashable, Any] = OrderedDict()
         # one lock for all keys and all caches: values are made of expressions, and of values of other caches
@@ -53,9 +60,14 @@ class Cache(Mapping[Hashable, Any]):
                 self._kept[key] = value
                 return value
             self._recent[key] = value
-            while len(self._recent) > self._most:
+            while len(self._recent) > 1 and self._amount > self._most:
                 self._recent.popitem(last=False)
             return value
+
+    @property
+    def _amount(self) -> int:
+        """Number of bounded values, or the sum of their sizes."""
+        return len(self._recent) if self._size is None else sum(map(self._size, self._recent.values()))
 
     def __getitem__(self, key: Hashable) -> Any:
         with self._lock:
@@ -68,8 +80,8 @@ class Cache(Mapping[Hashable, Any]):
     def __len__(self) -> int:
         return len(self._kept) + len(self._recent)
 
-    def __reduce__(self) -> tuple[type[Cache], tuple[int]]:
-        return type(self), (self._most,)
+    def __reduce__(self) -> tuple[type[Cache], tuple[Any, ...]]:
+        return type(self), (self._most, self._size)
 
     def __repr__(self) -> str:
         return f"Cache({len(self)} values)"

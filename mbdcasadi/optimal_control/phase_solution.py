@@ -10,6 +10,7 @@ import numpy as np
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
 from ..model.conditions import Condition, stacked
+from ..numerics.evaluation import Evaluator
 from ..numerics.lazy import cached_property
 from ..numerics.symbolic import symbolic
 from ..results.state import State
@@ -70,9 +71,14 @@ class PhaseSolution:
 
     def by_polynomials(self, expressions: Sequence[ca.SX], intervals: np.ndarray, taus: np.ndarray) -> list[np.ndarray]:
         """Return values of expressions of the problem at points of intervals, each (size, k)."""
-        function = ca.Function("values", self.program.arguments, [ca.densify(e) for e in expressions])
-        points = [x.T for x in self.polynomials.at(intervals, taus)]
-        return [values.full() for values in function.call([*points, self.numeric.p, self.extra])]
+        return self._evaluated(self._evaluator(expressions), intervals, taus)
+
+    def _evaluator(self, expressions: Sequence[ca.SX]) -> Evaluator:
+        return Evaluator(ca.Function("values", self.program.arguments, [ca.densify(e) for e in expressions]))
+
+    def _evaluated(self, evaluator: Evaluator, intervals: np.ndarray, taus: np.ndarray) -> list[np.ndarray]:
+        points = self.polynomials.at(intervals, taus)
+        return [values.T for values in evaluator.rows(*points, self.numeric.p, self.extra)]
 
     @cached_property
     def excess_of_polynomials(self) -> np.ndarray:
@@ -81,7 +87,8 @@ class PhaseSolution:
         if not limits or not count:
             return np.zeros((count, POINTS, len(limits)))
         k, tau = np.repeat(np.arange(count), POINTS), np.tile(np.linspace(0, 1, POINTS), count)
-        (values,) = self.by_polynomials([stacked(limits)], k, tau)
+        evaluator = self.program.setup.kept.get_or_create("limits", lambda: self._evaluator([stacked(limits)]))
+        (values,) = self._evaluated(evaluator, k, tau)
         return values.T.reshape(count, POINTS, len(limits))
 
     @cached_property

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 
 import casadi as ca
 
+from ..model.cache import Cache
 from ..model.conditions import Condition
+from ..model.contents import contents_of, values_of_contents
 from ..model.immutable import Immutable
 from ..model.symbols import Parameter, place_of, role_of, symbols_of
+from ..numerics.lazy import cached_property
 from ..results.state import State
 from .nlp.compiled import CompiledProblem
 from .phase import Phase, contains_any, prescribes_motion
-from .placeholders import Placeholder
+from .placeholders import MARKERS, Placeholder
 
 
 class ProblemStatement(Immutable):
@@ -26,6 +29,24 @@ class ProblemStatement(Immutable):
     boundary: tuple[Condition, ...]
     free_parameters: tuple[Parameter, ...]
     compiled: CompiledProblem
+
+    @cached_property
+    def contents(self) -> Hashable | None:
+        """Key that is equal for problems of equal contents; None if these are not known, as for several phases."""
+        phase = self.phases[0]
+        if len(self.phases) > 1 or phase.equations.contents is None:
+            return None
+        ends = [end.arguments if isinstance(end, State) else end for end in (phase.initial, phase.final)]
+        along = (phase.path, phase.running_cost, phase.waypoints, self.terminal_cost, self.boundary)
+        extra = self.extra_parameters(phase)
+        symbols = [*phase.equations.symbols, phase.input_rates, *MARKERS.values(), *extra]
+        stated = contents_of(phase.name, phase.span, *ends, *along, self.free_parameters, symbols=symbols)
+        return None if stated is None else (phase.equations.contents, stated)
+
+    @cached_property
+    def shared(self) -> Cache:
+        """What holds no symbols, numbers and compiled functions, shared with problems of equal contents."""
+        return values_of_contents(self.contents)
 
     @property
     def has_free_times(self) -> bool:

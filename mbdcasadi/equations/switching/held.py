@@ -136,6 +136,11 @@ class HeldEquations(Equations):
         self.p = ca.vertcat(eom.p, *sides)
         self._replace_parts(eom)
 
+    @property
+    def contents(self) -> None:
+        """None: the equations are not those of the mechanism."""
+        return None
+
     def _replace_parts(self, eom: Equations) -> None:
         forces = {place for kind, place in self.held if kind == "force"}
         smooth = [element for k, element in enumerate(eom.mechanism.elements) if k not in forces]

@@ -70,7 +70,7 @@ class ConditionRank:
         """Consistent states about the estimate."""
         numeric = self.numeric
         key = ("scattered states", numeric.p.tobytes())
-        return numeric.eom.mechanism.cache.get_or_create(key, lambda: _scattered_states(numeric), bounded=True)
+        return numeric.eom.shared.get_or_create(key, lambda: _scattered_states(numeric), bounded=True)
 
     def _evaluated(self, conditions: Sequence[Condition], state: Place) -> tuple[np.ndarray, np.ndarray]:
         """Values (k,) and gradients (k, n) of conditions at a state; of the constraints if there are none."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -51,6 +52,10 @@ def check_conditions(problem: ProblemStatement) -> None:
 
     Mechanisms of hundreds of bodies are left to the solver.
     """
+    problem.shared.get_or_create("consistent", partial(_check_conditions, problem))
+
+
+def _check_conditions(problem: ProblemStatement) -> None:
     for phase in problem.phases:
         _refuse_empty_limits(phase)
         _refuse_fixed_path(problem, phase)

@@ -8,6 +8,7 @@ import numpy as np
 from ...equations.numeric import LARGE, NumericEquations
 from ...equations.recovery import Recovery
 from ...equations.reduced import ReducedEquations
+from ...numerics.evaluation import Evaluator
 from ...numerics.lazy import cached_property
 from ..nlp.scaling import Scales
 
@@ -25,26 +26,39 @@ class LeastSquaresLoads:
         self._reduced_scales = scales.of(eom.independent, eom.rows)
 
     @cached_property
-    def _system(self) -> ca.Function:
+    def _system(self) -> Evaluator:
         eom = self.eom
-        free = ca.vertcat(eom.lam, eom.u)
-        rest = -ca.substitute(eom.motion, free, ca.SX.zeros(free.numel()))
-        loads = ca.horzcat(eom.Phi_q.T, ca.jacobian(eom.motion, eom.u))
-        return ca.Function("loads", [*eom.symbols], [ca.densify(loads), ca.densify(rest)])
+
+        def make() -> Evaluator:
+            free = ca.vertcat(eom.lam, eom.u)
+            rest = -ca.substitute(eom.motion, free, ca.SX.zeros(free.numel()))
+            loads = ca.horzcat(eom.Phi_q.T, ca.jacobian(eom.motion, eom.u))
+            return Evaluator(ca.Function("loads", [*eom.symbols], [ca.densify(loads), ca.densify(rest)]))
+
+        return eom.whole.shared.get_or_create(("loads", eom.curved, eom.angles), make)
 
     @cached_property
-    def _acceleration(self) -> ca.Function:
+    def _acceleration(self) -> Evaluator:
         eom = self.numeric.eom
-        return ca.Function("acceleration", [*eom.symbols], [ca.densify(eom.Phi_q), ca.densify(eom.gamma)])
+
+        def make() -> Evaluator:
+            terms = [ca.densify(eom.Phi_q), ca.densify(eom.gamma)]
+            return Evaluator(ca.Function("acceleration", [*eom.symbols], terms))
+
+        return eom.shared.get_or_create("terms of accelerations", make)
 
     def _evaluate(
-        self, function: ca.Function, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, z: np.ndarray
-    ):
-        count, m = t.size, function.numel_in(5)
-        u = np.tile(self.numeric.eom.input_values[:, None], (1, count))
-        p = np.tile(self.numeric.p[:, None], (1, count))
-        values = function(t[None, :], q.T, v.T, a.T, z.T, np.zeros((m, count)), u, p)
-        return [np.moveaxis(x.full().reshape(x.size1(), count, -1), 1, 0) for x in values]
+        self, evaluator: Evaluator, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, z: np.ndarray
+    ) -> list[np.ndarray]:
+        """Matrices at times (k, rows, columns)."""
+        function = evaluator.function
+        lam = np.zeros(function.numel_in(5))
+        values = evaluator.rows(t[:, None], q, v, a, z, lam, self.numeric.eom.input_values, self.numeric.p)
+        shapes = [function.size_out(k) for k in range(function.n_out())]
+        return [
+            np.swapaxes(x.reshape(t.size, columns, rows), 1, 2)
+            for x, (rows, columns) in zip(values, shapes, strict=True)
+        ]
 
     def states(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, z: np.ndarray):
         """Coordinates, velocities and accelerations (k, n) brought onto the constraints."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -27,6 +28,8 @@ from .setup import PhaseSetup
 from .sparse_program import SparseProgram
 from .staged_program import StagedProgram
 
+#: Variables of all programs that are kept for the same problem stated again.
+KEPT_VARIABLES = 100_000
 #: Points at which path limits are held besides stages and mesh points: phase, label, point of the interval.
 Held = tuple[tuple[int, str, float], ...]
 
@@ -46,11 +49,27 @@ class Bounds:
         return np.r_[self.rows_lower, self.lower], np.r_[self.rows_upper, self.upper]
 
 
+@dataclass(frozen=True)
+class _Made:
+    """What is made for a program, in symbols of its own."""
+
+    blocks: list[Block]
+    nlp: SparseProgram
+    #: its solvers by options, of which each holds the statistics of its last solve and calls back to Python
+    solvers: Lending = field(default_factory=partial(Lending, alike=np.inf))
+    #: the same functions as they travel to workers
+    packed: Cache = field(default_factory=partial(Cache, OPTION_SETS))
+
+
+_MADE = Cache(KEPT_VARIABLES, size=lambda made: made.nlp.size)
+
+
 class CollocationProgram:
     """The nonlinear program of an optimal-control problem on a mesh.
 
     Variables are those of the phases in turn, then the impulses between them and the free parameters. The fractions of
-    the meshes are data: one program serves all meshes of as many intervals.
+    the meshes are data: one program serves all meshes of as many intervals. Programs of equal `key`, if one is given,
+    share their functions and solvers.
     """
 
     def __init__(
@@ -60,8 +79,11 @@ class CollocationProgram:
         meshes: Sequence[Mesh],
         changes: Sequence[ChangeSetup] = (),
         held: Held = (),
+        key: Hashable = None,
     ):
         self._free, self.held = problem.free_parameters, held
+        # one phase shares with others of the same start what holds no symbols
+        kept = setups[0].kept if len(setups) == 1 else Cache()
         expressions = [problem.terminal_cost, *[c.expression for c in problem.boundary]]
         nodes = {p.node.element_hash(): p for e in expressions for p in placeholders_in(e)}
         placeholders = list(nodes.values())
@@ -82,16 +104,17 @@ class CollocationProgram:
         self.scale = np.concatenate([*[p.scale for p in self.phases], *[c.scale for c in self.changes], free_scale])
         p = ca.vertcat(*[phase.p for phase in self.phases])
         #: typical size of the cost, so that the solver's tolerance means the same in any unit
-        self.cost_scale = self._size_of_cost(problem.terminal_cost)
-        blocks = [b for phase in self.phases for b in phase.blocks(self.parameter_index, p, self.cost_scale)]
-        blocks += [b for change in self.changes for b in change.blocks(self.parameter_index, p)]
-        blocks += self._boundary_blocks(problem, placeholders, p)
-        self.blocks: list[Block] = [*blocks, *[b for phase in self.phases for b in phase.time_blocks(p)]]
-        self.nlp = SparseProgram(self.size, [block.piece for block in self.blocks], p)
-        #: its solvers by options, of which each holds the statistics of its last solve and calls back to Python
-        self.solvers = Lending(alike=np.inf)
-        #: the same functions as they travel to workers
-        self.packed = Cache(OPTION_SETS)
+        self.cost_scale = kept.get_or_create("size of the cost", partial(self._size_of_cost, problem.terminal_cost))
+
+        def made() -> _Made:
+            blocks = [b for phase in self.phases for b in phase.blocks(self.parameter_index, p, self.cost_scale)]
+            blocks += [b for change in self.changes for b in change.blocks(self.parameter_index, p)]
+            blocks += self._boundary_blocks(problem, placeholders, p)
+            blocks += [b for phase in self.phases for b in phase.time_blocks(p)]
+            return _Made(blocks, SparseProgram(self.size, [block.piece for block in blocks], p))
+
+        parts = made() if key is None else _MADE.get_or_create((key, self.scale.tobytes()), made, bounded=True)
+        self.blocks, self.nlp, self.solvers, self.packed = parts.blocks, parts.nlp, parts.solvers, parts.packed
 
     def _phases(
         self,

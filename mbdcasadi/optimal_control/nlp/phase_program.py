@@ -21,6 +21,7 @@ from ..refinement.mesh import Mesh
 from ..transcription.points import CollocationPoint, Interval
 from .blocks import Block, Edge, Unknowns
 from .rows import Rows, condition_rows, stack
+from .scaling import Sizes
 from .setup import PhaseSetup
 from .sparse_program import MappedBlock
 
@@ -78,7 +79,7 @@ class PhaseProgram:
         stated = {0, *mesh.waypoints.tolist(), mesh.count}
         #: places of the start, the waypoints and the end among the knots of the mesh
         self.stated_knots = [k for k, point in enumerate(mesh.knots.tolist()) if point in stated]
-        self.arguments, self.sizes = setup.arguments, setup.sizes
+        self.arguments = setup.arguments
         self.integrals, self._held = list(integrals), held
         self.point_size = self.scheme.point_size + len(self.integrals)
         point_scale, self.inner_scale = self.scheme.sizes(self.reduced_scales)
@@ -90,6 +91,11 @@ class PhaseProgram:
         self.p = ca.SX.sym("p", self.phase.equations.p.numel())
         self.initial, self.final = setup.ends.initial, setup.ends.final
         self._functions: dict[tuple[Condition, ...], ca.Function] = {}
+
+    @property
+    def sizes(self) -> Sizes:
+        """Sizes of expressions of the problem."""
+        return self.setup.sizes
 
     def typical_value(self, placeholder: Placeholder) -> float:
         """Typical value of a placeholder."""
@@ -207,9 +213,14 @@ class PhaseProgram:
         conditions = [*start, *self.final, *self.phase.path, *waypoints, *self.limit_owners]
         limits = [c for c in conditions if not c.equality]
         equalities = [c for c in conditions if c.equality]
-        sizes = self.sizes.of_limits([c.expression for c in limits])
-        changes = self.sizes.of_changes([c.expression for c in equalities])
-        return dict(zip(limits, sizes, strict=True)) | dict(zip(equalities, changes, strict=True))
+
+        def sizes() -> list[float]:
+            of_limits = self.sizes.of_limits([c.expression for c in limits])
+            changes = self.sizes.of_changes([c.expression for c in equalities])
+            return [*of_limits.tolist(), *changes.tolist()]
+
+        found = self.setup.kept.get_or_create("sizes of conditions", sizes)
+        return dict(zip([*limits, *equalities], found, strict=True))
 
     # --- blocks ---------------------------------------------------------------------------
     def blocks(self, free_index: np.ndarray, p: ca.SX, cost_scale: float) -> list[Block]:

@@ -14,6 +14,7 @@ from ...arguments.values import pairs_of
 from ...assembly.setup import Setup
 from ...equations.numeric import NumericEquations
 from ...errors import ConditionError, ModelError
+from ...model.cache import Cache
 from ...model.conditions import Condition
 from ...model.symbols import Parameter
 from ...numerics.lazy import cached_property
@@ -68,6 +69,8 @@ class ProblemSetup:
         ]
         numerics = [setup.numeric for setup in read]
         self.free_values = np.array([p.value for p in problem.free_parameters])
+        self._is_own_start = initial is None
+        self._of_start = self._values_of_start(read[0].p)
         self.start = self._first_state(numerics, read[0].signals)
         if isinstance(self.initial, State):
             check_start(problem, first, numerics[0], self.initial)
@@ -84,7 +87,25 @@ class ProblemSetup:
             check_end(self.problem, phase, "initial", conditions)
         return conditions
 
+    def _values_of_start(self, p: np.ndarray) -> Cache:
+        """What follows from the problem and the parameters that are given, without symbols."""
+        problem = self.problem
+        if not self._is_own_start or len(problem.phases) > 1 or problem.free_parameters:
+            return Cache()
+        return problem.shared.get_or_create(("start", p.tobytes()), Cache, bounded=True)
+
     def _first_state(self, numerics: list[NumericEquations], signals: Signals) -> State:
+        """First state; what is known of it is kept."""
+        known = self._of_start.get("first state")
+        if known is not None:
+            return State(self.problem.mechanism, known[0], *[part.copy() for part in known[1:]])
+        state = self._found_first_state(numerics, signals)
+        if state is not self.initial and state.obstacle is None:
+            arguments = state.t, *[part.copy() for part in state.arguments[1:]]
+            self._of_start.get_or_create("first state", lambda: arguments)
+        return state
+
+    def _found_first_state(self, numerics: list[NumericEquations], signals: Signals) -> State:
         """First state; with other values of free parameters, which the equations then have, if it needs them."""
         problem, phase = self.problem, self.problem.phases[0]
         try:
@@ -124,7 +145,8 @@ class ProblemSetup:
                     start, initial = _at_rest(phase, poses.starts[k], spans[k][0], numeric.p), phase.initial
                 path = self._path_to(poses.ends[k], phase, numeric, start, spans[k])
             time = usual if phase.is_instant else None
-            make = partial(PhaseSetup, problem, phase, self.settings, numeric, start, initial, path, time)
+            kept = self._of_start if len(phases) == 1 else Cache()
+            make = partial(PhaseSetup, problem, phase, self.settings, numeric, start, initial, path, time, kept)
             if poses is None and isinstance(initial, State):  # starts that are given as states share a setup
                 key = phase, self.settings.key, numeric.p.tobytes()
                 self.setups.append(problem.compiled.setups.get_or_create(key, make, bounded=True))
@@ -187,7 +209,11 @@ class ProblemSetup:
         """Return the program for meshes and points at which limits are held besides, made once and kept."""
         parts = (*(setup.key for setup in self.setups), *(change.key for change in self.changes))
         key = tuple(mesh.structure for mesh in meshes), self.settings.key, parts, held
-        make = partial(CollocationProgram, self.problem, self.setups, meshes, self.changes, held)
+        shared = None
+        if self._is_own_start and self.problem.contents is not None:
+            values = self.setups[0].numeric.p.tobytes(), self.free_values.tobytes()
+            shared = self.problem.contents, *values, *key[:2], held
+        make = partial(CollocationProgram, self.problem, self.setups, meshes, self.changes, held, shared)
         return self.problem.compiled.programs.get_or_create(key, make, bounded=True)
 
 

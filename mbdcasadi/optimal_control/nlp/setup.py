@@ -13,6 +13,7 @@ import numpy as np
 from ...equations.numeric import NumericEquations
 from ...equations.reduced import ReducedEquations, is_chain_in_angles, reduced_equations
 from ...errors import ModelError
+from ...model.cache import Cache
 from ...model.conditions import Condition
 from ...model.quantities import whole, yes_or_no
 from ...numerics.lazy import cached_property
@@ -27,7 +28,7 @@ from ..transcription import TRANSCRIPTIONS, Transcription
 from ..transcription.constraints import MotionConstraints
 from ..transcription.controls import CONTROLS, input_basis
 from .end_conditions import EndConditions
-from .scaling import Scales, scales_of, sizes_of_phase
+from .scaling import Scales, Sizes, scales_of, sizes_of_phase
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,7 @@ class PhaseSetup:
 
     `start` is the first state as far as the initial conditions decide it, `path` the poses from the start to the end
     with the times of start, waypoints and end to begin with; `time` is the typical one, s, of a phase of no duration.
+    Numbers and compiled functions that follow from all of these are in `kept`.
     """
 
     def __init__(
@@ -117,21 +119,35 @@ class PhaseSetup:
         initial: State | Sequence[Condition],
         path: KinematicPath | None = None,
         time: float | None = None,
+        kept: Cache | None = None,
     ):
         self.phase, self.numeric, self.start = phase, numeric, start
-        if path is None:
-            path = kinematic_path(problem, phase, numeric, start, phase.segment_times(typical_duration(phase)))
-        self.path = path
-        self.ends = EndConditions(problem, phase, numeric, start, initial, self.path)
-        span = float(path.segment_times[-1] - path.segment_times[0])
+        self.kept = Cache() if kept is None else kept
+        self.path = self.kept.get_or_create("path", lambda: self._path(problem)) if path is None else path
+        self.ends = EndConditions(problem, phase, numeric, start, initial, self.path, self.kept)
         self.extra_parameters = problem.extra_parameters(phase)
-        eom, extra = phase.equations, self.extra_parameters
+        eom = phase.equations
         #: symbols that an expression of the problem may contain
         self.arguments = [eom.t, eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u, phase.input_rates, eom.p]
-        self.arguments.append(ca.vertcat(ca.SX(0, 1), *extra))
-        scales = scales_of(numeric, span if time is None else time, self.path.poses)
-        self.sizes = sizes_of_phase(numeric, scales, self.arguments, extra, self._limits(problem))
+        self.arguments.append(ca.vertcat(ca.SX(0, 1), *self.extra_parameters))
+        #: typical sizes of the mechanism and its motion, and of the parameters that the mechanism does not have
+        self.scales, self._parameter_sizes = self.kept.get_or_create("scales", lambda: self._scales(problem, time))
         self.scheme = self._bound_scheme(problem, settings, initial)
+
+    def _path(self, problem: OptimalControlProblem) -> KinematicPath:
+        phase = self.phase
+        return kinematic_path(problem, phase, self.numeric, self.start, phase.segment_times(typical_duration(phase)))
+
+    def _scales(self, problem: OptimalControlProblem, time: float | None) -> tuple[Scales, np.ndarray]:
+        span = float(self.path.segment_times[-1] - self.path.segment_times[0])
+        scales = scales_of(self.numeric, span if time is None else time, self.path.poses)
+        sizes = sizes_of_phase(self.numeric, scales, self.arguments, self.extra_parameters, self._limits(problem))
+        return sizes.scales, sizes.parameters
+
+    @cached_property
+    def sizes(self) -> Sizes:
+        """Sizes of expressions."""
+        return Sizes(self.numeric, self.scales, self.arguments, self.extra_parameters, self._parameter_sizes)
 
     def _limits(self, problem: OptimalControlProblem) -> list[ca.SX]:
         """Limits on the way, at waypoints, and between the ends if the phase has all that they contain."""
@@ -143,11 +159,6 @@ class PhaseSetup:
             if not condition.equality and self.phase.has(ca.substitute(values, extra, ca.SX.zeros(extra.numel()))):
                 limits.append(values)
         return limits
-
-    @property
-    def scales(self) -> Scales:
-        """Typical sizes of the mechanism and its motion."""
-        return self.sizes.scales
 
     @property
     def key(self) -> Hashable:
@@ -162,17 +173,21 @@ class PhaseSetup:
     def _bound_scheme(
         self, problem: OptimalControlProblem, settings: Settings, initial: State | Sequence[Condition]
     ) -> Transcription:
-        curved = not self.ends.are_singular()
+        curved = not self.ends.are_singular
         eom = reduced_equations(self.phase.equations, curved=curved, angles=settings.angles)
-        path_constraints = problem.differentiated_path_constraints(self.phase)
-        constraints = MotionConstraints(eom, self.numeric.p, self._independent_rows(eom), path_constraints)
         # an input that drives a first-order state could else move it unseen: by a polynomial that is zero at all stages
-        drives = bool(eom.u.numel()) and bool(ca.depends_on(eom.z_rate, eom.u))
+        drives = bool(eom.u.numel() and eom.z.numel()) and bool(ca.depends_on(eom.z_rate, eom.u))
         inner, joined = settings.transcription.input_points(lower_degree=drives)
         limited = any(np.isfinite([u.lower, u.upper]).any() for u in self.phase.mechanism.inputs)
         rates = problem.has_input_rates(initial)
         basis = input_basis(settings.control, inner, joined, rates=rates, limited=limited)
-        return settings.transcription.bound_to(constraints, self.numeric.weights[eom.independent], basis)
+        rows, weights = self._independent_rows(eom), self.numeric.weights[eom.independent]
+        place = problem.phases.index(self.phase)
+        key = "scheme", place, settings.key, curved, tuple(rows), basis, weights.tobytes()
+        kept = problem.shared.get_or_create(key, Cache, bounded=True)
+        path_constraints = problem.differentiated_path_constraints(self.phase)
+        constraints = MotionConstraints(eom, self.numeric.p, rows, path_constraints, kept)
+        return settings.transcription.bound_to(constraints, weights, basis)
 
     def _independent_rows(self, eom: ReducedEquations) -> list[int]:
         """Remaining rows without those that others imply; of the poses passed the one with the most counts."""

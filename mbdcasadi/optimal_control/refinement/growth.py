@@ -69,8 +69,8 @@ def growth(motion: Polynomials) -> Growth:
 
     times = repeated(t)
     poses, speeds = eom.states(times.ravel(), moved[:, :k], moved[:, k:], numeric.p)
-    function = numeric.forward_dynamics(redundant=scheme.redundant)
-    a = function(times.T, poses.T, speeds.T, repeated(z).T, repeated(u).T, numeric.p)[0].full().T[:, chosen]
+    states = times, poses, speeds, repeated(z), repeated(u)
+    a = numeric.accelerations_of_rows(*states, redundant=scheme.redundant)[0][:, chosen]
     here, *changed = a.reshape(2 * k + 1, count, k)
     slopes = ((np.array(changed) - here) / (STEP * sizes[:, None, None])).transpose(1, 2, 0)
     rates = np.concatenate([np.broadcast_to(np.eye(k, 2 * k, k), (count, k, 2 * k)), slopes], axis=1)

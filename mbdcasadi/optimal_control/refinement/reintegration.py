@@ -35,7 +35,7 @@ def end_differences(motion: Polynomials) -> np.ndarray:
     )
     states = np.hstack(motion.at_mesh_points)
     key = ("interval", degree, redundant, numeric.light_key)
-    integrator = eom.mechanism.cache.get_or_create(key, lambda: _integrator(numeric, degree, redundant=redundant))
+    integrator = numeric.eom.shared.get_or_create(key, lambda: _integrator(numeric, degree, redundant=redundant))
     reached = call(partial(integrator.map(count), x0=states[:-1].T, p=parameters))["xf"].full().T
     recovery = Recovery(numeric, redundant=redundant)
     times = motion.times[1:]
@@ -56,9 +56,9 @@ def inner_errors(motion: Polynomials) -> np.ndarray:
     rule = gauss(scheme.stages.size + 2)
     size = rule.degree
     intervals = np.repeat(np.arange(count), size)
-    t, q, v, a, z, _, u, _ = (x.T for x in motion.at(intervals, np.tile(rule.points, count)))
-    forced = numeric.forward_dynamics(redundant=scheme.redundant)(t, q, v, z, u, numeric.p)[0].full()
-    differences = (forced - a).T.reshape(count, size, -1)
+    t, q, v, a, z, _, u, _ = motion.at(intervals, np.tile(rule.points, count))
+    forced, _ = numeric.accelerations_of_rows(t, q, v, z, u, redundant=scheme.redundant)
+    differences = (forced - a).reshape(count, size, -1)
     _, once, twice = rule.basis(np.r_[rule.points, 1.0])
     h = np.diff(motion.times)[:, None]
     errors = [np.max(np.abs(np.einsum("js,ijn->isn", w, differences)), axis=1) for w in (twice, once)]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, TypeVar
 
 import casadi as ca
@@ -17,6 +18,7 @@ import numpy as np
 
 from ...equations.reduced import ReducedEquations
 from ...errors import ModelError
+from ...numerics.evaluation import Evaluator
 from ...numerics.lazy import cached_property
 from ..nlp.rows import Rows
 from ..nlp.scaling import Scales
@@ -213,17 +215,28 @@ class Transcription(ABC):
             first, inner, last, start, length, tau, self.eom.p,
         ]  # fmt: skip
 
-    @cached_property
-    def _compiled_point(self) -> ca.Function:
-        interval, symbols = self._symbolic_interval()
-        return ca.Function("point", symbols, [ca.densify(x) for x in self.point(interval, symbols[5]).values])
+    def _kept(self, name: str, terms: Callable[[], tuple[list[ca.SX], Sequence[ca.SX]]]) -> ca.Function:
+        """A function by its name, made of its arguments and results if there is none yet."""
+        return self.constraints.kept.get_or_create(name, lambda: ca.Function(name, *terms()))
 
     @cached_property
-    def motion(self) -> ca.Function:
+    def _compiled_point(self) -> ca.Function:
+        def terms() -> tuple[list[ca.SX], list[ca.SX]]:
+            interval, symbols = self._symbolic_interval()
+            return symbols, [ca.densify(x) for x in self.point(interval, symbols[5]).values]
+
+        return self._kept("point", terms)
+
+    @cached_property
+    def motion(self) -> Evaluator:
         """``(first, inner, last, start, length, tau, p) -> (t, q, v, a, z, lam, u, u̇)``, of all coordinates."""
-        interval, symbols = self._symbolic_interval()
-        at = self.expanded(self.at(interval, symbols[5]), self.eom.p)
-        return ca.Function("motion", symbols, [ca.densify(x) for x in at.values])
+
+        def terms() -> tuple[list[ca.SX], list[ca.SX]]:
+            interval, symbols = self._symbolic_interval()
+            at = self.expanded(self.at(interval, symbols[5]), self.eom.p)
+            return symbols, [ca.densify(x) for x in at.values]
+
+        return self.constraints.kept.get_or_create("motion", lambda: Evaluator(ca.Function("motion", *terms())))
 
     def at(self, interval: Interval, tau: Any) -> CollocationPoint:
         """:meth:`point`, by a function that is compiled once; at numbers it is evaluated once, too."""
@@ -287,11 +300,11 @@ class Transcription(ABC):
     @cached_property
     def _residuals(self) -> ca.Function:
         eom, constraints = self.eom, self.constraints
-        return ca.Function("residuals", [*eom.symbols], [eom.motion, constraints.jacobian @ eom.a - constraints.gamma])
+        return self._kept("residuals", lambda: ([*eom.symbols], [eom.motion, constraints.acceleration_residual]))
 
     @cached_property
     def _state_rates(self) -> ca.Function:
-        return ca.Function("rates", [*self.eom.symbols], [self.eom.z_rate])
+        return self._kept("rates", lambda: ([*self.eom.symbols], [self.eom.z_rate]))
 
     def state_rates(self, at: CollocationPoint, p: ca.SX) -> ca.SX:
         """Rates of the first-order states at a point."""

@@ -8,7 +8,9 @@ import casadi as ca
 import numpy as np
 
 from ...equations.reduced import ReducedEquations
+from ...model.cache import Cache
 from ...model.conditions import Condition, stacked
+from ...numerics.lazy import cached_property
 from ..nlp.rows import Rows
 from ..nlp.scaling import Scales
 
@@ -18,42 +20,59 @@ class MotionConstraints:
 
     `rows` are the independent ones of the joints, of those that the equations have; `path_constraints` are path
     conditions that prescribe the motion, in parameters of the mechanism, see
-    :meth:`ProblemStatement.differentiated_path_constraints`. The parameters p give the sizes of the rows.
+    :meth:`ProblemStatement.differentiated_path_constraints`. The parameters p give the sizes of the rows. Compiled
+    functions of these choices, and of a scheme that works with them, are in `kept`.
     """
 
     def __init__(
-        self, eom: ReducedEquations, p: np.ndarray, rows: Sequence[int], path_constraints: Sequence[Condition]
+        self,
+        eom: ReducedEquations,
+        p: np.ndarray,
+        rows: Sequence[int],
+        path_constraints: Sequence[Condition],
+        kept: Cache,
     ):
-        self.eom, self.rows = eom, [int(k) for k in rows]
+        self.eom, self.rows, self.kept = eom, [int(k) for k in rows], kept
         place = {int(k): i for i, k in enumerate(eom.position_rows)}
         positions = [c for c in path_constraints if not c.depends_on("velocity")]
         velocities = [c for c in path_constraints if c.depends_on("velocity")]
         self._joint_positions = [k for k in self.rows if k in place]
         self.path_constraints = [*positions, *velocities]
-        prescribed, speeds = eom.of(stacked(positions), stacked(velocities))
-        position_jacobian = ca.jacobian(prescribed, eom.q)
-        speed_rows = ca.vertcat(ca.jtimes(prescribed, eom.q, eom.v) + ca.jacobian(prescribed, eom.t), speeds)
-        self.jacobian = ca.vertcat(eom.Phi_q[self.rows, :], position_jacobian, ca.jacobian(speeds, eom.v))
-        at_rest = ca.substitute(speeds, eom.v, ca.SX.zeros(eom.v.numel()))
-        nu = ca.vertcat(eom.nu[self.rows], -ca.jacobian(prescribed, eom.t), -at_rest)
-        bend = -(ca.jtimes(speed_rows, eom.q, eom.v) + ca.jacobian(speed_rows, eom.t))
-        self.gamma = ca.vertcat(eom.gamma[self.rows], bend)
+        self._conditions = positions, velocities
         #: numbers of rows at the level of positions, and of velocities and accelerations
         self.position_count = len(self._joint_positions) + len(positions)
         self.velocity_count = len(self.rows) + len(self.path_constraints)
-        #: ``(t, q, p) -> (Phi, its Jacobian, Phi_q, nu)``: position rows, then all rows
-        self.function = ca.Function(
-            "constraints",
-            [eom.t, eom.q, eom.p],
-            [
-                ca.vertcat(eom.Phi[[place[k] for k in self._joint_positions]], prescribed),
-                ca.vertcat(eom.Phi_q[self._joint_positions, :], position_jacobian),
-                self.jacobian,
-                nu,
-            ],
-        )
         slopes = self.function(0.0, eom.estimate, p)
         self._position_slopes, self._slopes = np.abs(slopes[1].full()), np.abs(slopes[2].full())
+
+    @cached_property
+    def _terms(self) -> tuple[ca.SX, ...]:
+        """``Phi``, its Jacobian, ``Phi_q``, ``nu`` and ``gamma``."""
+        eom, place = self.eom, {int(k): i for i, k in enumerate(self.eom.position_rows)}
+        prescribed, speeds = eom.of(*map(stacked, self._conditions))
+        position_jacobian = ca.jacobian(prescribed, eom.q)
+        speed_rows = ca.vertcat(ca.jtimes(prescribed, eom.q, eom.v) + ca.jacobian(prescribed, eom.t), speeds)
+        jacobian = ca.vertcat(eom.Phi_q[self.rows, :], position_jacobian, ca.jacobian(speeds, eom.v))
+        at_rest = ca.substitute(speeds, eom.v, ca.SX.zeros(eom.v.numel()))
+        nu = ca.vertcat(eom.nu[self.rows], -ca.jacobian(prescribed, eom.t), -at_rest)
+        bend = -(ca.jtimes(speed_rows, eom.q, eom.v) + ca.jacobian(speed_rows, eom.t))
+        position_rows = ca.vertcat(eom.Phi[[place[k] for k in self._joint_positions]], prescribed)
+        position_slopes = ca.vertcat(eom.Phi_q[self._joint_positions, :], position_jacobian)
+        return position_rows, position_slopes, jacobian, nu, ca.vertcat(eom.gamma[self.rows], bend)
+
+    @cached_property
+    def function(self) -> ca.Function:
+        """``(t, q, p) -> (Phi, its Jacobian, Phi_q, nu)``: position rows, then all rows."""
+        eom = self.eom
+        return self.kept.get_or_create(
+            "constraints", lambda: ca.Function("constraints", [eom.t, eom.q, eom.p], self._terms[:4])
+        )
+
+    @property
+    def acceleration_residual(self) -> ca.SX:
+        """``Phi_q a - gamma``."""
+        _, _, jacobian, _, gamma = self._terms
+        return jacobian @ self.eom.a - gamma
 
     @property
     def joint_position_count(self) -> int:

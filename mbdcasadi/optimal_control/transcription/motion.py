@@ -80,16 +80,15 @@ class Polynomials:
 
     def at(self, k: np.ndarray, tau: np.ndarray) -> list[np.ndarray]:
         """``t, q, v, a, z, lam, u, u̇`` at points of intervals, each (k, size)."""
-        values = self.scheme.motion(
-            self.points[k].T,
-            self.intervals[k].T,
-            self.points[k + 1].T,
-            self.times[k][None, :],
-            np.diff(self.times)[k][None, :],
-            tau[None, :],
+        return self.scheme.motion.rows(
+            self.points[k],
+            self.intervals[k],
+            self.points[k + 1],
+            self.times[k, None],
+            np.diff(self.times)[k, None],
+            tau[:, None],
             self.numeric.p,
         )
-        return [part.full().T for part in values]
 
     @cached_property
     def at_mesh_points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -31,6 +31,8 @@ Made = TypeVar("Made")
 
 #: Scaled cost below which a cost has no lower bound, as it seems, and iterates that must be there one after another.
 UNBOUNDED_COST, UNBOUNDED_ITERATES = -1e6, 20
+#: Types of options by whose text a solver is found again.
+PLAIN = (str, int, float, list, tuple, dict)
 #: Options of CasADi for solvers whose failures are reported by their status.
 QUIET: dict[str, Any] = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False}
 
@@ -220,7 +222,10 @@ class NLPSolver(ABC):
             with numeric_work():
                 answer, stats = self.elsewhere.run(packed, arguments)
             return _result(begin, built, answer, stats, interrupted=False)
-        with begin.program.solvers.lent(key, partial(_checked, self.make_watched, begin.program, options)) as lent:
+        make = partial(_checked, self.make_watched, begin.program, options)
+        if not all(isinstance(value, PLAIN) for value in self.options.values()):  # what a callback does is its own
+            return self._call(begin, *make(), arguments)
+        with begin.program.solvers.lent(key, make) as lent:
             return self._call(begin, *lent, arguments)
 
     def _call(self, begin: Beginning, solver: ca.Function, watch: SolverWatch, arguments: dict[str, Any]) -> Result:

@@ -1,0 +1,128 @@
+"""Contents of models: equal for a model that is stated again, different for anything that is changed in it."""
+
+import functools
+import math
+
+import numpy as np
+import pytest
+from test_every_element import MACHINES
+
+import mbdcasadi as mbd
+from mbdcasadi.model.contents import contents_of, values_of_contents
+from mbdcasadi.model.element import Element
+
+
+def pendulum(mass=1.0, name="bob", point=-0.5, upper=20.0, gravity=9.81, pose=0.0, load="torque", on="arm", **more):
+    """A pendulum of two bars with a torque."""
+    arm = mbd.Body("arm", mass=2.0, inertia=0.1, pose=(0, -0.5, pose))
+    bob = mbd.Body(name, mass=mass, inertia=0.1, pose=(0, -1.5, 0))
+    torque = mbd.Input("u", upper=upper)
+    k = mbd.Parameter("k", more.get("stiffness", 3.0))
+    joints = [
+        mbd.Revolute("first", mbd.ground.at(0, 0), arm.at(0, 0.5)),
+        mbd.Revolute("second", arm.at(0, point), bob.at(0, 0.5)),
+    ]
+    body = arm if on == "arm" else bob
+    power = {"torque": torque, "spring": torque - k * body.phi, "damper": torque - k * body.omega}[load]
+    forces = [mbd.Gravity((0, -gravity)), mbd.Torque("motor", body, power)]
+    return mbd.Mechanism([arm, bob], joints, forces=forces, inputs=[torque], parameters=[k])
+
+
+CHANGES = [
+    {"mass": math.nextafter(1.0, 2.0)},
+    {"name": "weight"},
+    {"point": -0.5001},
+    {"upper": 19.0},
+    {"gravity": 9.8},
+    {"pose": 0.1},
+    {"pose": -0.0},
+    {"load": "spring"},
+    {"load": "damper"},
+    {"load": "spring", "on": "bob"},
+    {"on": "bob"},
+    {"stiffness": 4.0},
+]
+
+
+@pytest.mark.parametrize("change", CHANGES, ids=str)
+def test_a_model_stated_again_is_alike_and_a_changed_one_is_not(change):
+    """One number, name, place of a symbol or the sign of a zero is a difference."""
+    assert contents_of(pendulum()) is not None
+    assert contents_of(pendulum(**change)) == contents_of(pendulum(**change)) != contents_of(pendulum())
+
+
+@pytest.mark.slow
+def test_machines_with_every_element_differ_from_each_other_alone():
+    """Each of the catalogue is alike if it is stated again."""
+    contents = {name: contents_of(machine().mechanism) for name, machine in MACHINES.items()}
+    assert all(contents[name] == contents_of(machine().mechanism) for name, machine in MACHINES.items())
+    known = [x for x in contents.values() if x is not None]
+    assert len(set(known)) == len(known) > 0.9 * len(MACHINES)
+
+
+def test_what_is_made_on_demand_does_not_count():
+    """Expressions that an element makes when they are asked for, and what is compiled for a mechanism."""
+    used = pendulum()
+    mbd.simulate(used, duration=0.01)
+    _ = used.bodies[0].position, used.joints[0].impulses
+    assert contents_of(used) == contents_of(pendulum())
+
+
+class Counter:
+    """An object with state of its own that no attribute shows."""
+
+    __slots__ = ("count",)
+
+    def __init__(self, count):
+        self.count = count
+
+
+class Tagged(Element):
+    """A force that does nothing and has something."""
+
+    def __init__(self, tag):
+        super().__init__("tagged")
+        self.tag = tag
+
+
+def closure(number):
+    """A function that holds a number."""
+    return lambda: number
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (closure(1), closure(2)),
+        ({1, 2}, {1, 3}),
+        (np.array([0.0, 1.0]), np.array([0, 1])),
+        (1, True),
+        ([1, 2], (1, 2)),
+        ({"a": 1}, {"b": 1}),
+        (Tagged, Element),
+    ],
+    ids=["closures", "sets", "arrays", "types of numbers", "sequences", "mappings", "classes"],
+)
+def test_attributes_of_own_elements_count(one, other):
+    """Numbers in functions, types, arrays and classes."""
+    same = closure(1) if callable(one) and not isinstance(one, type) else one
+    assert contents_of(Tagged(one)) == contents_of(Tagged(same)) != contents_of(Tagged(other))
+
+
+@pytest.mark.parametrize(
+    "tag",
+    [Counter(1), functools.partial(print, 1), iter([1]), type("Bag", (dict,), {})(a=1)],
+    ids=["slots", "partial", "iterator", "kind of dict"],
+)
+def test_state_that_attributes_do_not_show_is_not_known(tag):
+    """Nothing is shared then."""
+    assert contents_of(Tagged(tag)) is None
+    assert values_of_contents(None) is not values_of_contents(None)
+
+
+def test_symbols_that_no_key_tells_apart_are_not_known():
+    """An expression may contain the symbols that are named, and no others."""
+    x, y, other_x, other_y = (mbd.Input(name) for name in "xyxy")
+    assert contents_of(x / y, symbols=[x, y]) == contents_of(other_x / other_y, symbols=[other_x, other_y])
+    assert contents_of(x / y, symbols=[x, y]) != contents_of(y / x, symbols=[x, y])
+    assert contents_of(x / y, symbols=[x]) is None
