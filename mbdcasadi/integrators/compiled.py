@@ -58,13 +58,14 @@ class PartOfState:
 
     Attributes
     ----------
-    places : list of int
-        Of the integrated states among all.
+    places, unknowns : list of int
+        Of the integrated states among all, and of the algebraic unknowns among all accelerations and multipliers.
     whole : casadi.Function
         ``(x, p) ->`` all states.
     """
 
     places: list[int]
+    unknowns: list[int]
     whole: ca.Function
 
 

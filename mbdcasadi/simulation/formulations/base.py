@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import casadi as ca
+import numpy as np
 
 from ...arguments.inputs import Signals
 from ...equations import Equations
@@ -92,6 +93,10 @@ class Formulation(ABC):
         """
         return None
 
+    def given_accelerations(self, numeric: NumericEquations, tree: TreeCoordinates) -> list[int]:
+        """Return the places of accelerations that their own rows of motion give, so that they are no unknowns."""
+        return []
+
     def dae(
         self,
         numeric: NumericEquations,
@@ -127,6 +132,7 @@ class Formulation(ABC):
         tree = self._tree(numeric) if in_tree and elements is None else None
         if tree is not None:
             q, v = tree.q, tree.v
+        given = [] if tree is None else self.given_accelerations(numeric, tree)
         u = signals.function(eom)(clock.t, q, v, z, p, levels, channel)
         arguments = clock.t, q, v, z, u, p, rate
         in_terms_of_lam = ca.depends_on(ca.vertcat(eom.z_rate, integrands, quadratures), eom.lam)
@@ -134,10 +140,12 @@ class Formulation(ABC):
         if light is not None:
             a, lam, residual = light, ca.SX.zeros(eom.lam.numel()), none
         elif elements is None:
-            a, lam, residual = self.accelerations(numeric, arguments, unknown)
+            known = self._with_given(numeric, given, arguments, unknown)
+            a, lam, residual = self.accelerations(numeric, arguments, known)
         else:
             a, lam, residual = self._among_elements(numeric, elements, arguments, unknown)
-        a, lam = unknown if self.is_algebraic else (a, lam)
+        algebraic = ca.vertcat(*unknown) if self.is_algebraic else kind(0, 1)
+        kept = np.setdiff1d(np.arange(algebraic.numel()), given).tolist()
         rates = ca.Function("rates", [*eom.symbols], [ca.densify(ca.vertcat(eom.z_rate, integrands)), quadratures])
         z_rate, quad = rates(clock.t, q, v, a, z, lam, u, p)
         if elements is not None:
@@ -146,9 +154,21 @@ class Formulation(ABC):
         if tree is not None:
             places, states = tree.places_in(x), ca.vertcat(q, v, x[2 * eom.q.numel() :])
             x, ode = x[places], ode[places]
-            part = PartOfState(places, ca.Function("whole", [x, p], [states]))
-        algebraic = ca.vertcat(a, lam) if self.is_algebraic else kind(0, 1)
+            part = PartOfState(places, kept, ca.Function("whole", [x, p], [states]))
+            algebraic, residual = algebraic[kept], residual[kept]
         return Dae(clock, x=x, z=algebraic, p=p, u=channel, ode=ode, alg=residual, quad=quad, part=part)
+
+    def _with_given(
+        self, numeric: NumericEquations, given: list[int], arguments: Arguments, unknown: Sequence[ca.SX]
+    ) -> Sequence[ca.SX]:
+        """``a, lam`` with the accelerations that their own rows of motion give, in terms of the others."""
+        if not given:
+            return unknown
+        a, lam = ca.SX(unknown[0]), unknown[1]
+        a[given] = 0
+        missing = self.accelerations(numeric, arguments, [a, lam])[2][given]
+        a[given] = missing * (-1 / numeric.eom.mass_diagonal[given])
+        return a, lam
 
     def _symbols(self, eom: Equations, signals: Signals, kind: Any) -> list[Any]:
         """``q, v, z, p, levels, channel, a, lam``; zeros for the last two if they are no unknowns."""

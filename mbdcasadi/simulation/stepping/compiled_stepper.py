@@ -129,7 +129,7 @@ class CompiledStepper(Stepper):
         while self._borrowed:
             lending_of(self.numeric).give_back(*self._borrowed.pop())
 
-    def _unknowns(self, form: Formulation, time: float, x: np.ndarray) -> np.ndarray:
+    def _unknowns(self, compiled: CompiledIntegrator, form: Formulation, time: float, x: np.ndarray) -> np.ndarray:
         """Estimate of the algebraic unknowns from which the integrator finds consistent ones.
 
         Zero where the equations are linear in them, since one Newton step of IDAS
@@ -139,8 +139,9 @@ class CompiledStepper(Stepper):
         if not form.is_algebraic:
             return np.zeros(0)
         if self.numeric.eom.Q_depends_on_lam:
-            return self.outputs.unknowns(time, x)
-        return np.zeros(self.numeric.eom.q.numel() + self.numeric.eom.lam.numel())
+            found, part = self.outputs.unknowns(time, x), compiled.dae.part
+            return found if part is None else found[part.unknowns]
+        return np.zeros(compiled.dae.z.numel())
 
     def advance(
         self, piece: Piece, x: np.ndarray, interruption: Interruption, comes_near: Callable[[Path], bool] | None = None
@@ -185,7 +186,7 @@ class CompiledStepper(Stepper):
     def _problem(self, form: Formulation, piece: Piece, x: np.ndarray) -> InitialValueProblem:
         """The piece from a state at its start, as the integrator of a form takes it."""
         (start, times), u = piece.inside, self.signals.channel_from(piece.begins)
-        z, p = self._unknowns(form, piece.start, x), self._parameters(piece)
+        z, p = self._unknowns(self._of(form), form, piece.start, x), self._parameters(piece)
         return InitialValueProblem(x, z, start, times, p, u, piece.stops, self.max_step)
 
     def _stop_near_singular_pose(
@@ -230,7 +231,7 @@ class CompiledStepper(Stepper):
         project: bool = True,
         steps: int = MAX_STEPS,
     ) -> StatesAt:
-        z, p = self._unknowns(form, start, x), self._parameters(None)
+        z, p = self._unknowns(compiled, form, start, x), self._parameters(None)
         u = self.signals.channel_from(np.array([start]))
 
         def integrated(times: np.ndarray) -> np.ndarray:
