@@ -8,10 +8,25 @@ import casadi as ca
 
 from ...errors import ModelError
 from ...numerics.lazy import cached_property
+from ..bodies import Marker
 from ..element import ConstraintElement
 from ..quantities import known_value, quantity
 from ..rates import time_derivative
 from .base import AlongLine, Joint, relative_angle
+
+
+def _place(marker: Marker) -> ca.SX:
+    """Position of a marker, whose negative coordinates are factors that are subtracted.
+
+    Both ends of a bar then share what their rows, the derivatives of these and their reactions repeat.
+    """
+    body, local = marker.body, ca.vertsplit(marker.local)
+    is_negative = [x.is_constant() and float(x) < 0 for x in local]
+    if all(is_negative):
+        return body.position - body.axes @ -marker.local
+    columns = zip(ca.horzsplit(body.axes), local, is_negative, strict=True)
+    first, second = (-(axis * -x) if negative else axis * x for axis, x, negative in columns)
+    return body.position + (first + second)
 
 
 class Revolute(Joint):
@@ -35,7 +50,7 @@ class Revolute(Joint):
 
     def __init__(self, name: str, a: Any, b: Any):
         a, b = self.pair(name, a, b)
-        super().__init__(name, a, b, a.position - b.position, ("x", "y"))
+        super().__init__(name, a, b, _place(a) - _place(b), ("x", "y"))
 
     @cached_property
     def angle(self) -> ca.SX:
@@ -93,7 +108,7 @@ class Weld(Joint):
 
     def __init__(self, name: str, a: Any, b: Any):
         a, b = self.pair(name, a, b)
-        rows = ca.vertcat(a.position - b.position, relative_angle(a, b))
+        rows = ca.vertcat(_place(a) - _place(b), relative_angle(a, b))
         super().__init__(name, a, b, rows, ("x", "y", "angle"))
 
 
