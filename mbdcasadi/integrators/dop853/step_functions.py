@@ -26,6 +26,7 @@ class StepFunctions:
         self.system = system
         parts = (system.input, system.dynamics, system.quadrature)
         self._input, self._dynamics, self._quadrature = (simplified(f) for f in parts)
+        self._motion = _without_multipliers(self._dynamics)
         self.projection = simplified(system.projection)
         self.n, self.n_x, self.n_y = system.coordinates, system.size, system.size + system.integrals
         self._p = ca.MX.sym("p", system.dynamics.numel_in(5))
@@ -36,19 +37,19 @@ class StepFunctions:
         self.attempt, self.arrive, self.dense = self._make_attempt(), self._make_arrive(), self._make_dense()
         self.projection_rows, self.complete_rows = Evaluator(self.projection), Evaluator(self.complete)
 
-    def _forces(self, t: ca.MX, x: ca.MX) -> tuple[ca.MX, ...]:
-        """``u, a, rate of z, lam, regularity`` at a state."""
+    def _state(self, t: ca.MX, x: ca.MX) -> list[ca.MX]:
+        """``t, q, v, z, u, p`` at a state."""
         q, v, z = ca.vertsplit(x, [0, self.n, 2 * self.n, self.n_x])
-        u = self._input(t, q, v, z, *self._held)
-        return u, *self._dynamics(t, q, v, z, u, self._p)
+        return [t, q, v, z, self._input(t, q, v, z, *self._held), self._p]
 
     def _rate(self, t: ca.MX, y: ca.MX) -> tuple[ca.MX, ca.MX]:
         """``dy/dt``, and the regularity."""
-        x = y[: self.n_x]
-        q, v, z = ca.vertsplit(x, [0, self.n, 2 * self.n, self.n_x])
-        u, a, z_rate, lam, hint = self._forces(t, x)
-        integrands = self._quadrature(t, q, v, a, z, lam, u, self._p)
-        return ca.vertcat(v, a, z_rate, integrands), hint
+        known = t, q, v, z, u, p = self._state(t, y[: self.n_x])
+        if not self.system.integrals:
+            a, z_rate, hint = self._motion(*known)
+            return ca.vertcat(v, a, z_rate), hint
+        a, z_rate, lam, hint = self._dynamics(*known)
+        return ca.vertcat(v, a, z_rate, self._quadrature(t, q, v, a, z, lam, u, p)), hint
 
     def _make_rate(self) -> ca.Function:
         t, y = ca.MX.sym("t"), ca.MX.sym("y", self.n_y)
@@ -56,8 +57,9 @@ class StepFunctions:
 
     def _make_complete(self) -> ca.Function:
         t, x = ca.MX.sym("t"), ca.MX.sym("x", self.n_x)
-        u, a, _, lam, _ = self._forces(t, x)
-        return ca.Function("complete", [t, x, self._channel, self._p, self._levels], [a, lam, u])
+        known = self._state(t, x)
+        a, _, lam, _ = self._dynamics(*known)
+        return ca.Function("complete", [t, x, self._channel, self._p, self._levels], [a, lam, known[4]])
 
     def _combined(self, row: np.ndarray, k: list[ca.MX]) -> ca.MX:
         """Sum of derivatives with the coefficients of a row."""
@@ -125,6 +127,13 @@ class StepFunctions:
         for s in range(STAGES + 1, len(c.C)):
             k.append(self._rate(t + float(c.C[s]) * h, y + h * self._combined(c.A[s], k))[0])
         return ca.Function("dense", [t, h, y, known, *self._held], [ca.horzcat(*k[STAGES + 1 :])])
+
+
+def _without_multipliers(dynamics: ca.Function) -> ca.Function:
+    """``(t, q, v, z, u, p) -> (a, rate of z, regularity)``."""
+    arguments = dynamics.sx_in()
+    a, z_rate, _, hint = dynamics(*arguments)
+    return ca.Function("motion", arguments, [a, z_rate, hint])
 
 
 def _symbols(names: str, size: int) -> list[tuple[str, int]]:
