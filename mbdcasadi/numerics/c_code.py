@@ -23,6 +23,10 @@ from .lazy import cached_property
 
 #: Instructions in a piece.
 PIECE = 400
+#: Instructions of a function up to which those come first that most others wait for: a processor then works on
+#: several chains of operations side by side (chain of 10 links: 0.30 -> 0.23 µs). In longer functions too many values
+#: would wait in memory (chain of 40: 1.4 -> 1.7 µs).
+SHORT = 2000
 
 #: C expression of each operation on values ``x`` and ``y``.
 OPERATIONS: dict[str, str] = {
@@ -83,6 +87,8 @@ _CODES |= {ca.OP_CONST: CONSTANT, ca.OP_INPUT: INPUT, ca.OP_OUTPUT: OUTPUT}
 _TEMPLATES = {code: template for code, template in enumerate(OPERATIONS.values(), start=3)}
 _OPERATIONS = {code: operation for operation, code in _CODES.items()}
 _SINE, _COSINE = _CODES[ca.OP_SIN], _CODES[ca.OP_COS]
+#: Cycles until the result of an operation is there, roughly: calls, divisions, others.
+_CYCLES = {code: 40 if "(" in text else 13 if "/" in text else 4 for code, text in _TEMPLATES.items()}
 
 #: Parameters of every function that is written.
 SIGNATURE = "const double** arg, double** res, long long int* iw, double* w, int mem"
@@ -220,14 +226,16 @@ class _Writer:
         self.name = tape.name
         patterns = [tape.function.sparsity_out(k) for k in range(tape.function.n_out())]
         self.sparse = {k: pattern for k, pattern in enumerate(patterns) if not pattern.is_dense()}
-        self._number()
+        self.lines = self._numbered()
         self.last = tape.function.n_out() - 1
         others = [k for k, line in enumerate(self.lines) if line[0] == OUTPUT and line[1] != self.last]
         self.tail = others[-1] + 1 if others else 0
+        if len(self.lines) <= SHORT:
+            self.lines = _paired(_most_urgent_first(self.lines[: self.tail])) + self.lines[self.tail :]
         self._place()
 
-    def _number(self) -> None:
-        """Operands as the instructions that define them."""
+    def _numbered(self) -> list[tuple[int, int, int, int]]:
+        """Instructions, with those that define their operands."""
         instructions = self.tape.instructions.tolist()
         last: dict[int, int] = {}
         lines: list[tuple[int, int, int, int]] = []
@@ -246,7 +254,7 @@ class _Writer:
             else:
                 lines.append((code, k, last[first], last[second]))
             last[result] = k
-        self.lines = _paired(lines)
+        return _paired(lines)
 
     def _operands(self, line: tuple[int, int, int, int]) -> tuple[int, ...]:
         return line[2:3] if line[0] == OUTPUT else line[2:]
@@ -327,6 +335,19 @@ class _Writer:
             argument, nonzero = self.inputs[operand]
             return f"arg[{argument}] ? arg[{argument}][{nonzero}] : 0.0"
         return f"w[{self.places[operand]}]"
+
+
+def _most_urgent_first(lines: Sequence[tuple[int, int, int, int]]) -> list[tuple[int, int, int, int]]:
+    """Instructions by the time at which they must begin if the last one is to end as early as it can."""
+    begin: dict[int, int] = {}
+    needed: dict[int, int] = {}
+    for code, result, *operands in reversed(lines):
+        if code != OUTPUT:
+            begin[result] = needed.get(result, 0) - _CYCLES[code]
+            for operand in operands:
+                needed[operand] = min(needed.get(operand, 0), begin[result])
+    # a result is handed on as soon as it is there
+    return sorted(lines, key=lambda line: begin.get(line[2] if line[0] == OUTPUT else line[1], 0))
 
 
 def _paired(lines: Sequence[tuple[int, int, int, int]]) -> list[tuple[int, int, int, int]]:

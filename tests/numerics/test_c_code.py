@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mbdcasadi.integrators.native import build
-from mbdcasadi.numerics.c_code import OPERATIONS, PIECE, UnsupportedOperation, simplified, tape_of
+from mbdcasadi.numerics.c_code import OPERATIONS, PIECE, SHORT, UnsupportedOperation, simplified, tape_of
 
 compiled_only = pytest.mark.skipif(build.compiler() is None, reason="no C compiler")
 
@@ -73,17 +73,35 @@ def test_every_operation():
 
 @pytest.mark.slow
 @compiled_only
-def test_long_functions_in_pieces():
-    """Values that are used in later pieces keep their places as long as they are needed."""
+@pytest.mark.parametrize("count", [SHORT // 4, 12 * PIECE])
+def test_functions_in_pieces(count):
+    """Values that are used in later pieces keep their places as long as they are needed, in every order."""
     x = ca.SX.sym("x", 7)
     values = [x[k] for k in range(7)]
     rng = np.random.default_rng(3)
-    for _ in range(12 * PIECE):
+    for _ in range(count):
         a, b = (values[k] for k in rng.integers(max(0, len(values) - 3 * PIECE), len(values), 2))
         values.append(ca.sin(a) + 0.5 * b if rng.random() < 0.5 else 0.7 * a * ca.cos(b))
     f = ca.Function("f", [x], [ca.vertcat(*[values[k] for k in rng.integers(0, len(values), 200)])])
+    assert (tape_of(f).size <= SHORT) == (count < PIECE * 2)
     point = rng.normal(size=7)
     np.testing.assert_array_equal(in_c(f, point), f(point).full().ravel())
+
+
+def test_what_others_wait_for_comes_first():
+    """The longest chain of operations comes before shorter ones, what only the last result needs at the end."""
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    chain = x
+    for _ in range(5):
+        chain = 1 / (chain + 2)
+    f = ca.Function("f", [x, y], [3 * y, y * y + 1, chain, x - y])
+    lines = tape_of(f).as_c.splitlines()
+
+    def place(part):
+        return next(k for k, line in enumerate(lines) if part in line)
+
+    assert place("res[2]") < place("3.0 *") < place("res[0]")
+    assert place("res[2]") < place("+ 1.0") < place("res[1]") < place("if (!res[3])") < place(" - ")
 
 
 def test_simplified_keeps_values_and_names():

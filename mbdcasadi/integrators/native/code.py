@@ -19,7 +19,7 @@ from . import build
 #: Optimisation of equations: more gives nothing (measured), and takes twice the time.
 OPTIMISATION = "-O1"
 #: Changes whenever what is written changes.
-FORMAT = "3"
+FORMAT = "4"
 #: Time to compile, s: at least, and by instruction (measured with gcc 12).
 COMPILING, COMPILING_BY_INSTRUCTION = 0.08, 1.4e-4
 #: Share of the time of the interpreter that compiled code saves.
