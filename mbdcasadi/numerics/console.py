@@ -6,6 +6,7 @@ import io
 import signal
 import threading
 import warnings
+from _signal import signal as set_handler  # type: ignore[import-not-found]
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr
 from typing import Any
@@ -68,8 +69,8 @@ class interruptible:
 
     def __enter__(self) -> Interruption:
         self._is_main = threading.current_thread() is threading.main_thread()
-        if self._is_main:
-            self._previous = signal.signal(signal.SIGINT, self._remember)
+        if self._is_main:  # not by signal.signal, which looks for a handler among constants, at ten microseconds a call
+            self._previous = set_handler(signal.SIGINT, self._remember)
         return self._interruption
 
     def _remember(self, number: int, frame: Any) -> None:
@@ -79,7 +80,7 @@ class interruptible:
 
     def __exit__(self, *_: Any) -> None:
         if self._is_main:
-            signal.signal(signal.SIGINT, self._previous)
+            set_handler(signal.SIGINT, self._previous)
 
 
 @contextmanager
