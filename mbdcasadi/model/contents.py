@@ -21,6 +21,8 @@ from .symbols import Role, t
 
 #: Contents of which values are kept, the most recent ones.
 RECENT = 8
+#: Packages whose functions and classes read nothing but their arguments and attributes.
+PACKAGES = frozenset({__name__.partition(".")[0], "builtins", "types", "numpy", "casadi"})
 #: Types of what is its own contents.
 PLAIN = frozenset({int, float, bool, str, bytes, complex, type(None), CodeType})
 
@@ -36,7 +38,8 @@ def contents_of(*parts: Any, symbols: Sequence[ca.SX] | None = None) -> Hashable
     """Return a key that is equal for parts of equal contents; None if the contents of one are not known.
 
     Types, names, numbers and expressions count, and which symbols occur where. Attributes that are made on demand do
-    not, since they follow from others.
+    not, since they follow from others. The contents of functions and of objects of classes outside the package are
+    not known: they may read globals.
 
     Parameters
     ----------
@@ -101,6 +104,8 @@ class _Reader:
             return kind, part.dtype.str, part.shape, part.tobytes()
         if isinstance(part, type | BuiltinFunctionType):
             return kind, part
+        if _is_own(part if kind is FunctionType else kind):  # what it reads besides, such as globals, is not known
+            raise _UnknownError
         if kind is FunctionType:
             cells = [cell.cell_contents for cell in part.__closure__ or ()]
             return part.__module__, part.__code__, self.read((cells, part.__defaults__, part.__kwdefaults__))
@@ -118,6 +123,11 @@ class _Reader:
         kind: Any = type(part)
         derived = _derived(kind)
         return tuple([(name, self.read(value)) for name, value in vars(part).items() if name not in derived])
+
+
+def _is_own(part: Any) -> bool:
+    """True for a function or a class that a user of the package wrote."""
+    return part.__module__.partition(".")[0] not in PACKAGES
 
 
 @cache
