@@ -33,7 +33,8 @@ def test_a_solution_that_meets_all_has_nothing_to_say(solution):
         of(solution) for of in COARSE_MEASURES
     ]:
         assert not measure.sentences() and measure.largest <= measure.tolerance, type(measure)
-        assert np.array_equal(measure.pieces(part), np.ones(6)) and measure.moved() is None and not measure.spread
+        assert np.array_equal(measure.pieces(part), np.ones(6)) and not measure.spread
+        assert measure.placed(part, part.mesh) is part.mesh and not measure.moves
 
 
 def test_the_local_error_is_named():

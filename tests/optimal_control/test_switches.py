@@ -194,6 +194,6 @@ def test_meshes_with_points_that_move():
 def test_a_mesh_with_points_at_switches():
     """Points that are too near to a switch go; waypoints stay, and what moved before moves no more."""
     mesh = Mesh((np.linspace(0, 1, 5), np.linspace(0, 1, 3))).with_moving([1])
-    other = mesh.through_knots(np.array([0.52, 1.25]), 0.3)
+    other = mesh.through_points(np.zeros(0), 0.3, np.array([0.52, 1.25]))
     assert other.positions == pytest.approx([0, 0.25, 0.52, 0.75, 1, 1.25, 1.5, 2])
     assert other.moving == (2, 5) and other.waypoints.tolist() == [4]

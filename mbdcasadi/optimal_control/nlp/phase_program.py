@@ -185,13 +185,23 @@ class PhaseProgram:
         at = self.scheme.expanded(at, unknowns.interval.p)
         return function(*at.values, unknowns.interval.p, unknowns.extra)
 
-    def _integral(self, expression: ca.SX, points: Sequence[CollocationPoint], unknowns: Unknowns) -> ca.SX:
+    def _integral(self, expression: ca.SX, unknowns: Unknowns) -> ca.SX:
         if expression.is_zero():
             return ca.SX(0)
         function = ca.Function("e", self.arguments, [expression])
-        values = (self._applied(function, at, unknowns) for at in points)
-        weighted = (float(w) * value for w, value in zip(self.scheme.quadrature, values, strict=True))
-        return unknowns.interval.length * sum(weighted, ca.SX(0))
+        scheme, interval = self.scheme, unknowns.interval
+        rule = scheme.dense_rule if self._leaves_inputs(expression) else (scheme.stages, scheme.quadrature)
+        points, weights = (x.tolist() for x in rule)
+        values = (self._applied(function, scheme.at(interval, tau), unknowns) for tau in points)
+        return interval.length * sum((w * value for w, value in zip(weights, values, strict=True)), ca.SX(0))
+
+    def _leaves_inputs(self, expression: ca.SX) -> bool:
+        """True if the states alone decide by an integral about an input, which may then be within its limits."""
+        eom = self.phase.equations
+        states, others = ca.vertcat(eom.q, eom.v, eom.z), ca.vertcat(eom.a, eom.lam, self.phase.input_rates)
+        if not ca.depends_on(expression, states) or any(ca.which_depends(expression, others, 2, False)):
+            return False
+        return not all(ca.which_depends(expression, eom.u, 2, False))
 
     def _conditions(
         self, conditions: Sequence[Condition], at: CollocationPoint, unknowns: Unknowns, tau: float, prefix: str = ""
@@ -254,11 +264,11 @@ class PhaseProgram:
         groups = self.scheme.equations(unknowns.interval, self.reduced_scales)
         for k, placeholder in enumerate(self.integrals):
             gain = unknowns.next_integrals[k] - unknowns.integrals[k]
-            row = gain - self._integral(placeholder.expression, points, unknowns)
+            row = gain - self._integral(placeholder.expression, unknowns)
             size = self.point_scale[self.scheme.point_size + k :][:1]
             groups.append(Rows(row, (f"accumulation of {placeholder.label}",), 1.0, size, ("",)))
         groups += self._path_rows(unknowns, points)
-        return unknowns, groups, self._integral(self.phase.running_cost, points, unknowns)
+        return unknowns, groups, self._integral(self.phase.running_cost, unknowns)
 
     def _path_rows(self, unknowns: Unknowns, points: list[CollocationPoint]) -> list[Rows]:
         """Path conditions at the stages and at the ends of the interval; limits of inputs at their control points."""

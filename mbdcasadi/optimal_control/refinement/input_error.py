@@ -16,8 +16,10 @@ from ...numerics.real import stretches
 from ..nlp.scaling import SMALLEST_SHARE
 from ..phase_solution import PhaseSolution
 from ..solved_motion import SolvedMotion
+from .kinks import Kinks
 from .measure import Measure
-from .switches import arcs_of, jumps_of, shares_of
+from .mesh import Mesh
+from .switches import TOO_NEAR, arcs_of, jumps_of, kinks_and_jumps, shares_of
 
 #: Points of an interval at which the product of the distances is looked at, both ends included.
 POINTS = 41
@@ -28,11 +30,14 @@ KINK_SHARE = 0.01
 CONTINUOUS = 4.0
 
 
-def input_errors(part: PhaseSolution, *, worse: bool = False, jumps: Sequence[int] = ()) -> np.ndarray:
+def input_errors(
+    part: PhaseSolution, *, worse: bool = False, jumps: Sequence[int] = (), kinks: float = 0.0
+) -> np.ndarray:
     """Return the errors of the inputs in each interval as shares of their largest values (N, n_u).
 
     By the neighbour that agrees better, or by the one that agrees `worse`, except across waypoints, mesh points that
-    move with a switch and further `jumps`.
+    move with a switch, further `jumps`, and mesh points at which an input may have a kink, since its courses meet there
+    within a share of its size, `kinks`.
     An interval alone between two of these is off by its term of the highest degree, or by less.
     Zero for inputs whose course was chosen, constant or linear. Infinite on a mesh of one interval, which has no
     neighbours, if the inputs are no constants.
@@ -65,8 +70,9 @@ def input_errors(part: PhaseSolution, *, worse: bool = False, jumps: Sequence[in
     sizes = _sizes(part, coefficients, lengths[:, None] * taus)
     errors_at: np.ndarray = np.min(errors, axis=0)
     if worse:
-        alike = np.zeros((2, count, 1), bool)
-        alike[0, 1:, 0] = alike[1, :-1, 0] = piece[1:] == piece[:-1]
+        gaps = np.abs(_values(coefficients[:-1], lengths[:-1]) - coefficients[1:, 0])
+        alike = np.zeros(errors.shape, bool)
+        alike[0, 1:] = alike[1, :-1] = (piece[1:] == piece[:-1])[:, None] & (gaps > kinks * sizes)
         errors_at = np.maximum(errors_at, np.max(np.where(alike, errors, 0.0), axis=0))
     return errors_at / sizes * (CONTINUOUS if basis.joined else 1.0)
 
@@ -85,13 +91,34 @@ class UnresolvedInputs(Measure):
         """Largest error of an input in each interval of a phase (N,)."""
         unresolved, lengths = np.zeros(part.mesh.count), np.diff(part.mesh_times)
         shortest = np.sqrt(self.tolerance)
-        jumps = jumps_of(part, arcs_of(part, self._shares))
+        arcs = arcs_of(part, self._shares)
+        jumps = jumps_of(part, arcs)
         for worse, share in ((False, shortest), (True, max(shortest, KINK_SHARE))):
-            errors = np.max(input_errors(part, worse=worse, jumps=jumps), axis=1, initial=0.0)
+            errors = np.max(input_errors(part, worse=worse, jumps=jumps, kinks=self.tolerance), axis=1, initial=0.0)
             for run in stretches(errors > self.tolerance):
                 if np.sum(lengths[run]) > part.duration * share:
                     unresolved[run] = np.maximum(unresolved[run], errors[run])
+        kinks = self._kinks(part)
+        for switch in kinks_and_jumps(part, arcs)[0]:
+            run = list(switch.intervals)
+            kink = kinks.at(run[0], run[-1] + 1)
+            if kink is not None and kink.error * np.sum(lengths[run]) > self.tolerance * part.duration * shortest:
+                unresolved[run] = np.maximum(unresolved[run], kink.error)
         return unresolved
+
+    def _kinks(self, part: PhaseSolution) -> Kinks:
+        return Kinks(part, self.tolerance)
+
+    def placed(self, part: PhaseSolution, mesh: Mesh) -> Mesh:
+        """The mesh of a phase with points at the kinks in stretches in which inputs are off."""
+        errors = self.errors[part.program.number].copy()
+        for switch in kinks_and_jumps(part, arcs_of(part, self._shares))[1]:
+            errors[max(switch.intervals[0] - 1, 0) : switch.intervals[-1] + 2] = 0.0
+        times = [kink.time for kink in self._kinks(part).within(errors)]
+        if not times:
+            return mesh
+        positions = np.interp(times, part.mesh_times, part.mesh.positions)
+        return mesh.through_points(positions, TOO_NEAR, mesh.positions[list(mesh.moving)])
 
     def order(self, part: PhaseSolution) -> int:
         """Number of values of an input that belong to an interval."""

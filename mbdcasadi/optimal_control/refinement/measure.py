@@ -46,9 +46,14 @@ class Measure(ABC):
     def sentences(self) -> list[str]:
         """Errors that do not meet the tolerance, in words, with the one to be reported first."""
 
-    def moved(self) -> list[Mesh] | None:
-        """Meshes by phase with points that resolve the errors by moving; None if there are none."""
-        return None
+    def placed(self, part: PhaseSolution, mesh: Mesh) -> Mesh:
+        """The mesh of a phase with points that resolve the errors by their places; the same mesh if there are none."""
+        return mesh
+
+    @property
+    def moves(self) -> bool:
+        """True if such points find their places themselves."""
+        return False
 
     @property
     def needs_limits(self) -> bool:

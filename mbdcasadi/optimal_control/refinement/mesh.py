@@ -143,22 +143,22 @@ class Mesh:
             return self
         return Mesh(tuple(np.linspace(0, 1, max(1, round(share * count)) + 1) for count in self.counts))
 
-    def through_knots(self, knots: np.ndarray, near: float) -> Mesh:
-        """Mesh with further points that move in place of the present ones, at positions as :attr:`positions` are.
+    def through_points(self, points: np.ndarray, near: float, moving: np.ndarray) -> Mesh:
+        """Mesh with further points, and with others that move in place of the present ones, as :attr:`positions` are.
 
         Points nearer to one of them than a share of the interval on their other side are left out.
         """
         fixed = np.arange(len(self.segments) + 1.0)
-        ends = np.unique(np.r_[fixed, knots])
-        points = [ends[:1]]
+        ends = np.unique(np.r_[fixed, points, moving])
+        chosen = [ends[:1]]
         for begin, end in itertools.pairwise(ends):
             inside = self.positions[(self.positions > begin) & (self.positions < end)].tolist()
             while inside and inside[0] - begin < near * ((inside[1] if len(inside) > 1 else end) - inside[0]):
                 del inside[0]
             while inside and end - inside[-1] < near * (inside[-1] - (inside[-2] if len(inside) > 1 else begin)):
                 del inside[-1]
-            points += [np.array(inside), np.array([end])]
-        return Mesh.through(np.concatenate(points), np.setdiff1d(ends, fixed).tolist())
+            chosen += [np.array(inside), np.array([end])]
+        return Mesh.through(np.concatenate(chosen), np.setdiff1d(moving, fixed).tolist())
 
     def with_moving(self, points: Iterable[int]) -> Mesh:
         """Return the mesh with further mesh points that move; start, waypoints and end do not."""

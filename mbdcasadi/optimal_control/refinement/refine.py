@@ -13,6 +13,7 @@ from ..checks.failure import OptimizationError
 from ..nlp.held_limits import LIMIT_TOLERANCE
 from ..nlp.problem_solver import ProblemSolver
 from ..nlp.statistics import Attempt
+from ..phase_solution import PhaseSolution
 from ..solution import Solution
 from .input_error import UnresolvedInputs
 from .limit_error import PassedLimits
@@ -25,7 +26,7 @@ from .switches import UnresolvedSwitches
 MEASURES: tuple[type[Measure], ...] = (UnresolvedSwitches, PassedLimits, UnresolvedInputs)
 #: Largest number of passes, and of intervals of a mesh.
 PASSES, INTERVALS = 12, 2000
-#: Passes in which mesh points around switches move; after these their intervals are split.
+#: Passes in which mesh points move to switches, or are put at kinks; after these the intervals are split.
 MOVES = 5
 #: Least and largest number of iterations that are left to a pass from a solution with small local errors.
 ITERATIONS = (100, 300)
@@ -49,8 +50,8 @@ def refine(solver: ProblemSolver, solution: Solution, tolerance: float) -> Solut
     An interval with error e is split into ``ceil((2 e / tolerance)^(1 / (r + 1)))``
     pieces, r the order of the scheme; neighbours whose common interval is
     foreseen to stay far below the tolerance are merged. Then mesh points move to the switches, see
-    :mod:`switches`, and intervals in which the motion passes limits, or inputs have larger errors than the tolerance,
-    are split, see :mod:`input_error`. Each pass starts from the last solution. Of those with small local errors the
+    :mod:`switches`, others are put at kinks, see :mod:`kinks`, and intervals in which the motion passes limits, or
+    inputs have larger errors than the tolerance, are split, see :mod:`input_error`. Each pass starts from the last solution. Of those with small local errors the
     best one is kept, and passes end that do not improve it.
 
     Raises
@@ -135,7 +136,7 @@ class _Refinement:
         self.measures = [measure(self.solution, self.tolerance) for measure in MEASURES]
         # what mesh points that move did not resolve counts no more once the cost does not change
         done = self.resolves and self._is_settled()
-        missed = [m.sentences()[:1] for m in self.measures if not (done and m.moved())]
+        missed = [m.sentences()[:1] for m in self.measures if not (done and m.moves)]
         words = " and ".join(text for one in missed for text in one)
         loss = sum(measure.loss for measure in self.measures)
         self.gains = loss < self.least / 4
@@ -160,8 +161,8 @@ class _Refinement:
 
     def _moved(self) -> list[Mesh] | None:
         """Meshes with points that move; None if none do, or moving these does not change the cost any more."""
-        moved = next((meshes for m in self.measures if (meshes := m.moved()) is not None), None)
-        if not self.moves or moved is None:
+        moved = [self._placed(part) for part in self.solution.phases]
+        if not self.moves or all(a is b for a, b in zip(moved, self.solution.meshes, strict=True)):
             return None
         if self._is_settled() and all(map(Mesh.is_same, moved, self.solution.meshes)):
             return None
@@ -172,6 +173,13 @@ class _Refinement:
         needed = any(measure.needs_limits for measure in self.measures)
         self.solver.limit_tolerance = self.tolerance if needed else LIMIT_TOLERANCE
         return moved
+
+    def _placed(self, part: PhaseSolution) -> Mesh:
+        """The mesh of a phase with the points that measures place."""
+        mesh = part.mesh
+        for measure in self.measures if mesh.count else ():
+            mesh = measure.placed(part, mesh)
+        return mesh
 
     def _begin_anew(self) -> None:
         """Forget the local errors of other meshes, of which nothing follows for the next ones."""

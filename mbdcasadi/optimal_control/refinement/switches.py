@@ -2,11 +2,12 @@
 
 An interval in which an input jumps from one limit to the other has a polynomial with the right mean; its motion is
 that of no input with a jump, and takes a little longer. A mesh point takes its place, from which on another arc begins:
-a stretch with the same limits. Inputs that are continuous cannot jump there, and some have a kink; the ends of
+a stretch with the same limits. Inputs that are continuous cannot jump there; the ends of
 the interval move instead, until it has shrunk to almost nothing.
 
-At limits of positions inputs mostly have a kink, whose place hardly counts for the cost: points that move there are led
-astray. Intervals in which the inputs are off are split instead, see :mod:`input_error`.
+Others may have a kink, whose place hardly counts for the cost: points that move there are led astray. It is found by
+the courses of the inputs, see :mod:`kinks`; so are those at limits of positions, which are looked at by their inputs
+alone, see :mod:`input_error`.
 """
 
 from __future__ import annotations
@@ -77,7 +78,7 @@ class UnresolvedSwitches(Measure):
         """Infinite in intervals of a switch, zero in others (N,)."""
         number, errors = part.program.number, np.zeros(part.mesh.count)
         arcs = self._arcs[number] = arcs_of(part, self._shares)
-        for switch in _switches(part, arcs):
+        for switch in kinks_and_jumps(part, arcs)[1]:
             if np.sum(np.diff(part.mesh_times)[list(switch.intervals)]) > self._longest(part):
                 self.switches[number].append(switch)
                 errors[list(switch.intervals)] = np.inf
@@ -91,11 +92,10 @@ class UnresolvedSwitches(Measure):
         """Times at which limits change."""
         return [f"the switching time t = {switch.time:.6g} s of active limits" for of in self.switches for switch in of]
 
-    def moved(self) -> list[Mesh] | None:
-        """Meshes with mesh points that move at the switches."""
-        if not any(self.switches):
-            return None
-        return [self._mesh(part) if part.mesh.count else part.mesh for part in self.solution.phases]
+    @property
+    def moves(self) -> bool:
+        """True if there are switches."""
+        return any(self.switches)
 
     @property
     def needs_limits(self) -> bool:
@@ -115,8 +115,10 @@ class UnresolvedSwitches(Measure):
         """Length of a stretch from which on it must not contain a switch, s."""
         return float(part.duration * np.sqrt(self.tolerance))
 
-    def _mesh(self, part: PhaseSolution) -> Mesh:
+    def placed(self, part: PhaseSolution, mesh: Mesh) -> Mesh:
         """The mesh of a phase with a point that moves at each switch."""
+        if not self.switches[part.program.number]:
+            return mesh
         if part.program.scheme.inputs.joined:
             return part.mesh.with_moving(k for switch in self.switches[part.program.number] for k in switch.points)
         number = part.program.number
@@ -124,7 +126,8 @@ class UnresolvedSwitches(Measure):
         knots = _knots(part, self._arcs[number], self._longest(part), held)
         if not np.any(held) and not len(np.setdiff1d(knots, part.mesh_times)):  # kinks alone
             return part.mesh.with_moving(k for switch in self.switches[number] for k in switch.points)
-        return part.mesh.through_knots(np.interp(knots, part.mesh_times, part.mesh.positions), TOO_NEAR)
+        positions = np.interp(knots, part.mesh_times, part.mesh.positions)
+        return part.mesh.through_points(np.zeros(0), TOO_NEAR, positions)
 
 
 def shares_of(solution: SolvedMotion) -> dict[tuple[int, str], np.ndarray]:
@@ -182,6 +185,14 @@ def _along(share: np.ndarray) -> np.ndarray:
     return along
 
 
+def kinks_and_jumps(part: PhaseSolution, arcs: list[Arc]) -> tuple[list[Switch], list[Switch]]:
+    """Return switches at which inputs do not jump, though they may, and others."""
+    kinks, jumps = list[Switch](), list[Switch]()
+    for switch in _switches(part, arcs):
+        (kinks if _is_kink(part, switch.points[0], switch.points[-1]) else jumps).append(switch)
+    return kinks, jumps
+
+
 def _switches(part: PhaseSolution, arcs: list[Arc]) -> list[Switch]:
     """Switches of a phase: arcs in which limits change, and mesh points between unlike arcs that do not move."""
     times, known = part.mesh_times, {*part.mesh.knots.tolist(), *jumps_of(part, arcs)}
@@ -218,17 +229,32 @@ def _between(part: PhaseSolution, before: Arc, after: Arc, shortest: float, held
     times, first, last = part.mesh_times, before.end, after.first
     ends = [k for k, arc in ((first, before), (last, after)) if arc.active is not None]
     is_short = times[last] - times[first] <= shortest
-    if before.active == after.active and is_short:
+    if (before.active == after.active and is_short) or (len(ends) == 2 and _is_kink(part, first, last)):
         return []
     if first == last:
         return [float(times[first])] if len(ends) == 2 else []
     is_one = len(ends) == 2 and before.active != after.active and (is_short or last == first + 1)
-    place = _place(part, first, last) if is_one else None
+    place = _place_around(part, first, last) if is_one else None
     if place is None or np.any(held[max(first - 1, 0) : last + 1]):
         return [float(times[k]) for k in ends]
     # a mesh point that moved to an end of the interval did not suffice
     known = [float(times[k]) for k in ends if k in part.mesh.moving]
     return sorted([*known, float(times[first] + times[last]) / 2]) if known else [place]
+
+
+def _is_kink(part: PhaseSolution, first: int, last: int) -> bool:
+    """True if inputs that may jump between two mesh points, or at one, do not."""
+    if first == last:
+        first, last = first - 1, last + 1
+    if part.program.scheme.inputs.joined or first < 1 or last >= part.mesh.count or last - first > 2:
+        return False
+    return _place_around(part, first, last) is None
+
+
+def _place_around(part: PhaseSolution, first: int, last: int) -> float | None:
+    """The same as :func:`_place`, or by the intervals further away: a jump leads those beside it astray."""
+    place = _place(part, first, last)
+    return _place(part, max(first - 1, 1), min(last + 1, part.mesh.count - 1)) if place is None else place
 
 
 def _place(part: PhaseSolution, first: int, last: int) -> float | None:
@@ -244,7 +270,8 @@ def _place(part: PhaseSolution, first: int, last: int) -> float | None:
         slope = float(c[first - 1, 1:] @ (powers[1:] * lengths[first - 1] ** powers[:-1]))
         gaps = np.array([later - float(c[last, 1:2].sum()) * between - earlier, later - earlier - slope * between])
         mean = sum(float(c[k] @ (lengths[k] ** (powers + 1) / (powers + 1))) for k in range(first, last)) / between
-        size = float(np.min(np.abs(gaps))) / (symbol.upper - symbol.lower) if np.prod(gaps) > 0 else 0.0
+        span = min(symbol.upper - symbol.lower, 2 * float(np.max(np.abs(c[:, 0]))))
+        size = float(np.min(np.abs(gaps))) / span if np.prod(gaps) > 0 else 0.0
         if size > largest:
             largest, share = size, (later - mean) / (later - earlier)
     place = times[first] + np.clip(share, *INSIDE) * between

@@ -253,6 +253,11 @@ class Transcription(ABC):
         """States at the stages."""
         return [self.at(interval, float(tau)) for tau in self.stages]
 
+    @property
+    def dense_rule(self) -> tuple[np.ndarray, np.ndarray]:
+        """Points and weights of an integral that sees more of the states than the stages do, if there are more."""
+        return self.stages, self.quadrature
+
     def start(self, interval: Interval) -> CollocationPoint:
         """State at the beginning."""
         return self.at(interval, 0.0)

@@ -65,6 +65,12 @@ class GaussLegendre(Transcription):
         """The stages."""
         return tuple(gauss(max(self.degree - lower_degree, 1)).points.tolist()), False
 
+    @property
+    def dense_rule(self) -> tuple[np.ndarray, np.ndarray]:
+        """One point more: states that are right at all stages may be off in turn at the mesh points."""
+        rule = gauss(self.degree + 1)
+        return rule.points, rule.weights
+
     def point(self, interval: Interval, tau: Any) -> CollocationPoint:
         """State at a point of the interval: exact integrals of the polynomials through the stages."""
         inner, first, h = self.split_interval(interval.inner), self.split_point(interval.first), interval.length
