@@ -92,6 +92,7 @@ def test_an_input_at_a_limit_of_a_speed():
     assert solution.mesh.size == 41 and len(solution.statistics.passes) <= 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-5])
 def test_an_input_at_a_limit_of_a_reaction(tolerance):
     """A mass of 1 kg on an arm of 1 m in least time: the torque keeps |F| at R, tau² + omega⁴ = R², where it can."""
@@ -130,6 +131,7 @@ def test_an_input_at_a_limit_of_a_reaction(tolerance):
     assert max(solution.limit_excess.values()) <= tolerance * load
 
 
+@pytest.mark.slow
 def test_an_input_that_no_cost_sees():
     """A speed is followed within force limits: the force is its slope on the way, and jumps at both ends."""
     problem, u, block = rest_to_rest(0.0, 3.0, lower=-2, upper=2)
@@ -145,9 +147,9 @@ def test_an_input_that_no_cost_sees():
         solution = mbd.optimize(problem, tolerance=1e-5)
     times = np.random.default_rng(1).uniform(0, 3, 1000)
     exact = np.where(times < ends[0], 2, np.where(times > ends[1], -2, np.cos(times) / 2))
-    away = np.min(np.abs(times[:, None] - ends), axis=1) > 1e-5
-    errors = np.abs(solution.trajectory.at(times)[u] - exact)[away] / 2
-    assert np.mean(errors > 1e-5) < 0.005 and np.max(errors) < 1e-4
+    errors = np.abs(solution.trajectory.at(times)[u] - exact) / 2
+    away = np.min(np.abs(times[:, None] - ends), axis=1) > 3 * np.sqrt(1e-5)
+    assert np.mean(errors > 1e-5) < 0.01 and np.max(errors[away]) < 2e-5
     assert solution.mesh.size <= 50
 
 

@@ -336,7 +336,7 @@ def test_a_solution_that_is_no_motion_is_found_again_from_its_guess(monkeypatch)
 def test_all_intervals_are_halved_if_the_error_moves_on(monkeypatch):
     """The first interval stays coarse though it was split: a fast motion that goes to where the mesh is coarse."""
     problem, *_ = rest_to_rest()
-    first = lambda _measure, part: np.where(np.arange(part.mesh.count) == 0, 0.2, 0.0)  # noqa: E731
+    first = lambda _measure, part: np.where(np.arange(part.mesh.count) == 0, 0.15, 0.0)  # noqa: E731
     monkeypatch.setattr(coarse_mesh.Coarseness, "of", first)
     solution = mbd.optimize(problem)
     assert solution.mesh.size - 1 == (40 + 1) * 2 ** (coarse_mesh.COARSE_PASSES - 1)

@@ -51,8 +51,8 @@ def refine(solver: ProblemSolver, solution: Solution, tolerance: float) -> Solut
     pieces, r the order of the scheme; neighbours whose common interval is
     foreseen to stay far below the tolerance are merged. Then mesh points move to the switches, see
     :mod:`switches`, others are put at kinks, see :mod:`kinks`, and intervals in which the motion passes limits, or
-    inputs have larger errors than the tolerance, are split, see :mod:`input_error`. Each pass starts from the last solution. Of those with small local errors the
-    best one is kept, and passes end that do not improve it.
+    inputs have larger errors than the tolerance, are split, see :mod:`input_error`. Each pass starts from the last
+    solution. Of those with small local errors the best one is kept, and passes end that do not improve it.
 
     Raises
     ------
