@@ -100,8 +100,8 @@ class UnresolvedInputs(Measure):
                     unresolved[run] = np.maximum(unresolved[run], errors[run])
         kinks = self._kinks(part)
         for switch in kinks_and_jumps(part, arcs)[0]:
-            run = list(switch.intervals)
-            kink = kinks.at(run[0], run[-1] + 1)
+            run = slice(switch.intervals[0], switch.intervals[-1] + 1)
+            kink = kinks.at(run.start, run.stop)
             if kink is not None and kink.error * np.sum(lengths[run]) > self.tolerance * part.duration * shortest:
                 unresolved[run] = np.maximum(unresolved[run], kink.error)
         return unresolved
