@@ -6,7 +6,8 @@ Before them it is looked whether the linkage reaches the waypoints and the end a
    iterations are needed, from poses without speeds and then from a motion through them, and in all coordinates if that
    fails; on a fine mesh from the solution on a coarse one, see :func:`solve_coarse_first`.
 2. If neither mesh nor tolerance was given, intervals that are too coarse are split before costs are compared, since a
-   coarse mesh may promise a cost that no motion has: :func:`refine_or_repeat`.
+   coarse mesh may promise a cost that no motion has: :func:`refine_or_repeat`; the best one of those that all stay
+   coarse once more.
 3. If all of this fails: without limits, with limits that close in, from detours, and with least violation, see
    :mod:`closing_limits`; for a fine mesh on a coarse one first.
 4. With a tolerance the mesh is refined, see :func:`refine`; else a solution that jumps to another branch of the
@@ -41,7 +42,7 @@ from .nlp.setup import PhaseSetup, Settings, is_open_chain
 from .nlp.solvers.ipopt import sharp_options
 from .problem import OptimalControlProblem
 from .refinement.coarse_first import coarse_meshes
-from .refinement.coarse_mesh import refine_if_coarse, refine_or_repeat
+from .refinement.coarse_mesh import refine_further, refine_if_coarse, refine_or_repeat
 from .refinement.mesh import Mesh
 from .refinement.refine import refine
 from .refinement.second_try import as_motion
@@ -172,7 +173,8 @@ class _Attempt:
         """Return the best solution of all guesses; each solve takes at most `limit` iterations."""
         settle = partial(refine_or_repeat, self.solver) if self.refined else None
         more: dict[str, Any] = {"executor": executor, "settle": settle, "limit": limit, "further": self.further}
-        return best_of(self.solver, self.meshes, self.candidates, warm=warm, **more)
+        best = best_of(self.solver, self.meshes, self.candidates, warm=warm, **more)
+        return refine_further(self.solver, best) if self.refined else best
 
     def go_on(self, failure: OptimizationError) -> Solution:
         """Return a solution found by limits that close in, or raise the failure with the result of the search."""

@@ -17,10 +17,10 @@ from .singularity import close_to_singular
 
 #: What is measured on such a mesh.
 COARSE_MEASURES: tuple[type[Coarseness], ...] = (Coarseness, StateCoarseness, ReplayErrors)
-#: Largest number of passes, that of passes from errors that are not far too large, and the errors that are.
-COARSE_PASSES, FURTHER_PASSES, FAR_ERROR = 4, 2, 10 * COARSE_ERROR
-#: Largest number of intervals of a mesh that is halved.
-HALVED_INTERVALS = 200
+#: Largest number of passes, and of intervals of a mesh that is halved.
+COARSE_PASSES, HALVED_INTERVALS = 4, 200
+#: Error after these, in the best solution of all starts, up to which as many passes more are made.
+NEAR_ERROR = 10 * COARSE_ERROR
 #: Local error, in rad or sizes of the mechanism, velocities times the duration, from which a solution is not a motion,
 #: and largest number of meshes, each twice as fine, on which it is then solved again from its guess.
 LOST_ERROR, FRESH_PASSES = 3.0, 2
@@ -46,6 +46,12 @@ def refine_or_repeat(solver: ProblemSolver, solution: Solution, guess: Guess) ->
     return refine_if_coarse(solver, solution)
 
 
+def refine_further(solver: ProblemSolver, solution: Solution) -> Solution:
+    """Refine the best solution of all starts once more if its mesh is not far from fine."""
+    near = COARSE_ERROR < Coarseness(solution).largest <= NEAR_ERROR
+    return refine_if_coarse(solver, solution)[0] if near else solution
+
+
 def is_lost(solution: Solution) -> bool:
     """Return True if the mesh is so coarse that a solution is not a motion at all."""
     return Coarseness(solution).largest > LOST_ERROR
@@ -64,9 +70,7 @@ def refine_if_coarse(solver: ProblemSolver, solution: Solution) -> tuple[Solutio
     """
     measures, stalled = [measure(solution) for measure in COARSE_MEASURES], False
     error = max(measure.largest for measure in measures)
-    for number in range(COARSE_PASSES + FURTHER_PASSES):
-        if number >= COARSE_PASSES and error > FAR_ERROR:
-            break
+    for _ in range(COARSE_PASSES):
         if stalled and _tends_to_lock(measures[0]):
             break
         if stalled and interval_count(solution.meshes) <= HALVED_INTERVALS:
