@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import sys
+import threading
 import warnings
 from pathlib import Path
 from typing import Any
@@ -92,10 +93,17 @@ class MechanismWarning(UserWarning):
 #: Beginnings of the names of files between a remark and the line that called: decorators may come
 #: before an analysis, and a lazy attribute around it.
 _OWN = (str(Path(__file__).parent), contextlib.__file__, functools.__file__)
+_OF_THREAD = threading.local()
+
+
+def warnings_given() -> int:
+    """Return the number of warnings of this package that this thread has given, those that were ignored included."""
+    return getattr(_OF_THREAD, "warnings", 0)
 
 
 def warn(message: str, category: type[Warning] = MechanismWarning) -> None:
     """Warn at the line that called this package, however deep inside it the remark is made."""
+    _OF_THREAD.warnings = warnings_given() + 1
     level, frame = 1, sys._getframe()
     while frame.f_back is not None and frame.f_code.co_filename.startswith(_OWN):
         level, frame = level + 1, frame.f_back

@@ -8,6 +8,8 @@ import pytest
 from test_every_element import MACHINES
 
 import mbdcasadi as mbd
+from mbdcasadi.errors import warn
+from mbdcasadi.model.cache import Cache
 from mbdcasadi.model.contents import contents_of, values_of_contents
 from mbdcasadi.model.element import Element
 
@@ -137,3 +139,20 @@ def test_symbols_that_no_key_tells_apart_are_not_known():
     assert contents_of(x / y, symbols=[x, y]) == contents_of(other_x / other_y, symbols=[other_x, other_y])
     assert contents_of(x / y, symbols=[x, y]) != contents_of(y / x, symbols=[x, y])
     assert contents_of(x / y, symbols=[x]) is None
+
+
+def test_a_value_with_a_warning_is_not_kept():
+    """The warning is given again with the value."""
+    cache, made = Cache(), []
+
+    def make():
+        made.append(1)
+        warn("remark")
+        return 3.0
+
+    for _ in range(2):
+        with pytest.warns(mbd.MechanismWarning, match="remark"):
+            assert cache.get_or_create_quietly("key", make) == 3.0
+    assert len(made) == 2
+    assert [cache.get_or_create_quietly("other", lambda: made.append(1)) for _ in range(2)] == [None, None]
+    assert len(made) == 3

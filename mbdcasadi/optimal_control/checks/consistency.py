@@ -52,7 +52,7 @@ def check_conditions(problem: ProblemStatement) -> None:
 
     Mechanisms of hundreds of bodies are left to the solver.
     """
-    problem.shared.get_or_create("consistent", partial(_check_conditions, problem))
+    problem.shared.get_or_create_quietly("consistent", partial(_check_conditions, problem))
 
 
 def _check_conditions(problem: ProblemStatement) -> None:

@@ -13,7 +13,7 @@ from ...arguments.inputs import Signals
 from ...arguments.values import pairs_of
 from ...assembly.setup import Setup
 from ...equations.numeric import NumericEquations
-from ...errors import ConditionError, ModelError
+from ...errors import ConditionError, ModelError, warnings_given
 from ...model.cache import Cache
 from ...model.conditions import Condition
 from ...model.symbols import Parameter
@@ -95,12 +95,13 @@ class ProblemSetup:
         return problem.shared.get_or_create(("start", p.tobytes()), Cache, bounded=True)
 
     def _first_state(self, numerics: list[NumericEquations], signals: Signals) -> State:
-        """First state; what is known of it is kept."""
+        """First state; what is known of it is kept, unless a warning belongs to it."""
         known = self._of_start.get("first state")
         if known is not None:
             return State(self.problem.mechanism, known[0], *[part.copy() for part in known[1:]])
+        before = warnings_given()
         state = self._found_first_state(numerics, signals)
-        if state is not self.initial and state.obstacle is None:
+        if state is not self.initial and state.obstacle is None and warnings_given() == before:
             arguments = state.t, *[part.copy() for part in state.arguments[1:]]
             self._of_start.get_or_create("first state", lambda: arguments)
         return state

@@ -123,7 +123,7 @@ class PhaseSetup:
     ):
         self.phase, self.numeric, self.start = phase, numeric, start
         self.kept = Cache() if kept is None else kept
-        self.path = self.kept.get_or_create("path", lambda: self._path(problem)) if path is None else path
+        self.path = self.kept.get_or_create_quietly("path", lambda: self._path(problem)) if path is None else path
         self.ends = EndConditions(problem, phase, numeric, start, initial, self.path, self.kept)
         self.extra_parameters = problem.extra_parameters(phase)
         eom = phase.equations
