@@ -78,6 +78,16 @@ def test_threads_evaluate_expressions_of_one_motion():
 
 
 @pytest.mark.slow
+def test_bounded_values_of_sizes_go_until_the_rest_is_small_enough():
+    """The most recent one stays however large it is."""
+    cache = Cache(recent=10, size=len)
+    for text in ("a", "bb", "cccc", "ddddd"):
+        cache.get_or_create(text, lambda text=text: text, bounded=True)
+    assert list(cache) == ["cccc", "ddddd"]
+    cache.get_or_create("large", lambda: 20 * "e", bounded=True)
+    assert list(cache) == ["large"]
+
+
 def test_a_thousand_expressions_leave_no_more_than_the_most_recent_ones():
     arm, model = pendulum()
     state = mbd.assemble(model)
