@@ -42,6 +42,9 @@ RANDOM_MOTIONS, RANDOM_WAVES, RANDOM_SHARES = 20, 3, (0.3, 1.0)
 END_STARTS, ANOTHER, OTHER_ENDS = 16, 0.2, 2
 #: Relative difference of costs below which solutions are the same.
 SAME_COST = 1e-6
+#: Number of detours from which a chain with fewer inputs than angles is solved besides, and iterations of a solve from
+#: which it is: fewer show that the program is nearly quadratic, and there is little to look for.
+SWINGS, SWINGING_ITERATIONS = 6, 20
 
 
 def guesses(solver: ProblemSolver, starts: Any, guess: Any) -> list[Guess]:
@@ -137,6 +140,20 @@ def _usual_guesses(solver: ProblemSolver) -> list[Guess]:
     """
     usual = _usual_guess(solver)
     return [usual, at_rest(solver)] if solver.setups[0].scheme.eom.is_chain else [usual]
+
+
+def swings(solver: ProblemSolver, reports: Sequence[Attempt]) -> list[Guess]:
+    """Return further guesses for a chain in angles with fewer inputs than angles, after solves from the usual ones.
+
+    Such a chain gathers speed by swinging, in one of several ways that differ much in their cost, and a path that leads
+    from pose to pose evenly has none of them.
+    """
+    scheme = solver.setups[0].scheme
+    several = any(report.iterations >= SWINGING_ITERATIONS for report in reports)
+    if not several or not scheme.eom.is_chain or scheme.eom.u.numel() >= scheme.eom.q.numel():
+        return []
+    random = np.random.default_rng(0)
+    return [random_detour(solver, random) for _ in range(SWINGS)]
 
 
 def at_rest(solver: ProblemSolver) -> Guess:
@@ -306,8 +323,8 @@ def best_of(
     them. `warm` if the guesses are solutions of nearly the same problem. `settle` returns a solution from a solution
     and its guess on a finer mesh, and whether this holds: the cost on a coarse mesh may be false, and the best is
     chosen by what it is on a mesh that holds. Each solve takes at most `limit` iterations. With `further` the last
-    guess is the first to be solved from, and once one has succeeded the others take at most so many. If none succeeds,
-    the error of the last is raised.
+    guess is the first to be solved from, and once one has succeeded the others take at most so many; those of
+    :func:`swings` follow. If none succeeds, the error of the last is raised.
     """
     solver.best.new_stage()
     tries = partial(_tried, meshes=meshes, warm=warm)
@@ -317,17 +334,17 @@ def best_of(
         outcomes = _from_last_to_first(partial(tries, solver), candidates, limit, further)
     else:
         outcomes = [tries(solver, guess, limit=limit) for guess in candidates]
-    reports = [report for outcome in outcomes for report in outcome[0]]
-    results = zip(candidates, outcomes, strict=True)
-    solutions = [(result, guess) for guess, (_, result) in results if isinstance(result, Solution)]
-    errors = [result for _, result in outcomes if isinstance(result, OptimizationError)]
-    if not solutions:
-        raise errors[-1]
-    solutions.sort(key=lambda pair: pair[0].cost)
-    best = _settled(solutions, settle) if settle else solutions[0][0]
+    best = _settled(candidates, outcomes, settle)
+    if best is None:
+        raise [result for _, result in outcomes if isinstance(result, OptimizationError)][-1]
+    if further is not None:
+        others = swings(solver, _reports(outcomes))
+        more = [tries(solver, guess, limit=_least(limit, further)) for guess in others]
+        outcomes, best = [*outcomes, *more], _settled(others, more, settle, best)
+    solution, reports = best[0], _reports(outcomes)
     if len(reports) > 1:
-        best.statistics = replace(best.statistics, starts=reports)
-    return best
+        solution.statistics = replace(solution.statistics, starts=reports)
+    return solution
 
 
 def _tried(solver: ProblemSolver, guess: Guess, meshes: list[Mesh], warm: bool, limit: int | None) -> Outcome:
@@ -353,10 +370,22 @@ def _from_last_to_first(
     """Outcomes of all guesses in their order; once one has succeeded, solves take at most `further` iterations."""
     outcomes: list[Outcome] = []
     for guess in reversed(candidates):
-        if any(isinstance(result, Solution) for _, result in outcomes):
-            limit = further if limit is None else min(limit, further)
+        if any(map(_is_solved, outcomes)):
+            limit = _least(limit, further)
         outcomes.append(tries(guess, limit=limit))
     return outcomes[::-1]
+
+
+def _is_solved(outcome: Outcome) -> bool:
+    return isinstance(outcome[1], Solution)
+
+
+def _reports(outcomes: Sequence[Outcome]) -> list[Attempt]:
+    return [report for reports, _ in outcomes for report in reports]
+
+
+def _least(limit: int | None, further: int) -> int:
+    return further if limit is None else min(limit, further)
 
 
 def _side_by_side(
@@ -381,14 +410,21 @@ def _side_by_side(
 
 
 def _settled(
-    solutions: list[tuple[Solution, Guess]], settle: Callable[[Solution, Guess], tuple[Solution, bool]]
-) -> Solution:
-    """The best of solutions, in the order of their costs, on meshes that hold, or on those that were tried."""
-    best: tuple[bool, float] | None = None
-    for solution, guess in solutions:
-        if best is not None and best[0] is False and solution.cost >= best[1] * (1 - SAME_COST):
+    guesses: Sequence[Guess],
+    outcomes: Sequence[Outcome],
+    settle: Callable[[Solution, Guess], tuple[Solution, bool]] | None,
+    best: tuple[Solution, bool] | None = None,
+) -> tuple[Solution, bool] | None:
+    """The best of a solution that is known and those of guesses, in the order of their costs, and if its mesh holds.
+
+    None if there is none. Solutions are on meshes that hold, or on the finest that were tried.
+    """
+    results = zip([result for _, result in outcomes], guesses, strict=True)
+    solutions = [(result, guess) for result, guess in results if isinstance(result, Solution)]
+    for solution, guess in sorted(solutions, key=lambda pair: pair[0].cost):
+        if best is not None and best[1] and solution.cost >= best[0].cost * (1 - SAME_COST):
             break
-        settled, holds = settle(solution, guess)
-        if best is None or (not holds, settled.cost) < best:
-            best, chosen = (not holds, settled.cost), settled
-    return chosen
+        settled, holds = (solution, True) if settle is None else settle(solution, guess)
+        if best is None or (not holds, settled.cost) < (not best[1], best[0].cost):
+            best = settled, holds
+    return best
