@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -71,6 +73,22 @@ def closed_curve(
     return _Curve(equations, sizes, turning).closed_from(start / sizes)
 
 
+def points_along(
+    equations: Equations, start: np.ndarray, sizes: np.ndarray, sense: int
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield the points of the curve through a solution, that one first, with their directions.
+
+    The curve is followed in one of its two senses, 1 or -1, on and on; it ends before a point that is nearly singular,
+    and is empty if the first one is. Other arguments are those of :func:`closed_curve`.
+    """
+    curve = _Curve(equations, sizes, np.zeros(sizes.size, bool))
+    first = curve.point(start / sizes, None)
+    if first is not None:
+        first = replace(first, direction=sense * first.direction)
+        for point in itertools.chain([first], curve.after(first)):
+            yield point.y * sizes, sense * point.direction * sizes
+
+
 class _Curve:
     """Steps along the curve: predicted along its direction, corrected at a given advance along it."""
 
@@ -81,31 +99,35 @@ class _Curve:
         self._turn = np.where(turning, 2 * np.pi / sizes, 0.0)
 
     def closed_from(self, start: np.ndarray) -> SolutionCurve | None:
-        first = self._point(start, None)
+        first = self.point(start, None)
         if first is None:
             return None
-        points, control = [first], StepControl(STEP, SMALLEST * STEP, STEP)
-        while len(points) < MOST_POINTS:
-            before = points[-1]
-            step = min(control.step, SHARE * before.regularity)
-            point = self._advanced(before, step)
-            if point is None:
-                if not control.refuse():
-                    return None
-                continue
-            control.accept()
-            period = self._period(first, before, point) if len(points) > 1 else None
+        points = [first]
+        for point in itertools.islice(self.after(first), MOST_POINTS - 1):
+            period = self._period(first, points[-1], point) if len(points) > 1 else None
             if period is not None:
                 y = np.array([p.y for p in points])
                 return SolutionCurve(y * self._sizes, period * self._sizes)
             points.append(point)
         return None
 
+    def after(self, point: _Point) -> Iterator[_Point]:
+        """Points that follow one, until the next is nearly singular."""
+        control = StepControl(STEP, SMALLEST * STEP, STEP)
+        while True:
+            following = self._advanced(point, min(control.step, SHARE * point.regularity))
+            if following is not None:
+                control.accept()
+                yield following
+                point = following
+            elif not control.refuse():
+                return
+
     def _scaled(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         residual, jacobian = self._equations(y * self._sizes)
         return residual, jacobian * self._sizes
 
-    def _point(self, y: np.ndarray, before: np.ndarray | None) -> _Point | None:
+    def point(self, y: np.ndarray, before: np.ndarray | None) -> _Point | None:
         """The point, with its direction in the sense of the one before; None if not exactly one is free."""
         n = y.size
         jacobian = self._scaled(y)[1]
@@ -129,7 +151,7 @@ class _Curve:
         outcome = solve(rows, predicted, np.ones(predicted.size), iterations=ITERATIONS)
         if not outcome.converged or np.linalg.norm(outcome.x - predicted) > CORRECTION * step:
             return None
-        following = self._point(outcome.x, direction)
+        following = self.point(outcome.x, direction)
         if following is None or following.direction @ direction < STRAIGHT:
             return None
         return following

@@ -18,7 +18,7 @@ from ..problem import OptimalControlProblem
 from ..solution import Solution
 
 #: Operations whose slope jumps where their operands are equal, or the only one is zero.
-_BENDING = (ca.OP_FABS, ca.OP_FMAX, ca.OP_FMIN)
+BENDING = (ca.OP_FABS, ca.OP_FMAX, ca.OP_FMIN)
 #: Longest text of an expression in a message.
 _LONGEST = 60
 
@@ -29,17 +29,17 @@ def kinks_in(expression: ca.SX) -> list[str]:
     The square of a positive part is smooth, and is not named.
     """
     whole = ca.vertcat(expression, *[p.expression for p in placeholders_in(expression)])
-    if not any(operations(whole, (*_BENDING, *JUMPING))):
+    if not any(operations(whole, (*BENDING, *JUMPING))):
         return []
     symbols = ca.vertcat(ca.SX(0, 1), *ca.symvar(whole))
-    nodes = list(operations(whole, (*_BENDING, ca.OP_ATAN2)))
+    nodes = list(operations(whole, (*BENDING, ca.OP_ATAN2)))
     angles = [node.element_hash() for op, node in nodes if op == ca.OP_ATAN2]  # they jump at ±π alone
     held, switches = hold([whole, ca.jacobian(whole, symbols)], free=angles)
     count = symbols.numel()
     around = Surroundings(symbols, np.zeros(count), np.ones(count), ca.SX(0, 1), np.zeros(0))
     smooth = continuous_switches(held, switches, around)
     sharp = [switch for switch in switches if switch.node not in smooth]
-    return _named(sharp, [node for op, node in nodes if op in _BENDING], symbols)
+    return _named(sharp, [node for op, node in nodes if op in BENDING], symbols)
 
 
 def _named(sharp: list[Switch], bends: list[ca.SX], symbols: ca.SX) -> list[str]:

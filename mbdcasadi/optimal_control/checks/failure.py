@@ -165,19 +165,18 @@ Violated = tuple[Solution, dict[str, float]]
 
 
 def infeasible(
-    failure: OptimizationError, least: Violated, widened: Violated | None, starts: int, tolerance: float
+    failure: OptimizationError, least: Violated, widened: Violated | None, reason: str, tolerance: float
 ) -> OptimizationError:
-    """Return the error for a problem whose least violation ends above zero: strong evidence, but no proof.
+    """Return the error for a problem that seems to have no solution, for a reason.
 
-    `failure` is that with which the search began, `least` the motion of the least violation, found from so many starts,
-    and `widened` one that violates limits alone, if there is one; a demand counts as violated from the scaled
-    `tolerance` on.
+    `failure` is that with which the search began, `least` the motion of the least violation, and `widened` one that
+    violates limits alone, if there is one; a demand counts as violated from the scaled `tolerance` on.
     """
     together = _conflicts(*least, tolerance)
     limits = [] if widened is None else _conflicts(*widened, tolerance)
     text = (
-        f"the problem seems infeasible: {_wider(limits)}the least violation of all its demands together, from {starts} "
-        f"starts, is not zero; violated then: {_listed(list(map(str, together)), 3)}; {_last_iterate(failure)}"
+        f"the problem seems infeasible: {_wider(limits)}{reason}; violated then: "
+        f"{_listed(list(map(str, together)), 3)}; {_last_iterate(failure)}"
     )
     error = _instead_of(failure, _in_plain_names(text, failure.partial.problem))
     named = {violation.label for violation in limits}

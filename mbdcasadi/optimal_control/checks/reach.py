@@ -56,7 +56,7 @@ SURE_STEP = 0.35
 
 
 @dataclass(frozen=True)
-class _Stated:
+class Stated:
     """What holds at a place: phases in whose mechanisms the pose is one, with their conditions on positions."""
 
     name: str
@@ -80,7 +80,7 @@ def check_reach(setup: ProblemSetup, candidates: Sequence[Guess]) -> None:
     if any(s.numeric.eom.q.numel() * s.numeric.eom.lam.numel() > LARGE for s in setup.setups):
         return
     loops = _Loops(setup)
-    for stated in _places(setup):
+    for stated in places(setup):
         k = stated.number
         path, is_only = setup.path if k == 0 else setup.setups[k].path, len(setup.setups) == 1
         if path.complete and is_only and _limits_hold(setup.setups[k], stated) and not loops.are_in_doubt(stated):
@@ -94,7 +94,7 @@ def check_reach(setup: ProblemSetup, candidates: Sequence[Guess]) -> None:
             raise error
 
 
-def _limits_hold(setup: PhaseSetup, stated: _Stated) -> bool:
+def _limits_hold(setup: PhaseSetup, stated: Stated) -> bool:
     """Return True if the pose on the path meets all limits of positions at a place; False if that is not known."""
     time = stated.times[1]
     return _hold_at(setup, [c for _, c in stated.conditions], np.array([time]), setup.path.pose_at(time)[None, :])
@@ -119,7 +119,7 @@ class _Loops:
         self._setup, self._path = setup, setup.path
         self._are_decided = first.ends.initial is None and first.phase.equations.has_loops
 
-    def are_in_doubt(self, stated: _Stated) -> bool:
+    def are_in_doubt(self, stated: Stated) -> bool:
         """True if poses that lead to a place may jump to another branch or break a limit, or miss a state there."""
         if not self._are_decided or stated.number:
             return False
@@ -135,7 +135,7 @@ class _Loops:
         unknown = ca.vertcat(ca.SX(0, 1), *setup.problem.free_parameters)
         return list(loops_of_one_freedom(setup.setups[0].numeric, setup.start.q, unknown))
 
-    def refusal(self, reach: _Reach, stated: _Stated) -> OptimizationError | None:
+    def refusal(self, reach: _Reach, stated: Stated) -> OptimizationError | None:
         """The error if no continuous motion leads from the start to a place; None if one may."""
         if not self._are_decided or stated.number or not reach.rows:
             return None
@@ -158,7 +158,7 @@ class _Loops:
         return [(k, e) for k, (e, holds) in enumerate(zip(inside, within, strict=True)) if holds]
 
 
-def _places(setup: ProblemSetup) -> Iterator[_Stated]:
+def places(setup: ProblemSetup) -> Iterator[Stated]:
     """Waypoints and ends of the phases, with their conditions."""
     phases, earliest, latest = setup.problem.phases, 0.0, 0.0
 
@@ -176,7 +176,7 @@ def _places(setup: ProblemSetup) -> Iterator[_Stated]:
         times, path = setup.setups[k].path.segment_times.tolist(), stated(phase, phase.path, "")
         for j, (waypoint, t) in enumerate(zip(phase.waypoints, times[1:-1], strict=True), start=1):
             span = earliest + waypoint.time[0], t, latest + waypoint.time[1]
-            yield _Stated(f"waypoint {j}", k, j, span, [*stated(phase, waypoint.conditions, f"waypoint {j}: "), *path])
+            yield Stated(f"waypoint {j}", k, j, span, [*stated(phase, waypoint.conditions, f"waypoint {j}: "), *path])
         earliest, latest = earliest + phase.span[0], latest + phase.span[1]
         rows, following = [*stated(phase, phase.final, "final: "), *path], _following(phases, k)
         for other in following:
@@ -190,7 +190,7 @@ def _places(setup: ProblemSetup) -> Iterator[_Stated]:
             rows += [(phases[-1], replace(c, label=f"boundary: {c.label}")) for c in at_end]
         name = "the end" if len(phases) == 1 else f"the end of phase '{phase.name}'"
         state = phase.final if isinstance(phase.final, State) else None
-        yield _Stated(name, k, len(times) - 1, (earliest, times[-1], latest), rows, state, following)
+        yield Stated(name, k, len(times) - 1, (earliest, times[-1], latest), rows, state, following)
 
 
 def _following(phases: Sequence[Phase], k: int) -> tuple[Phase, ...]:
@@ -206,7 +206,7 @@ def _following(phases: Sequence[Phase], k: int) -> tuple[Phase, ...]:
 class _Reach(PoseSystem):
     """Conditions on the pose at one place; the unknowns are the pose, the free parameters, and the time."""
 
-    def __init__(self, setup: ProblemSetup, stated: _Stated):
+    def __init__(self, setup: ProblemSetup, stated: Stated):
         numerics = {part.phase: part.numeric for part in setup.setups}
         super().__init__(setup.problem, numerics)
         phase = setup.problem.phases[stated.number]

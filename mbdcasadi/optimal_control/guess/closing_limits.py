@@ -13,8 +13,9 @@ else. So the search goes on, until a solution is found:
 5. from detours (a weak motor swings a pendulum up in several swings),
 6. with the least sum of all violations, from several starts.
 
-Only if that ends above zero, and at the same least violation from several starts, does the problem seem infeasible. The
-least violation of limits alone, with all conditions met, then says which of them would have to be wider. If the problem
+Only if that ends above zero, and at the same least violation from several starts, does the problem seem infeasible; or
+before stage 3 if a mechanism of one degree of freedom does not reach a place in the time, see :mod:`in_time`. The least
+violation of limits alone, with all conditions met, then says which of them would have to be wider. If the problem
 is not solved without its limits either, the violations come first, and detours at last.
 """
 
@@ -31,6 +32,7 @@ from ...numerics.lazy import cached_property
 from ..checks.branch import branch_jump
 from ..checks.expressions import kinks_in_costs, kinks_in_path
 from ..checks.failure import OptimizationError, infeasible, is_unbounded, not_found
+from ..checks.in_time import out_of_time
 from ..nlp.limit_sides import LimitSides
 from ..nlp.problem_solver import ProblemSolver
 from ..nlp.statistics import Attempt
@@ -76,6 +78,8 @@ NEARNESS = (1e-4, 1e-6, 1e-8)
 #: infeasible; one more if others end in larger ones, since several minima show that there may be further ones. And
 #: starts with detours among those that are tried.
 STARTS, SAME_VIOLATION, DETOURED_STARTS = 2, 0.01, 3
+#: What is found from them, in words.
+LEAST_VIOLATION = "the least violation of all its demands together"
 
 
 def may_go_on(error: OptimizationError, options: dict) -> bool:
@@ -149,6 +153,8 @@ class LimitSearch:
         """The first solution of the stages of the search; raises as :meth:`run` does."""
         has_limits = bool(LimitSides(failure.partial.program).sides)
         free = self._without_limits() if has_limits else None
+        if has_limits:
+            self._refuse_out_of_time(failure, free)
         searches: list[Callable[[], Solution | None]] = [
             partial(self._close_in, free),
             partial(self._by_random_motions, free),
@@ -161,8 +167,7 @@ class LimitSearch:
         solutions = (search() for search in searches)
         closed = next((solution for solution in solutions if solution is not None), None)
         if closed is None:
-            solution, slacks, met = (None, {}, False) if free is None else self._widened(free)
-            widened = (solution, slacks) if solution is not None and met else None
+            widened = None if free is None else self._widened(free)
             raise not_found(failure, [stage.description for stage in self._stages], widened, FEASIBLE) from None
         return closed
 
@@ -336,17 +341,30 @@ class LimitSearch:
             return None
         if agreeing < STARTS + (agreeing < len(conflicting)):
             return None
-        solution, slacks, met = self._widened(least[1] if free is None else free)
-        if met and sum(slacks.values()) <= FEASIBLE:
-            return self._solved(
-                self._guess_of(solution), "all limits, from a motion that meets them", CLOSING_ITERATIONS
-            )
-        widened = (solution, slacks) if met else None
-        raise infeasible(failure, least[1:], widened, agreeing, FEASIBLE) from None
+        widened = self._widened(least[1] if free is None else free)
+        if widened is not None and sum(widened[1].values()) <= FEASIBLE:
+            found = "all limits, from a motion that meets them"
+            return self._solved(self._guess_of(widened[0]), found, CLOSING_ITERATIONS)
+        reason = f"{LEAST_VIOLATION}, from {agreeing} starts, is not zero"
+        raise infeasible(failure, least[1:], widened, reason, FEASIBLE) from None
 
-    def _widened(self, solution: Solution) -> tuple[Solution, dict[str, float], bool]:
-        """Least violation of limits alone, near to a motion, with all conditions met; whether it was found."""
-        return self._least_violation(self._guess_of(solution), NEARNESS, limits_alone=True)
+    def _refuse_out_of_time(self, failure: OptimizationError, free: Solution | None) -> None:
+        """Raise the failure if a place is not reached in the time, and the least violation is not zero either."""
+        place = out_of_time(self._solver)
+        if not place:
+            return
+        solution, slacks, _ = self._least_violation(self._guess, NEARNESS)
+        if sum(slacks.values()) > FEASIBLE:
+            reason = f"{place} is not reached in the time with all the work that the inputs can do within their limits"
+            widened = None if free is None else self._widened(free)
+            raise infeasible(
+                failure, (solution, slacks), widened, f"{reason}; {LEAST_VIOLATION} is not zero", FEASIBLE
+            ) from None
+
+    def _widened(self, solution: Solution) -> tuple[Solution, dict[str, float]] | None:
+        """Least violation of limits alone, near to a motion, with all conditions met; None if it is not found."""
+        motion, slacks, succeeded = self._least_violation(self._guess_of(solution), NEARNESS, limits_alone=True)
+        return (motion, slacks) if succeeded else None
 
     def _least_violation(
         self, near: Guess, weights: Sequence[float], *, limits_alone: bool = False
