@@ -152,7 +152,9 @@ def test_a_turn_that_the_time_does_not_allow():
     A motor of ``4 π / T²`` one way and then the other makes half a turn without gravity, which is 3 % of it.
     """
     problem, *_ = swing_up(0.1, 0.2)
-    with pytest.raises(mbd.OptimizationError, match="seems infeasible: .* the end is not reached in the time") as caught:
+    with pytest.raises(
+        mbd.OptimizationError, match="seems infeasible: .* the end is not reached in the time"
+    ) as caught:
         mbd.optimize(problem, intervals=10)
     assert caught.value.partial.statistics.iterations < 100
     conflict = caught.value.conflict

@@ -340,7 +340,7 @@ def best_of(
     if further is not None:
         others = swings(solver, _reports(outcomes))
         more = [tries(solver, guess, limit=_least(limit, further)) for guess in others]
-        outcomes, best = [*outcomes, *more], _settled(others, more, settle, best)
+        outcomes, best = [*outcomes, *more], _settled(others, more, settle, best) or best
     solution, reports = best[0], _reports(outcomes)
     if len(reports) > 1:
         solution.statistics = replace(solution.statistics, starts=reports)
