@@ -43,7 +43,7 @@ END_STARTS, ANOTHER, OTHER_ENDS = 16, 0.2, 2
 #: Relative difference of costs below which solutions are the same.
 SAME_COST = 1e-6
 #: Number of detours from which a chain with fewer inputs than angles is solved besides, and iterations of a solve from
-#: which it is: fewer show that the program is nearly quadratic, and there is little to look for.
+#: which it is: fewer, or as many from each of the usual guesses, show that the program is nearly linear but for limits.
 SWINGS, SWINGING_ITERATIONS = 6, 20
 
 
@@ -149,8 +149,13 @@ def swings(solver: ProblemSolver, reports: Sequence[Attempt]) -> list[Guess]:
     from pose to pose evenly has none of them.
     """
     scheme = solver.setups[0].scheme
-    several = any(report.iterations >= SWINGING_ITERATIONS for report in reports)
-    if not several or not scheme.eom.is_chain or scheme.eom.u.numel() >= scheme.eom.q.numel():
+    counts = {report.iterations for report in reports}
+    if (
+        len(counts) == 1
+        or max(counts) < SWINGING_ITERATIONS
+        or not scheme.eom.is_chain
+        or scheme.eom.u.numel() >= scheme.eom.q.numel()
+    ):
         return []
     random = np.random.default_rng(0)
     return [random_detour(solver, random) for _ in range(SWINGS)]
