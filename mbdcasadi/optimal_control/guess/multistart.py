@@ -150,12 +150,8 @@ def swings(solver: ProblemSolver, reports: Sequence[Attempt]) -> list[Guess]:
     """
     scheme = solver.setups[0].scheme
     counts = {report.iterations for report in reports}
-    if (
-        len(counts) == 1
-        or max(counts) < SWINGING_ITERATIONS
-        or not scheme.eom.is_chain
-        or scheme.eom.u.numel() >= scheme.eom.q.numel()
-    ):
+    is_nearly_linear = len(counts) == 1 or max(counts) < SWINGING_ITERATIONS
+    if is_nearly_linear or not scheme.eom.is_chain or scheme.eom.u.numel() >= scheme.eom.q.numel():
         return []
     random = np.random.default_rng(0)
     return [random_detour(solver, random) for _ in range(SWINGS)]
