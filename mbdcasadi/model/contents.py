@@ -22,7 +22,9 @@ from .symbols import Role, t
 #: Contents of which values are kept, the most recent ones.
 RECENT = 8
 #: Packages whose functions and classes read nothing but their arguments and attributes.
-PACKAGES = frozenset({__name__.partition(".")[0], "builtins", "types", "numpy", "casadi"})
+PACKAGES = frozenset({__name__.partition(".")[0], "types", "numpy", "casadi"})
+#: Flag of classes that were made while Python runs, not compiled into it.
+MADE_IN_PYTHON = 1 << 9
 #: Types of what is its own contents.
 PLAIN = frozenset({int, float, bool, str, bytes, complex, type(None), CodeType})
 
@@ -102,10 +104,11 @@ class _Reader:
                 return kind, entries
         if isinstance(part, np.ndarray | np.generic) and part.dtype != object:
             return kind, part.dtype.str, part.shape, part.tobytes()
+        # what a function or a class of the user's own reads besides, such as globals, is not known
+        if _is_own(part if isinstance(part, type | FunctionType) else kind):
+            raise _UnknownError
         if isinstance(part, type | BuiltinFunctionType):
             return kind, part
-        if _is_own(part if kind is FunctionType else kind):  # what it reads besides, such as globals, is not known
-            raise _UnknownError
         if kind is FunctionType:
             cells = [cell.cell_contents for cell in part.__closure__ or ()]
             return part.__module__, part.__code__, self.read((cells, part.__defaults__, part.__kwdefaults__))
@@ -126,8 +129,10 @@ class _Reader:
 
 
 def _is_own(part: Any) -> bool:
-    """True for a function or a class that a user of the package wrote."""
-    return part.__module__.partition(".")[0] not in PACKAGES
+    """True for a function or a class that a user of the package wrote, also as a text without a module."""
+    if part.__module__ == "builtins":
+        return bool(getattr(part, "__flags__", MADE_IN_PYTHON) & MADE_IN_PYTHON)
+    return (part.__module__ or "").partition(".")[0] not in PACKAGES
 
 
 @cache

@@ -113,7 +113,7 @@ def closure(number):
         (1, True),
         ([1, 2], (1, 2)),
         ({"a": 1}, {"b": 1}),
-        (Magnet, Element),
+        (mbd.Body, Element),
     ],
     ids=["sets", "arrays", "types of numbers", "sequences", "mappings", "classes"],
 )
@@ -122,10 +122,24 @@ def test_types_and_numbers_count(one, other):
     assert contents_of(one) == contents_of(one) != contents_of(other)
 
 
+def of_text(name):
+    """Function, class and object that a text defines, which belongs to no module."""
+    names = {}
+    exec("def function(): pass\nclass Kind: pass\nobject = Kind()", names)
+    return names[name]
+
+
 @pytest.mark.parametrize(
     "tag",
-    [closure(1), functools.partial(print, 1), iter([1]), type("Bag", (dict,), {})(a=1)],
-    ids=["function", "partial", "iterator", "kind of dict"],
+    [
+        closure(1),
+        functools.partial(print, 1),
+        iter([1]),
+        type("Bag", (dict,), {})(a=1),
+        Magnet,
+        *map(of_text, ("function", "Kind", "object")),
+    ],
+    ids=["function", "partial", "iterator", "kind of dict", "own class", "text", "class of a text", "object of a text"],
 )
 def test_state_that_attributes_do_not_show_is_not_known(tag):
     """Nothing is shared then."""

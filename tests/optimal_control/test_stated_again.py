@@ -9,6 +9,7 @@ import mbdcasadi as mbd
 from mbdcasadi.model import contents
 from mbdcasadi.model.cache import Cache
 from mbdcasadi.optimal_control.nlp import collocation_program
+from mbdcasadi.optimal_control.transcription.gauss_legendre import GaussLegendre
 
 
 def at_rest(block):
@@ -111,6 +112,24 @@ def test_starts_and_parameters_of_a_solve_are_its_own(nothing_kept):
     stiffer = mbd.optimize(third.problem, intervals=6, parameters={third.k: 5.0})
     assert stiffer.cost == pytest.approx(solved(stated(stiffness=5.0)).cost, rel=1e-9)
     assert solved(stated()).cost == pytest.approx(solved(stated()).cost, rel=1e-12)
+
+
+FACTOR = 1.0
+
+
+class Weighted(GaussLegendre):
+    """Weights in the cost that a global changes."""
+
+    def __init__(self, degree):
+        super().__init__(degree)
+        self.quadrature = FACTOR * self.quadrature
+
+
+def test_a_transcription_of_the_users_own_is_not_shared(nothing_kept, monkeypatch):
+    """It may read globals that have changed since."""
+    light = solved(stated(), transcription=Weighted)
+    monkeypatch.setitem(globals(), "FACTOR", 2.0)
+    assert solved(stated(), transcription=Weighted).cost == pytest.approx(2 * light.cost, rel=1e-9)
 
 
 def test_refusals_and_warnings_come_again(nothing_kept):

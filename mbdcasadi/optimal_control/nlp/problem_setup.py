@@ -211,7 +211,7 @@ class ProblemSetup:
         parts = (*(setup.key for setup in self.setups), *(change.key for change in self.changes))
         key = tuple(mesh.structure for mesh in meshes), self.settings.key, parts, held
         shared = None
-        if self._is_own_start and self.problem.contents is not None:
+        if self._is_own_start and self.settings.are_known and self.problem.contents is not None:
             values = self.setups[0].numeric.p.tobytes(), self.free_values.tobytes()
             shared = self.problem.contents, *values, *key[:2], held
         make = partial(CollocationProgram, self.problem, self.setups, meshes, self.changes, held, shared)

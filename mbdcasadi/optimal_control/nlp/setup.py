@@ -15,6 +15,7 @@ from ...equations.reduced import ReducedEquations, is_chain_in_angles, reduced_e
 from ...errors import ModelError
 from ...model.cache import Cache
 from ...model.conditions import Condition
+from ...model.contents import contents_of
 from ...model.quantities import whole, yes_or_no
 from ...numerics.lazy import cached_property
 from ...numerics.rank import dependent_rows, unit_rows
@@ -51,6 +52,11 @@ class Settings:
     def key(self) -> Hashable:
         """Key of the programs that are made by them."""
         return self.chosen, self.transcription.degree, self.control, self.angles
+
+    @property
+    def are_known(self) -> bool:
+        """False with a transcription of the user's own, of which programs are not shared: it may read globals."""
+        return contents_of(self.chosen) is not None
 
     @classmethod
     def read(
@@ -184,7 +190,7 @@ class PhaseSetup:
         rows, weights = self._independent_rows(eom), self.numeric.weights[eom.independent]
         place = problem.phases.index(self.phase)
         key = "scheme", place, settings.key, curved, tuple(rows), basis, weights.tobytes()
-        kept = problem.shared.get_or_create(key, Cache, bounded=True)
+        kept = problem.shared.get_or_create(key, Cache, bounded=True) if settings.are_known else Cache()
         path_constraints = problem.differentiated_path_constraints(self.phase)
         constraints = MotionConstraints(eom, self.numeric.p, rows, path_constraints, kept)
         return settings.transcription.bound_to(constraints, weights, basis)
