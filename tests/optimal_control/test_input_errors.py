@@ -159,3 +159,34 @@ def test_inputs_that_are_not_found_are_reported(monkeypatch):
     problem, *_ = damped(20.0)
     with pytest.warns(mbd.MechanismWarning, match=r"meet the tolerance 1e-06, but not the inputs, which are off by"):
         mbd.optimize(problem, intervals=10, tolerance=1e-6)
+
+
+@pytest.mark.slow
+def test_meshes_are_split_after_mesh_points_were_moved_in_vain():
+    """Least work of the motor of a cart with a pendulum: the cost of 160 equal intervals, without a warning."""
+    force, k = mbd.Input("force", lower=-25, upper=25), mbd.Parameter("k", 2.0)
+    cart = mbd.Body("cart", mass=1.0, inertia=0.1)
+    bob = mbd.Body("bob", mass=0.5, inertia=0.01, pose=(0, -0.4, 0))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), cart.at(0, 0))
+    pin = mbd.Revolute("pin", cart.at(0, 0), bob.at(0, 0.4))
+    lag = mbd.StateVariable("lag", 0.1)
+    push = mbd.Force("push", cart.at(0, 0), (force - k * cart.x - 0.1 * lag, 0))
+    system = mbd.Mechanism(
+        [cart, bob],
+        [guide, pin],
+        forces=[mbd.Gravity(), push],
+        inputs=[force],
+        parameters=[k],
+        states={lag: cart.vx - lag},
+    )
+    problem = mbd.OptimalControlProblem(
+        system,
+        duration=1.5,
+        initial=[cart.x == 0, cart.vx == 0, bob.phi == 0, bob.omega == 0, lag == 0],
+        final=[cart.x == 1, cart.vx == 0],
+        running_cost=mbd.absolute(force * cart.vx) + 0.01 * force**2,
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", mbd.MechanismWarning)
+        solution = mbd.optimize(problem, intervals=4, tolerance=1e-3)
+    assert solution.cost == pytest.approx(1.19593, rel=1e-4)

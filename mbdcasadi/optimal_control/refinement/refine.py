@@ -189,6 +189,8 @@ class _Refinement:
         """Meshes with intervals split as the measures need it; None if that did not help in the last pass."""
         self.solver.limit_tolerance = self.tolerance
         before, spread = self.spread, max(measure.spread for measure in self.measures)
+        if np.isinf(before):  # mesh points that moved in vain say nothing about finer meshes
+            self.in_vain = 0
         self.spread = spread or np.inf
         self._begin_anew()
         stays = spread > max(0.8 * before, SMALL_SPREAD * self.tolerance * self.solution.duration)
