@@ -104,6 +104,10 @@ def positive(value: Any, what: str, quantity: str) -> float:
     return result
 
 
+#: Attributes of symbols that stay what they were made with: models and what is compiled for them are found by these.
+SEALED = frozenset({"label", "value", "lower", "upper", "unit"})
+
+
 class Symbol(ca.SX, HoldsSymbols):
     """A named scalar of the model: a ``casadi.SX`` with a label, a value and limits."""
 
@@ -118,6 +122,14 @@ class Symbol(ca.SX, HoldsSymbols):
         super().__init__(ca.SX.sym(label))
         self.label = label
         self._role = register(self, self._kind, label, owner=None)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in self.__dict__ and name in SEALED:
+            raise AttributeError(
+                f"{self!r} does not change after construction; instead of setting {name}, give analyses other values "
+                "in inputs= or parameters=, or make a new symbol"
+            )
+        super().__setattr__(name, value)
 
     def __copy__(self) -> Symbol:
         return self

@@ -64,6 +64,16 @@ def test_copies_are_the_same_symbol(make):
 
 
 @by_kind
+@pytest.mark.parametrize("name", ["label", "value", "lower", "upper"])
+def test_symbols_do_not_change(make, name):
+    """What was computed from a value would go on with the old one."""
+    symbol = make("s", value=1.0, lower=0.0, upper=2.0)
+    with pytest.raises(AttributeError, match=f"'s'.*instead of setting {name}.*parameters="):
+        setattr(symbol, name, 0.5)
+    assert (symbol.label, symbol.value, symbol.lower, symbol.upper) == ("s", 1.0, 0.0, 2.0)
+
+
+@by_kind
 def test_symbols_are_keys(make):
     """Two symbols of one name are two keys."""
     first, second = make("s"), make("s")
