@@ -152,6 +152,7 @@ def test_interrupted_with_the_last_iterate(monkeypatch):
         mbd.optimize(problem, intervals=16, solver="fatrop")
     assert len(calls) == 3 and caught.value.partial.statistics.iterations == 2
     assert np.all(np.isfinite(caught.value.partial.trajectory.q))
+    assert mbd.optimize(problem, intervals=16, solver="fatrop").statistics.solver == "fatrop"
 
 
 def test_progress_is_shown(capfd):
@@ -163,12 +164,12 @@ def test_progress_is_shown(capfd):
 
 @pytest.mark.slow
 def test_several_starts_in_processes():
-    """Fatrop's functions travel; a solver that has been used before ends elsewhere within its tolerance."""
+    """Fatrop's functions travel."""
     problem, *_ = swing_up(8.0, 2.0)
     expected = mbd.optimize(problem, intervals=16, starts=3, solver="fatrop")
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as executor:
         found = mbd.optimize(problem, intervals=16, starts=3, solver="fatrop", executor=executor)
-    assert found.cost == pytest.approx(expected.cost, rel=1e-7)
+    assert found.cost == pytest.approx(expected.cost, rel=1e-9)
     assert found.statistics.solver == expected.statistics.solver == "fatrop"
 
 

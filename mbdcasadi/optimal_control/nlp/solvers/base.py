@@ -225,8 +225,12 @@ class NLPSolver(ABC):
         make = partial(_checked, self.make_watched, begin.program, options)
         if not all(isinstance(value, PLAIN) for value in self.options.values()):  # what a callback does is its own
             return self._call(begin, *make(), arguments)
-        with begin.program.solvers.lent(key, make) as lent:
-            return self._call(begin, *lent, arguments)
+        solvers = begin.program.solvers
+        lent = solvers.borrow(key, make)
+        result = self._call(begin, *lent, arguments)
+        if not result.interrupted:  # fatrop fails after a solve that was stopped by numbers that are none
+            solvers.give_back(key, lent)
+        return result
 
     def _call(self, begin: Beginning, solver: ca.Function, watch: SolverWatch, arguments: dict[str, Any]) -> Result:
         built = clock.perf_counter()
