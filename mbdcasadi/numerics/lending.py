@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Hashable
 from typing import Any, TypeVar
 
 Made = TypeVar("Made")
@@ -65,15 +64,6 @@ class Lending:
                 free.append(borrowed)
             while len(self._free) > KEPT:
                 self._free.popitem(last=False)
-
-    @contextmanager
-    def lent(self, key: Hashable, make: Callable[[], Made]) -> Iterator[Made]:
-        """Lend an object of a key; leaving the context gives it back."""
-        borrowed = self.borrow(key, make)
-        try:
-            yield borrowed
-        finally:
-            self.give_back(key, borrowed)
 
     def __reduce__(self) -> tuple[type[Lending], tuple[float]]:
         return type(self), (self._alike,)
