@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import casadi as ca
-import numpy as np
 
 from ...arguments.inputs import Signals
 from ...equations import Equations
@@ -145,7 +144,7 @@ class Formulation(ABC):
         else:
             a, lam, residual = self._among_elements(numeric, elements, arguments, unknown)
         algebraic = ca.vertcat(*unknown) if self.is_algebraic else kind(0, 1)
-        kept = np.setdiff1d(np.arange(algebraic.numel()), given).tolist()
+        kept = [k for k in range(algebraic.numel()) if k not in given]
         rates = ca.Function("rates", [*eom.symbols], [ca.densify(ca.vertcat(eom.z_rate, integrands)), quadratures])
         z_rate, quad = rates(clock.t, q, v, a, z, lam, u, p)
         if elements is not None:

@@ -156,7 +156,7 @@ def singular_time(regularity: Regularity, path: Path, p: np.ndarray) -> float | 
 
 
 def _regularity(eom: Equations, left_out: Sequence[int]) -> ca.Function:
-    rows = np.setdiff1d(range(eom.lam.numel()), left_out).tolist()
+    rows = [k for k in range(eom.lam.numel()) if k not in left_out]
     columns = ca.SX.sym("scale", eom.q.numel())
     jacobian = eom.Phi_q[rows, :] @ ca.diag(columns)
     size = ca.sum2(jacobian**2)
