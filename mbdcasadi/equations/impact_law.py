@@ -11,13 +11,10 @@ import numpy as np
 
 from ..errors import ModelError
 from ..numerics.least_squares import least_norm
-from ..numerics.rank import dependent_rows
+from ..numerics.rank import dependent_rows, row_lengths
 from ..numerics.tolerances import ACCURACY
 from .derivation import Equations
 from .numeric import NumericEquations
-
-#: Length of a row, for coordinates that move a point by one metre, below which it is rounding.
-VANISHED = 1e-12
 
 
 @dataclass(frozen=True)
@@ -65,15 +62,14 @@ def jump(numeric: NumericEquations, jacobian: np.ndarray, right: np.ndarray, v: 
     """
     # in these units masses and rows are near one, whatever the size of the mechanism
     sizes = numeric.column_scale
-    inertia = numeric.mass * sizes**2
-    unit = float(np.max(inertia, initial=0.0)) or 1.0
-    lengths = np.linalg.norm(jacobian * sizes, axis=1)
-    lengths = np.where(lengths > VANISHED, lengths, 1.0)
+    unit, lengths = numeric.largest_mass, row_lengths(jacobian * sizes)
     rows = jacobian * sizes / lengths[:, None]
     dependent = dependent_rows(rows)
     kept = [k for k in range(right.size) if k not in set(dependent)]
     n, independent = v.size, rows[kept]
-    system = np.block([[np.diag(inertia / unit), independent.T], [independent, np.zeros((len(kept), len(kept)))]])
+    system = np.block(
+        [[np.diag(numeric.mass * sizes**2 / unit), independent.T], [independent, np.zeros((len(kept), len(kept)))]]
+    )
     missed = (right - jacobian @ v)[kept] / lengths[kept]
     step = least_norm(system, np.r_[np.zeros(n), missed], threshold=ACCURACY)
     after, impulses = v + sizes * step[:n], np.zeros(right.size)

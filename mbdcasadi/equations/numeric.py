@@ -181,6 +181,11 @@ class NumericEquations:
         return self.scale.columns
 
     @property
+    def largest_mass(self) -> float:
+        """Largest mass of a coordinate in these units, kg; one if there is none."""
+        return float(np.max(self.mass * self.column_scale**2, initial=0.0)) or 1.0
+
+    @property
     def typical_step(self) -> np.ndarray:
         """Half a radian for angles; for displacements its arc at the characteristic length (n,)."""
         return 0.5 * self.scale.coordinates

@@ -80,22 +80,17 @@ class Directions:
         self.u = self._given_inputs + self.of(self._inputs, without_inputs=True)
         motion = eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q
         # masses and loads of a small mechanism are tiny beside the entries of Phi_q
-        columns, load = self.numeric.column_scale, self._load
-        rows = ca.vertcat(columns / load * motion, eom.Phi_q @ eom.a - eom.gamma)
+        columns, mass = self.numeric.column_scale, self.numeric.largest_mass
+        rows = ca.vertcat(columns / mass * motion, eom.Phi_q @ eom.a - eom.gamma)
         none = np.zeros((0, self.count))
         both = self._solved(
             rows,
             ca.vertcat(eom.a, eom.lam),
             (rows.numel(), none),
             "acceleration",
-            np.r_[columns, np.full(eom.lam.numel(), load)],
+            np.r_[columns, np.full(eom.lam.numel(), mass)],
         )
         self.a, self.lam = both[:n], both[n:]
-
-    @property
-    def _load(self) -> float:
-        """Load that gives the heaviest part an acceleration of one: the unit of multipliers here."""
-        return float(np.max(self.numeric.mass * self.numeric.column_scale**2, initial=0.0)) or 1.0
 
     def _solved(
         self,

@@ -117,10 +117,15 @@ def sparse_rank(matrix: ca.DM, tolerance: float = RANK) -> int:
     return int(np.sum(diagonal > tolerance * np.max(diagonal, initial=0.0)))
 
 
+def row_lengths(matrix: np.ndarray) -> np.ndarray:
+    """Lengths of rows (m,); one for those that vanish."""
+    size = np.linalg.norm(matrix, axis=1)
+    return np.where(size > 1e-12, size, 1.0)
+
+
 def unit_rows(matrix: np.ndarray) -> np.ndarray:
     """Rows divided by their lengths; those that vanish stay as they are."""
-    size = np.linalg.norm(matrix, axis=1, keepdims=True)
-    return matrix / np.where(size > 1e-12, size, 1.0)
+    return matrix / row_lengths(matrix)[:, None]
 
 
 def dependent_rows(matrix: np.ndarray, tolerance: float = RANK) -> list[int]:

@@ -200,7 +200,7 @@ def _blocks(
             if np.any(outcome.folds):
                 folding.append(done[outcome.folds])
             if np.any(ran):
-                messages = [m for m, good in zip(outcome.messages, ran, strict=True) if good]
+                messages = [m for m, good in zip(outcome.reasons, ran, strict=True) if good]
                 yield done[ran], outcome.values[ran], messages
             left = done[~outcome.reached]
             if left.size:

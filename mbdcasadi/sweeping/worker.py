@@ -58,26 +58,17 @@ class Parcel:
 
 
 @dataclass(frozen=True)
-class BatchOutcome:
-    """Results of some cases.
+class BatchOutcome(Results):
+    """Results of a batch, with their reasons as sentences.
 
     Attributes
     ----------
-    values : numpy.ndarray
-        Outputs (k, n); NaN for a case without.
-    messages : list of str
-        Reason for the failure of a case; empty for others.
-    folds : numpy.ndarray of bool
-        True if a case is to be simulated (k,), see :class:`Results`.
     reached : numpy.ndarray of bool
         True if its start was found (k,).
     note : str
         Code that ran, in words; empty for the methods of CasADi.
     """
 
-    values: np.ndarray
-    messages: list[str]
-    folds: np.ndarray
     reached: np.ndarray
     note: str
 
@@ -104,7 +95,7 @@ def run_batch(
         starts, reached = parcel.path.starts(parameters)
     else:
         reached = np.ones(len(parameters), bool)
-    values, messages = np.full((len(parameters), parcel.size), np.nan), [""] * len(parameters)
+    values, reasons = np.full((len(parameters), parcel.size), np.nan), [""] * len(parameters)
     chosen = np.flatnonzero(reached)
     if chosen.size < len(reached):
         course = tuple(argument[chosen] for argument in course)
@@ -113,8 +104,8 @@ def run_batch(
     folds[chosen] = results.folds
     for k, reason in zip(chosen, results.reasons, strict=True):
         if reason:
-            messages[k] = f"the integrator stopped: {reason}; simulate with the values of this case says where and why"
-    return BatchOutcome(values, messages, folds, reached, parcel.said)
+            reasons[k] = f"the integrator stopped: {reason}; simulate with the values of this case says where and why"
+    return BatchOutcome(values, reasons, folds, reached, parcel.said)
 
 
 def _evaluated(function: ca.Function, case: tuple[Any, ...]) -> tuple[np.ndarray, float, float]:
