@@ -3,7 +3,7 @@
 A pin between two bodies says where the second one is once the angles are
 known: ``x_2 = x_1 + l_1 cos(phi_1) + l_2 cos(phi_2)``. Such a row is linear in a
 coordinate with a constant factor, and can be solved for it once and for all;
-rows that close a loop cannot.
+the last row of a loop cannot.
 """
 
 from __future__ import annotations
@@ -18,14 +18,16 @@ from .switching.switches import jumps_anywhere
 
 #: Coordinates in which another may be given: more would make the equations of long chains dense.
 MOST = 6
-#: Coordinates in which another may be given otherwise than linearly. Measured on sixty swing-ups of one to three links:
-#: with two angles and more the solver lost its way in nine of them, in all coordinates in one; of ninety pendulums and
-#: cart-poles, with one angle, the same were solved, in half the time.
+#: Coordinates in which another may be given otherwise than linearly, in open chains. Measured on sixty swing-ups of one
+#: to three links: with two angles and more the solver lost its way in nine of them, in all coordinates in one; of ninety
+#: pendulums and cart-poles, with one angle, the same were solved, in half the time.
 CURVED = 1
-#: The same for open chains in angles alone, or as many as there are inputs. With guesses at rest, and residuals of the
-#: equations of motion in plain loads, chains of two and three links took a third of the time that they take in all
-#: coordinates; five with one motor took as long. With a motor in every joint five and ten took as long for both guesses
-#: as in all coordinates for one, to optima that were cheaper by up to a third in each of five cases.
+#: The same in loops, and in open chains in angles alone, there also as many as there are inputs. Fifty four-bars,
+#: slider-cranks, five-bars, six-bars, lifts and platforms took the same iterations as in all coordinates, and a third to
+#: two thirds of the time. With guesses at rest, and residuals of the equations of motion in plain loads, chains of two
+#: and three links took a third of the time that they take in all coordinates; five with one motor took as long. With a
+#: motor in every joint five and ten took as long for both guesses as in all coordinates for one, to optima that were
+#: cheaper by up to a third in each of five cases.
 ANGLES = 3
 #: A row is solved for a coordinate whose factor is at least this share of its largest one; less is rounding.
 LEAST = 1e-3
@@ -90,9 +92,10 @@ class ExplicitRow:
 def explicit_rows(eom: Equations, *, curved: bool = True, angles: bool = False) -> list[ExplicitRow]:
     """Position rows that give coordinates, in the order in which they are to be solved.
 
-    If one turning body follows another or a loop is closed, these are the
-    linear rows alone: in angles only, long chains and closures bend more than
-    in all coordinates, and an optimal control that finds its way there may get lost.
+    Of loops these are the pins of a tree, and those that close the loops are
+    left. If one turning body follows another in an open chain, they are the
+    linear rows alone: in angles only, long chains bend more than in all
+    coordinates, and an optimal control that finds its way there may get lost.
 
     Parameters
     ----------
@@ -103,12 +106,14 @@ def explicit_rows(eom: Equations, *, curved: bool = True, angles: bool = False) 
     """
     rows = _rows(eom)
     positions = [rows[int(k)] for k in eom.position_rows]
-    if angles and curved:
+    if not curved:
+        return _solve(positions, set(range(eom.q.numel())))
+    if angles:
         solved_rows = _solve(positions, set(), max(ANGLES, eom.u.numel()))
         if len(solved_rows) == len(rows):
             return solved_rows
-    if not curved:
-        return _solve(positions, set(range(eom.q.numel())))
+    if len(_solve(positions, set(), eom.q.numel())) < len(rows):
+        return _solve(positions, set(), ANGLES)
     linear_rows = _solve(positions, set())
     solved = {int(eom.position_rows[row.place]) for row in linear_rows}
     left = {k for place, row in enumerate(rows) if place not in solved for k in row.coordinates}
@@ -156,21 +161,23 @@ def tree_rows(eom: Equations) -> dict[int, tuple[int, dict[int, float]]]:
 
 
 def _solve(rows: list[_Row], lasting: set[int], curved: int = CURVED) -> list[ExplicitRow]:
-    """Solve rows for coordinates, the linear ones first; of those that hold lasting coordinates these alone."""
+    """Solve rows for coordinates, those in the fewest angles first; of those that hold lasting coordinates linear ones."""
     definitions: dict[int, _Row] = {}
-    solved = []
-    for place, plain_row in sorted(enumerate(rows), key=lambda item: bool(item[1].curved)):
-        row = plain_row.with_definitions(definitions)
-        k = _pivot(row, LEAST * max((abs(x) for x in plain_row.linear.values()), default=0.0))
-        if k is None or (row.curved and row.coordinates & lasting):
-            continue
-        definition = {k: row.solved_for(k)}
-        moved = {j: d.with_definitions(definition) for j, d in definitions.items() if k in d.coordinates}
-        if all(d.is_short(curved) for d in (*definition.values(), *moved.values())):
-            dependent = [j for j in plain_row.coordinates if j in definitions]
-            solved.append(ExplicitRow(place, k, row.linear[k], dependent, list(moved)))
-            definitions |= moved | definition
-    return solved
+    solved: dict[int, ExplicitRow] = {}
+    linear_first = sorted(enumerate(rows), key=lambda item: bool(item[1].curved))
+    for most in (*range(1, min(curved, ANGLES)), curved):
+        for place, plain_row in linear_first:
+            row = plain_row.with_definitions(definitions)
+            k = _pivot(row, LEAST * max((abs(x) for x in plain_row.linear.values()), default=0.0))
+            if place in solved or k is None or (row.curved and row.coordinates & lasting):
+                continue
+            definition = {k: row.solved_for(k)}
+            moved = {j: d.with_definitions(definition) for j, d in definitions.items() if k in d.coordinates}
+            if all(d.is_short(most) for d in (*definition.values(), *moved.values())):
+                dependent = [j for j in plain_row.coordinates if j in definitions]
+                solved[place] = ExplicitRow(place, k, row.linear[k], dependent, list(moved))
+                definitions |= moved | definition
+    return list(solved.values())
 
 
 def connected(rows: list[_Row], coordinates: set[int]) -> set[int]:

@@ -73,8 +73,9 @@ class ReducedEquations:
     multipliers of the explicit rows follow: if these rows are ``e`` in place
     of zero, ``q = f(w, t, e)``, and ``lam_e = -f_e^T (M a + Phi_q^T lam - Q)``.
 
-    A cart with a pendulum is left with its two coordinates and no constraints;
-    in long chains and in loops linear rows alone are solved, see
+    A cart with a pendulum is left with its two coordinates and no constraints,
+    a four-bar with three angles and the pin that closes it; in long open
+    chains linear rows alone are solved, see
     :func:`~mbdcasadi.equations.explicit.explicit_rows`. If forces depend on
     multipliers, or no coordinate would be left, none is.
 
