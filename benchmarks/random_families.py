@@ -2,7 +2,9 @@
 
 Five families: crank-rockers and drag-links, slider-cranks, five-bars with two motors, Watt six-bars, carts with a
 double pendulum. Each instance is solved without limits, and again with its inputs limited to a share of the peaks
-that were found. ``python random_families.py [COUNT [SEED]]`` prints a table.
+that were found. If that is said to be infeasible, the least multiple of the limits that will do is searched from the
+free motion; it is printed, and "wrongly" counts those of at most 1. ``python random_families.py [COUNT [SEED]]`` prints
+a table.
 """
 
 from __future__ import annotations
@@ -231,8 +233,8 @@ FAMILIES: dict[str, Callable[..., Problem]] = {
 
 #: Head of the tables.
 HEADER = """\
-| family | limits | solved | said to be infeasible | median iterations | coarse | seconds in all |
-|---|---|---:|---:|---:|---:|---:|"""
+| family | limits | solved | said to be infeasible | wrongly | median iterations | coarse | seconds in all |
+|---|---|---:|---:|---:|---:|---:|---:|"""
 
 
 @dataclass
@@ -242,6 +244,7 @@ class Tally:
     family: str
     number: int = 0
     infeasible: int = 0
+    wrongly: int = 0
     coarse: int = 0
     seconds: float = 0.0
     iterations: list[int] = field(default_factory=list)
@@ -266,7 +269,7 @@ class Tally:
     def row(self, limits: str) -> str:
         """Row of the table."""
         median = f"{np.median(self.iterations):g}" if self.iterations else "–"
-        solved = f"{len(self.iterations)} of {self.number} | {self.infeasible}"
+        solved = f"{len(self.iterations)} of {self.number} | {self.infeasible} | {self.wrongly}"
         return f"| {self.family} | {limits} | {solved} | {median} | {self.coarse} | {self.seconds:.1f} |"
 
 
@@ -281,10 +284,28 @@ def free_and_limited(family: str, share: float, problems: Sequence[Callable[[lis
     for make in problems:
         solution = free.solve(make(None))
         if solution is not None:
-            peak = np.max(np.abs(solution.trajectory.inputs), axis=0)
-            limited.solve(make((share * peak).tolist()))
+            limits = share * np.max(np.abs(solution.trajectory.inputs), axis=0)
+            said = limited.infeasible
+            limited.solve(make(limits.tolist()))
+            if limited.infeasible > said:
+                multiple = least_multiple(solution, limits)
+                limited.wrongly += multiple <= 1
+                print(f"  the least multiple of the limits found is {multiple:.6f}", file=sys.stderr)
     print(free.row("none"))
     print(limited.row(f"{share:g} of the peak"), flush=True)
+
+
+def least_multiple(free: mbd.Solution, limits: np.ndarray) -> float:
+    """Least multiple of limits of the inputs with which a problem can be solved, from its free solution."""
+    problem, multiple = free.problem, mbd.Parameter("multiple", 1.0, lower=0.0)
+    within = [
+        mbd.bounded(-limit * multiple, u, limit * multiple)
+        for u, limit in zip(problem.mechanism.inputs, limits.tolist(), strict=True)
+    ]
+    least = problem.replace(
+        path=[*problem.path, *within], running_cost=0, terminal_cost=multiple, free_parameters=[multiple]
+    )
+    return float(mbd.optimize(least, guess=free).cost)
 
 
 def print_verified(families: Mapping[str, Callable[[np.random.Generator], Problem]], count: int, seed: int) -> None:

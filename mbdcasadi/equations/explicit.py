@@ -107,17 +107,17 @@ def explicit_rows(eom: Equations, *, curved: bool = True, angles: bool = False) 
     rows = _rows(eom)
     positions = [rows[int(k)] for k in eom.position_rows]
     if not curved:
-        return _solve(positions, set(range(eom.q.numel())))
+        return _solve(positions, set(range(eom.q.numel())), CURVED)
     if angles:
         solved_rows = _solve(positions, set(), max(ANGLES, eom.u.numel()))
         if len(solved_rows) == len(rows):
             return solved_rows
     if len(_solve(positions, set(), eom.q.numel())) < len(rows):
         return _solve(positions, set(), ANGLES)
-    linear_rows = _solve(positions, set())
+    linear_rows = _solve(positions, set(), CURVED)
     solved = {int(eom.position_rows[row.place]) for row in linear_rows}
     left = {k for place, row in enumerate(rows) if place not in solved for k in row.coordinates}
-    return _solve(positions, connected(positions, left)) if left else linear_rows
+    return _solve(positions, connected(positions, left), CURVED) if left else linear_rows
 
 
 def tree_rows(eom: Equations) -> dict[int, tuple[int, dict[int, float]]]:
@@ -160,7 +160,7 @@ def tree_rows(eom: Equations) -> dict[int, tuple[int, dict[int, float]]]:
     return solved
 
 
-def _solve(rows: list[_Row], lasting: set[int], curved: int = CURVED) -> list[ExplicitRow]:
+def _solve(rows: list[_Row], lasting: set[int], curved: int) -> list[ExplicitRow]:
     """Solve rows for coordinates, those in the fewest angles first; of those that hold lasting coordinates linear ones."""
     definitions: dict[int, _Row] = {}
     solved: dict[int, ExplicitRow] = {}

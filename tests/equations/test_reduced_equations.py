@@ -153,9 +153,8 @@ def test_of_a_mechanism_that_is_driven_completely_all_is_left():
 @pytest.mark.parametrize("unlimited", [False, True])
 def test_against_the_equations_in_all_coordinates(make, unlimited, monkeypatch):
     """At any independent state: constraints met, and accelerations and reactions those of the whole system."""
-    if unlimited:  # every explicit row, as if nothing spoke against it
-        monkeypatch.setattr(explicit, "CURVED", 9)
-        monkeypatch.setattr(explicit, "connected", lambda rows, coordinates: set())
+    if unlimited:
+        solve_every_row(monkeypatch)
     mechanism = make()
     compare(mechanism, np.random.default_rng(0), least=2 if unlimited else 1)
 
@@ -163,9 +162,15 @@ def test_against_the_equations_in_all_coordinates(make, unlimited, monkeypatch):
 @pytest.mark.parametrize("seed", range(40))
 def test_random_mechanisms(seed, monkeypatch):
     """The same for joints of all kinds, with every explicit row solved."""
-    monkeypatch.setattr(explicit, "CURVED", 9)
-    monkeypatch.setattr(explicit, "connected", lambda rows, coordinates: set())
+    solve_every_row(monkeypatch)
     compare(random_mechanism(seed), np.random.default_rng(seed), least=0)
+
+
+def solve_every_row(monkeypatch):
+    """Solve every explicit row, in however many angles."""
+    monkeypatch.setattr(explicit, "CURVED", 9)
+    monkeypatch.setattr(explicit, "ANGLES", 9)
+    monkeypatch.setattr(explicit, "connected", lambda rows, coordinates: set())
 
 
 def compare(mechanism, random, least):
