@@ -18,16 +18,16 @@ from .switching.switches import jumps_anywhere
 
 #: Coordinates in which another may be given: more would make the equations of long chains dense.
 MOST = 6
-#: Coordinates in which another may be given otherwise than linearly, in open chains. Measured on sixty swing-ups of one
-#: to three links: with two angles and more the solver lost its way in nine of them, in all coordinates in one; of ninety
-#: pendulums and cart-poles, with one angle, the same were solved, in half the time.
+#: Coordinates in which another may be given otherwise than linearly, in open chains. Measured on sixty swing-ups of
+#: one to three links: with two angles and more the solver lost its way in nine of them, in all coordinates in one; of
+#: ninety pendulums and cart-poles, with one angle, the same were solved, in half the time.
 CURVED = 1
 #: The same in loops, and in open chains in angles alone, there also as many as there are inputs. Fifty four-bars,
-#: slider-cranks, five-bars, six-bars, lifts and platforms took the same iterations as in all coordinates, and a third to
-#: two thirds of the time. With guesses at rest, and residuals of the equations of motion in plain loads, chains of two
-#: and three links took a third of the time that they take in all coordinates; five with one motor took as long. With a
-#: motor in every joint five and ten took as long for both guesses as in all coordinates for one, to optima that were
-#: cheaper by up to a third in each of five cases.
+#: slider-cranks, five-bars, six-bars, lifts and platforms took the same iterations as in all coordinates, and a third
+#: to two thirds of the time. With guesses at rest, and residuals of the equations of motion in plain loads, chains of
+#: two and three links took a third of the time that they take in all coordinates; five with one motor took as long.
+#: With a motor in every joint five and ten took as long for both guesses as in all coordinates for one, to optima that
+#: were cheaper by up to a third in each of five cases.
 ANGLES = 3
 #: A row is solved for a coordinate whose factor is at least this share of its largest one; less is rounding.
 LEAST = 1e-3
@@ -161,7 +161,7 @@ def tree_rows(eom: Equations) -> dict[int, tuple[int, dict[int, float]]]:
 
 
 def _solve(rows: list[_Row], lasting: set[int], curved: int) -> list[ExplicitRow]:
-    """Solve rows for coordinates, those in the fewest angles first; of those that hold lasting coordinates linear ones."""
+    """Solve rows for coordinates, those in the fewest angles first; if they hold lasting ones, linear rows alone."""
     definitions: dict[int, _Row] = {}
     solved: dict[int, ExplicitRow] = {}
     linear_first = sorted(enumerate(rows), key=lambda item: bool(item[1].curved))

@@ -80,4 +80,6 @@ def test_a_search_takes_place_on_the_coarse_mesh(counts, monkeypatch):
     stages = [stage.description for stage in solution.statistics.stages]
     assert stages == ["all limits", "all limits, another mesh", "all limits, from another mesh"]
     monkeypatch.setattr(coarse_first, "FINE", 1000)
-    assert solution.cost == pytest.approx(mbd.optimize(problem, intervals=160, guess=solution.trajectory).cost, rel=1e-8)
+    assert solution.cost == pytest.approx(
+        mbd.optimize(problem, intervals=160, guess=solution.trajectory).cost, rel=1e-8
+    )
