@@ -114,3 +114,25 @@ def test_a_number_of_intervals_is_kept():
     with pytest.warns(mbd.MechanismWarning, match="the mesh of 12 intervals is too coarse"):
         assert mbd.optimize(problem, intervals=12).mesh.size == 13
     assert mbd.optimize(problem).mesh.size > 41
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("gravity", "starts"), [((0.0, 0.0), 1), ((0.0, -9.81), 2)])
+def test_an_arm_without_gravity_is_not_solved_from_poses_at_rest(gravity, starts):
+    """Poses at rest meet its equations of motion without inputs; under gravity they are a second guess."""
+    torques = [mbd.Input("shoulder torque"), mbd.Input("elbow torque")]
+    upper = mbd.Body("upper", mass=1.0, inertia=1 / 12, pose=(0.5, 0, 0))
+    lower = mbd.Body("lower", mass=1.0, inertia=1 / 12, pose=(1.5, 0, 0))
+    shoulder = mbd.Revolute("shoulder", mbd.ground.at(0, 0), upper.at(-0.5, 0))
+    elbow = mbd.Revolute("elbow", upper.at(0.5, 0), lower.at(-0.5, 0))
+    motors = [mbd.Torque("M1", upper, torques[0]), mbd.Torque("M2", lower, torques[1], upper)]
+    problem = mbd.OptimalControlProblem(
+        mbd.Mechanism([upper, lower], [shoulder, elbow], forces=[mbd.Gravity(gravity), *motors], inputs=torques),
+        duration=1.0,
+        initial=[upper.phi == 0, lower.phi == 0, upper.omega == 0, lower.omega == 0],
+        final=[upper.phi == 1.0, lower.phi == 0.5, upper.omega == 0, lower.omega == 0],
+        running_cost=sum(torque**2 for torque in torques),
+    )
+    solution = mbd.optimize(problem)
+    assert max(len(solution.statistics.starts), 1) == starts
+    assert solution.verify().final_error < 1e-4

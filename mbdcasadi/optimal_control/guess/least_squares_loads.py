@@ -76,6 +76,12 @@ class LeastSquaresLoads:
             a = a - columns * (np.linalg.pinv(scaled, rcond=1e-9) @ residual)[:, :, 0]
         return q, v, a
 
+    def missing(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """Loads that a motion needs of inputs and of the multipliers that are left (k, n), by their typical sizes."""
+        places = self.eom.independent
+        _, load = self._evaluate(self._system, t, q[:, places], v[:, places], a[:, places], z)
+        return load[:, :, 0] / self._reduced_scales.load
+
     def loads(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, z: np.ndarray):
         """Multipliers (k, m) and inputs (k, n_u) of least squares; zero for mechanisms of hundreds of bodies.
 
