@@ -10,8 +10,8 @@ In the order in which they are passed:
 5. :mod:`nlp.collocation_program`, by a scheme of :mod:`transcription`: the nonlinear program on a mesh.
 6. :mod:`nlp.problem_solver`: one solve, by a solver of :mod:`nlp.solvers`; :mod:`checks.failure` says why one failed.
 7. :mod:`refinement.coarse_first`: fine meshes; :mod:`refinement.refine`: other meshes, until all
-   :mod:`refinement.measure` meet a tolerance; without one :mod:`refinement.coarse_mesh` and
-   :mod:`refinement.second_try`.
+   :mod:`refinement.measure` meet a tolerance; without one :mod:`refinement.coarse_mesh`,
+   :mod:`refinement.slow_first` and :mod:`refinement.second_try`.
 8. :mod:`solution`: the motion, its limits and costates, and :mod:`refinement.verification`.
 """
 

@@ -7,8 +7,9 @@ Before them it is looked whether the linkage reaches the waypoints and the end a
    inputs than angles, see :func:`swings`, and in all coordinates if that fails; on a fine mesh from the solution on a
    coarse one, see :func:`solve_coarse_first`.
 2. If neither mesh nor tolerance was given, intervals that are too coarse are split before costs are compared, since a
-   coarse mesh may promise a cost that no motion has: :func:`refine_or_repeat`; the best one of those that all stay
-   coarse once more.
+   coarse mesh may promise a cost that no motion has: :func:`refine_if_coarse`. The best one of those that all stay
+   coarse is refined once more; if that does not help, or all are no motions, the problem is solved slowly first:
+   :mod:`slow_first`.
 3. If all of this fails: without limits, with limits that close in, from detours, and with least violation, see
    :mod:`closing_limits`; for a fine mesh on a coarse one first.
 4. With a tolerance the mesh is refined, see :func:`refine`; else a solution that jumps to another branch of the
@@ -22,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -43,10 +45,11 @@ from .nlp.setup import PhaseSetup, Settings, is_open_chain
 from .nlp.solvers.ipopt import sharp_options
 from .problem import OptimalControlProblem
 from .refinement.coarse_first import coarse_meshes
-from .refinement.coarse_mesh import refine_further, refine_if_coarse, refine_or_repeat
+from .refinement.coarse_mesh import is_lost, refine_if_coarse
 from .refinement.mesh import Mesh
 from .refinement.refine import refine
 from .refinement.second_try import as_motion
+from .refinement.slow_first import refine_or_begin_anew
 from .solution import Shifted, Solution
 
 #: Intervals of a mesh whose number is not given.
@@ -172,10 +175,10 @@ class _Attempt:
 
     def solve(self, *, warm: bool, executor: Executor | None, limit: int | None) -> Solution:
         """Return the best solution of all guesses; each solve takes at most `limit` iterations."""
-        settle = partial(refine_or_repeat, self.solver) if self.refined else None
+        settle = partial(refine_if_coarse, self.solver) if self.refined else None
         more: dict[str, Any] = {"executor": executor, "settle": settle, "limit": limit, "further": self.further}
         best = best_of(self.solver, self.meshes, self.candidates, warm=warm, **more)
-        return refine_further(self.solver, best) if self.refined else best
+        return self._on_fine_mesh(best) if self.refined else best
 
     def go_on(self, failure: OptimizationError) -> Solution:
         """Return a solution found by limits that close in, or raise the failure with the result of the search."""
@@ -184,7 +187,14 @@ class _Attempt:
         if fine is not None:
             return fine
         solution = self._searched(self.meshes, failure)
-        return refine_if_coarse(self.solver, solution)[0] if self.refined else solution
+        if not self.refined:
+            return solution
+        return self._on_fine_mesh(solution if is_lost(solution) else refine_if_coarse(self.solver, solution)[0])
+
+    def _on_fine_mesh(self, solution: Solution) -> Solution:
+        """The solution on a finer mesh, or another one if that does not hold."""
+        others = [*(partial(copy, one) for one in self.candidates), *[self._detour] * DETOURS]
+        return refine_or_begin_anew(self.solver, solution, self.meshes, others)
 
     def _from_coarse(self, coarse: list[Mesh], failure: OptimizationError) -> Solution | None:
         """The solution on a fine mesh, from one that a search on a coarse mesh found; None if there is none."""

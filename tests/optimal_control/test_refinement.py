@@ -7,7 +7,8 @@ import pytest
 from motions import crank_rocker, guided_block, half_turn, pendulum, rest_to_rest, sprung_block
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.refinement import coarse_mesh
+from mbdcasadi.optimal_control.guess import multistart
+from mbdcasadi.optimal_control.refinement import coarse_mesh, slow_first
 from mbdcasadi.optimal_control.refinement.mesh import Mesh
 from mbdcasadi.optimal_control.refinement.refine import adapted
 
@@ -321,16 +322,24 @@ def test_a_length_that_the_first_state_does_not_suit_is_named():
     assert solution.simulate(parameters={length: 0.5}, initial=start).final[bob.phi] > 0
 
 
-def test_a_solution_that_is_no_motion_is_found_again_from_its_guess(monkeypatch):
-    """On meshes twice and four times as fine; the iterations of all solves count."""
-    monkeypatch.setattr(coarse_mesh, "LOST_ERROR", -1.0)
-    problem, *_ = rest_to_rest()
+@pytest.mark.parametrize("multiples, cost", [((1.0,), 8 * 1.25**2 / (3 * 0.3)), ((1.0, np.inf), 12)])
+def test_a_solution_that_is_no_motion_is_found_again_slowly(monkeypatch, multiples, cost):
+    """On a mesh twice as fine, with limits of the speeds that are gone in the end.
+
+    The force falls to zero in 0.3 s, at 1.25 m/s, and rises again at the end; without that limit the cost is 12.
+    """
+    for module in (multistart, slow_first):
+        monkeypatch.setattr(module, "is_lost", lambda solution: solution.meshes[0].count < 80)
+    problem, _, block = rest_to_rest()
+    size = mbd.optimize(problem).phases[0].program.scales.q[0]
+    monkeypatch.setattr(slow_first, "RESOLVED_STEP", 1.25 / 80 / size)
+    monkeypatch.setattr(slow_first, "GUESSED", 0.0)
+    monkeypatch.setattr(slow_first, "MULTIPLES", multiples)
     solution = mbd.optimize(problem)
-    assert solution.mesh.size - 1 == 160
-    assert solution.cost == pytest.approx(12, rel=1e-8)
-    monkeypatch.setattr(coarse_mesh, "LOST_ERROR", np.inf)
-    once = mbd.optimize(problem)
-    assert once.mesh.size - 1 == 40 and solution.statistics.iterations > once.statistics.iterations
+    assert solution.mesh.size - 1 == 80
+    at_mesh = solution.trajectory.at(solution.mesh)
+    assert np.max(at_mesh[block.vx]) == pytest.approx(1.25 if len(multiples) == 1 else 1.5, rel=1e-6)
+    assert solution.cost == pytest.approx(cost, rel=1e-3)
 
 
 def test_all_intervals_are_halved_if_the_error_moves_on(monkeypatch):

@@ -28,6 +28,7 @@ from ..nlp.solvers.base import Elsewhere
 from ..nlp.statistics import Attempt
 from ..phase import Phase, on_positions, with_parameters
 from ..refinement.coarse_first import solve_coarse_first
+from ..refinement.coarse_mesh import is_lost
 from ..refinement.mesh import Mesh
 from ..solution import Shifted, Solution
 from .guess import Guess, PhaseGuess, guess_at_rest, guess_from_motion, guess_from_other, kinematic_guess
@@ -47,6 +48,9 @@ SAME_COST = 1e-6
 SWINGS, SWINGING_ITERATIONS = 6, 20
 #: Load, as a share of its typical size, above which a mechanism without inputs does not stay at rest.
 MOVED = 1e-9
+#: Largest number of iterations from a detour, as a multiple of those from the usual guesses: those that take more
+#: seldom end at lower costs. And number of solutions of the same lowest cost after which no further one is sought.
+DETOURED, AGREEING = 1.25, 4
 
 
 def guesses(solver: ProblemSolver, starts: Any, guess: Any) -> list[Guess]:
@@ -332,18 +336,18 @@ def best_of(
     *,
     warm: bool,
     executor: Executor | None = None,
-    settle: Callable[[Solution, Guess], tuple[Solution, bool]] | None = None,
+    settle: Callable[[Solution], tuple[Solution, bool]] | None = None,
     limit: int | None = None,
     further: int | None = None,
 ) -> Solution:
     """Solve from every guess and return the best solution; all are reported in its statistics.
 
     A guess that is another solution is tried with the settings of a warm start first, and if these fail at once without
-    them. `warm` if the guesses are solutions of nearly the same problem. `settle` returns a solution from a solution
-    and its guess on a finer mesh, and whether this holds: the cost on a coarse mesh may be false, and the best is
-    chosen by what it is on a mesh that holds. Each solve takes at most `limit` iterations. With `further` the last
-    guess is the first to be solved from, and once one has succeeded the others take at most so many; those of
-    :func:`swings` follow. If none succeeds, the error of the last is raised.
+    them. `warm` if the guesses are solutions of nearly the same problem. `settle` returns a solution on a finer mesh,
+    and whether this holds: the cost on a coarse mesh may be false, and the best is chosen by what it is on a mesh that
+    holds. Each solve takes at most `limit` iterations. With `further` the last guess is the first to be solved from,
+    and once one has succeeded the others take at most so many; those of :func:`swings` follow, unless the best solution
+    is no motion on such a mesh. If none succeeds, the error of the last is raised.
     """
     solver.best.new_stage()
     tries = partial(_tried, meshes=meshes, warm=warm)
@@ -353,13 +357,17 @@ def best_of(
         outcomes = _from_last_to_first(partial(tries, solver), candidates, limit, further)
     else:
         outcomes = [tries(solver, guess, limit=limit) for guess in candidates]
-    best = _settled(candidates, outcomes, settle)
+    costs: list[float] = []
+    best = _settled(outcomes, settle, costs)
     if best is None:
         raise [result for _, result in outcomes if isinstance(result, OptimizationError)][-1]
-    if further is not None:
-        others = swings(solver, _reports(outcomes))
-        more = [tries(solver, guess, limit=_least(limit, further)) for guess in others]
-        outcomes, best = [*outcomes, *more], _settled(others, more, settle, best) or best
+    if further is not None and not (settle is not None and is_lost(best[0])):
+        known = _reports(outcomes)
+        most = min(further, int(DETOURED * max(report.iterations for report in known)))
+        others, count = swings(solver, known), len(outcomes)
+        while others and _agreeing(outcomes) < AGREEING:
+            outcomes.append(tries(solver, others.pop(0), limit=_least(limit, most)))
+        best = _settled(outcomes[count:], settle, costs, best) or best
     solution, reports = best[0], _reports(outcomes)
     if len(reports) > 1:
         solution.statistics = replace(solution.statistics, starts=reports)
@@ -403,6 +411,12 @@ def _reports(outcomes: Sequence[Outcome]) -> list[Attempt]:
     return [report for reports, _ in outcomes for report in reports]
 
 
+def _agreeing(outcomes: Sequence[Outcome]) -> int:
+    """Number of the solutions that have the lowest cost."""
+    costs = np.array([end.cost for _, end in outcomes if isinstance(end, Solution)])
+    return int(np.sum(costs <= np.min(costs) + SAME_COST * abs(np.min(costs))))
+
+
 def _least(limit: int | None, further: int) -> int:
     return further if limit is None else min(limit, further)
 
@@ -429,21 +443,31 @@ def _side_by_side(
 
 
 def _settled(
-    guesses: Sequence[Guess],
     outcomes: Sequence[Outcome],
-    settle: Callable[[Solution, Guess], tuple[Solution, bool]] | None,
+    settle: Callable[[Solution], tuple[Solution, bool]] | None,
+    costs: list[float],
     best: tuple[Solution, bool] | None = None,
 ) -> tuple[Solution, bool] | None:
     """The best of a solution that is known and those of guesses, in the order of their costs, and if its mesh holds.
 
-    None if there is none. Solutions are on meshes that hold, or on the finest that were tried.
+    None if there is none. Solutions are on meshes that hold, or on the finest that were tried. Those that are no
+    motions have costs that mean nothing, and rank behind all others. `costs` are those of solutions that were seen
+    before, to which the new ones are added: of two that are the same one is settled.
     """
-    results = zip([result for _, result in outcomes], guesses, strict=True)
-    solutions = [(result, guess) for result, guess in results if isinstance(result, Solution)]
-    for solution, guess in sorted(solutions, key=lambda pair: pair[0].cost):
+    lost: list[Solution] = []
+    for solution in sorted((end for _, end in outcomes if isinstance(end, Solution)), key=lambda one: one.cost):
         if best is not None and best[1] and solution.cost >= best[0].cost * (1 - SAME_COST):
             break
-        settled, holds = (solution, True) if settle is None else settle(solution, guess)
-        if best is None or (not holds, settled.cost) < (not best[1], best[0].cost):
-            best = settled, holds
-    return best
+        if any(abs(solution.cost - cost) <= SAME_COST * abs(cost) for cost in costs):
+            continue
+        costs.append(solution.cost)
+        if settle is not None and is_lost(solution):
+            lost.append(solution)
+        else:
+            best = _better(best, (solution, True) if settle is None else settle(solution))
+    return best if best is not None or not lost else (lost[0], False)
+
+
+def _better(one: tuple[Solution, bool] | None, other: tuple[Solution, bool]) -> tuple[Solution, bool]:
+    """The solution whose mesh holds, or of two alike the one of lower cost; the first one if there is no difference."""
+    return other if one is None or (not other[1], other[0].cost) < (not one[1], one[0].cost) else one

@@ -220,14 +220,21 @@ class CollocationProgram:
         return np.array(sizes)
 
     # --- what enters a solve --------------------------------------------------------------
-    def bounds(self, start: State, meshes: Sequence[Mesh], times: Sequence[np.ndarray]) -> Bounds:
+    def bounds(
+        self,
+        start: State,
+        meshes: Sequence[Mesh],
+        times: Sequence[np.ndarray],
+        pace: Sequence[np.ndarray | float] | None = None,
+    ) -> Bounds:
         """Bounds of the variables and of the rows.
 
         `start` is the first state if the initial conditions decide it; `times` are those of start, waypoints and end to
-        begin with, by phase, s.
+        begin with, by phase, s, and `pace` limits speeds and accelerations, by phase.
         """
         points = (mesh.times(segment_times) for mesh, segment_times in zip(meshes, times, strict=True))
-        sides = zip(*[phase.bounds(start, of) for phase, of in zip(self.phases, points, strict=True)], strict=True)
+        limited = zip(self.phases, points, pace or [np.inf] * len(self.phases), strict=True)
+        sides = zip(*[phase.bounds(start, of, most) for phase, of, most in limited], strict=True)
         scale = self.scale[self.parameter_index]
         limits = np.array([p.lower for p in self._free]) / scale, np.array([p.upper for p in self._free]) / scale
         impulses = np.full(sum(change.index.size for change in self.changes), np.inf)

@@ -56,6 +56,8 @@ class ProblemSolver(ProblemSetup):
         self.held: Held = ()
         #: share of its size by which a path limit may be passed between them
         self.limit_tolerance = LIMIT_TOLERANCE
+        #: largest speeds and accelerations of the coordinates by phase (2, n), see :mod:`slow_first`
+        self.pace: list[np.ndarray] | None = None
         self.best = BestSoFar() if best is None else best
         super().__init__(problem, settings, parameters, initial)
 
@@ -111,7 +113,7 @@ class ProblemSolver(ProblemSetup):
         result = self._nlp_solver.run(begin, begin.bounds, warmth, iterate, limit)
         solution, status = self._solution(begin, result), result.statistics.status
         error = self._other_branch(solution) if result.succeeded else explain_failure(solution, status)
-        if error is None:
+        if error is None and self.pace is None:
             self.best.add(solution)
         else:
             self.best.iterate = solution
@@ -173,7 +175,7 @@ class ProblemSolver(ProblemSetup):
         program = self.transcribe(meshes, self.held)
         iterate = guess.iterate if guess.iterate is not None and guess.iterate.belongs_to(program, meshes) else None
         x = iterate.x if iterate else guess.variables(program, meshes)
-        bounds = program.bounds(self.start, meshes, guess.segment_times)
+        bounds = program.bounds(self.start, meshes, guess.segment_times, self.pace)
         data = program.data([setup.numeric.p for setup in self.setups], meshes, guess.segment_times)
         if program.has_integrals and not iterate:
             x = program.with_integrals(x, program.rows_at(np.clip(x, bounds.lower, bounds.upper), data))

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..guess.guess import Guess
 from ..nlp.held_limits import passed_limits
 from ..nlp.problem_solver import ProblemSolver
 from ..solution import Solution
@@ -26,30 +25,11 @@ NEAR_ERROR = 10 * COARSE_ERROR
 LOST_ERROR, FRESH_PASSES = 3.0, 2
 
 
-def refine_or_repeat(solver: ProblemSolver, solution: Solution, guess: Guess) -> tuple[Solution, bool]:
-    """Refine a coarse mesh, or solve again from the guess on a finer one if the solution is not a motion at all.
-
-    A solution that owes its cost to the errors of a coarse mesh is a poor guess for a finer one.
-
-    Returns
-    -------
-    Solution, bool
-        The last solution, and whether its mesh is fine enough.
-    """
-    for _ in range(FRESH_PASSES):
-        if not is_lost(solution):
-            break
-        finer = solver.solve_further(solution, [mesh.split(2) for mesh in solution.meshes], guess)
-        if finer is None:
-            break
-        solution = finer
-    return refine_if_coarse(solver, solution)
-
-
-def refine_further(solver: ProblemSolver, solution: Solution) -> Solution:
-    """Refine the best solution of all starts once more if its mesh is not far from fine."""
-    near = COARSE_ERROR < Coarseness(solution).largest <= NEAR_ERROR
-    return refine_if_coarse(solver, solution)[0] if near else solution
+def refine_further(solver: ProblemSolver, solution: Solution) -> tuple[Solution, bool]:
+    """Refine a solution once more if its mesh is not far from fine; as :func:`refine_if_coarse`."""
+    error = Coarseness(solution).largest
+    near = COARSE_ERROR < error <= NEAR_ERROR
+    return refine_if_coarse(solver, solution) if near else (solution, error <= COARSE_ERROR)
 
 
 def is_lost(solution: Solution) -> bool:

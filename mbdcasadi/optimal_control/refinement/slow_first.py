@@ -1,0 +1,93 @@
+"""Motions that are too fast for a mesh: solved slowly first, then faster and faster.
+
+Between the points of a coarse mesh a link may whip round at no cost, and such a solution leads to no motion on any
+finer mesh. With limits of speeds and accelerations that the mesh resolves there is none; from the motion that is found
+the limits rise, on meshes that are refined for it, until they are gone.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+
+from ..checks.failure import OptimizationError
+from ..guess.guess import Guess
+from ..nlp.problem_solver import ProblemSolver
+from ..solution import Solution
+from .coarse_mesh import is_lost, refine_further, refine_if_coarse
+from .mesh import Mesh
+
+#: Steps from mesh point to mesh point, and changes of these, that a mesh resolves, in rad or sizes of the mechanism;
+#: and multiples of those of the guess that are allowed in any case.
+RESOLVED_STEP, GUESSED = 0.4, 2.0
+#: Pieces into which the intervals of the first mesh are split, more of them if no guess leads to a solution.
+PIECES = (2, 4)
+#: Multiples of these speeds and accelerations that are allowed in turn, and iterations with the first ones.
+MULTIPLES, ITERATIONS = (1.0, 2.0, 4.0, np.inf), 200
+
+
+def refine_or_begin_anew(
+    solver: ProblemSolver, solution: Solution, meshes: Sequence[Mesh], guesses: Sequence[Callable[[], Guess]]
+) -> Solution:
+    """Refine the best solution of all starts; if its mesh does not become fine enough, solve from guesses anew.
+
+    A solution that owes its cost to the errors of a coarse mesh is a poor guess for a finer one, and ranks behind any
+    on a mesh that holds.
+    """
+    lost = is_lost(solution)
+    refined, holds = (solution, False) if lost else refine_further(solver, solution)
+    for pieces, make in () if holds else itertools.product(PIECES, guesses):
+        found = solve_slowly_first(solver, [mesh.split(pieces) for mesh in meshes], make())
+        if found is not None and found[1]:
+            found[0].statistics = found[0].statistics.after(solution.statistics)
+            return found[0]
+    return refine_if_coarse(solver, solution)[0] if lost else refined
+
+
+def solve_slowly_first(solver: ProblemSolver, meshes: Sequence[Mesh], guess: Guess) -> tuple[Solution, bool] | None:
+    """Solve from a guess with limits of the speeds and accelerations that a mesh resolves, which rise step by step.
+
+    Returns
+    -------
+    Solution, bool
+        The solution without these limits, and whether its mesh is fine enough; None if the motion is lost on the way.
+    """
+    pace, slow = _resolved_pace(solver, meshes, guess), copy(solver)
+    solution, holds = None, False
+    for multiple in MULTIPLES:
+        slow.pace = [multiple * of_phase for of_phase in pace]
+        solver.best.new_stage()
+        try:
+            if solution is None:
+                found = slow.solve(meshes, guess, limit=ITERATIONS)
+            else:
+                near = replace(solution.as_guess(solver.problem), iterate=None)
+                found = slow.solve(solution.meshes, near, warm=True)
+                found.statistics = found.statistics.after(solution.statistics)
+        except OptimizationError:
+            return None
+        solution, holds = refine_if_coarse(slow, found)
+        if is_lost(solution):
+            return None
+    assert solution is not None
+    return solution, holds
+
+
+def _resolved_pace(solver: ProblemSolver, meshes: Sequence[Mesh], guess: Guess) -> list[np.ndarray]:
+    """Speeds and accelerations that meshes resolve, or those of the guess if it is faster, by phase (2, n)."""
+    pace = []
+    for setup, mesh, part in zip(solver.setups, meshes, guess.phases, strict=True):
+        times, chosen = mesh.times(part.segment_times), list(setup.scheme.eom.independent)
+        if not mesh.count:
+            pace.append(np.full((2, len(chosen)), np.inf))
+            continue
+        step = np.max(np.diff(times))
+        q = part.sample(times)["q"][:, chosen]
+        guessed = [np.max(np.abs(np.diff(q, order, axis=0)), axis=0, initial=0.0) for order in (1, 2)]
+        steps = np.maximum(RESOLVED_STEP * setup.scales.q[chosen], GUESSED * np.array(guessed))
+        pace.append(steps / step ** np.array([[1], [2]]))
+    return pace
