@@ -23,7 +23,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
-from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -193,8 +192,10 @@ class _Attempt:
 
     def _on_fine_mesh(self, solution: Solution) -> Solution:
         """The solution on a finer mesh, or another one if that does not hold."""
-        others = [*(partial(copy, one) for one in self.candidates), *[self._detour] * DETOURS]
-        return refine_or_begin_anew(self.solver, solution, self.meshes, others)
+        return refine_or_begin_anew(self.solver, solution, self.meshes, self._candidates_and_detours)
+
+    def _candidates_and_detours(self) -> list[Guess]:
+        return [*self.candidates, *(self._detour() for _ in range(DETOURS))]
 
     def _from_coarse(self, coarse: list[Mesh], failure: OptimizationError) -> Solution | None:
         """The solution on a fine mesh, from one that a search on a coarse mesh found; None if there is none."""

@@ -39,6 +39,7 @@ from ..nlp.statistics import Attempt
 from ..refinement.coarse_mesh import FRESH_PASSES, HALVED_INTERVALS, is_lost
 from ..refinement.local_error import COARSE_ERROR, Coarseness
 from ..refinement.mesh import Mesh, interval_count
+from ..refinement.slow_first import solve_slowly_first
 from ..solution import Solution
 from .guess import Guess
 from .multistart import other_ends, random_motions
@@ -193,12 +194,25 @@ class LimitSearch:
             if not succeeded:
                 return None
             lost = self._refined and is_lost(free)
+            motion = self._slowly_without_limits() if lost else None
+            if motion is not None:
+                return motion
             coarse = self._refined and Coarseness(free).largest > COARSE_ERROR
             if lost or (coarse and interval_count(self._meshes) <= HALVED_INTERVALS):
                 self._meshes = [mesh.split(2) for mesh in self._meshes]
             if not lost:
                 break
         return free
+
+    def _slowly_without_limits(self) -> Solution | None:
+        """Solution without limits of the problem, slowly first, on a mesh that holds; None if there is none."""
+        meshes = [mesh.split(2) for mesh in self._meshes]
+        found = solve_slowly_first(self._solver.unlimited(), meshes, self._guess)
+        if found is None or not found[1]:
+            return None
+        self._note(found[0], "no limits, slowly first")
+        self._meshes = list(found[0].meshes)
+        return found[0]
 
     def _close_in(self, free: Solution | None) -> Solution | None:
         """Solution with all limits, from one without and from the first guess."""

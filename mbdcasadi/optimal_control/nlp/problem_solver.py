@@ -19,7 +19,7 @@ from ..problem import OptimalControlProblem
 from ..refinement.mesh import Mesh
 from ..solution import Solution
 from .best_so_far import BestSoFar
-from .collocation_program import Bounds, Held
+from .collocation_program import Bounds, CollocationProgram, Held
 from .elastic_program import ElasticProgram
 from .held_limits import LIMIT_TOLERANCE, ROUNDS, largest_share, points_to_hold
 from .limit_sides import LimitSides
@@ -58,6 +58,8 @@ class ProblemSolver(ProblemSetup):
         self.limit_tolerance = LIMIT_TOLERANCE
         #: largest speeds and accelerations of the coordinates by phase (2, n), see :mod:`slow_first`
         self.pace: list[np.ndarray] | None = None
+        #: whether limits do not count: no solution of the problem, but perhaps a guess for one
+        self.is_unlimited = False
         self.best = BestSoFar() if best is None else best
         super().__init__(problem, settings, parameters, initial)
 
@@ -113,7 +115,7 @@ class ProblemSolver(ProblemSetup):
         result = self._nlp_solver.run(begin, begin.bounds, warmth, iterate, limit)
         solution, status = self._solution(begin, result), result.statistics.status
         error = self._other_branch(solution) if result.succeeded else explain_failure(solution, status)
-        if error is None and self.pace is None:
+        if error is None and self.pace is None and not self.is_unlimited:
             self.best.add(solution)
         else:
             self.best.iterate = solution
@@ -130,10 +132,16 @@ class ProblemSolver(ProblemSetup):
         The motion is no faster than the guess: a least time without limits has forces without end. Returned are the
         last iterate, and whether the solver succeeded.
         """
-        begin = self._beginning(meshes, guess)
-        bounds = _unhurried(begin, LimitSides(begin.program).without(begin.bounds))
-        result = self._nlp_solver.run(begin, bounds, "cold" if begin.iterate is None else "warm", limit=limit)
+        begin = self.unlimited()._beginning(meshes, guess)
+        warmth = "cold" if begin.iterate is None else "warm"
+        result = self._nlp_solver.run(begin, begin.bounds, warmth, limit=limit)
         return self._kept(begin, result), result.succeeded
+
+    def unlimited(self) -> ProblemSolver:
+        """Return the same solver for the problem without its limits."""
+        other = copy(self)
+        other.is_unlimited, other.limit_tolerance = True, np.inf
+        return other
 
     def least_violation(
         self,
@@ -176,6 +184,8 @@ class ProblemSolver(ProblemSetup):
         iterate = guess.iterate if guess.iterate is not None and guess.iterate.belongs_to(program, meshes) else None
         x = iterate.x if iterate else guess.variables(program, meshes)
         bounds = program.bounds(self.start, meshes, guess.segment_times, self.pace)
+        if self.is_unlimited:
+            bounds = _unhurried(program, x, LimitSides(program).without(bounds))
         data = program.data([setup.numeric.p for setup in self.setups], meshes, guess.segment_times)
         if program.has_integrals and not iterate:
             x = program.with_integrals(x, program.rows_at(np.clip(x, bounds.lower, bounds.upper), data))
@@ -226,9 +236,9 @@ def _further(solution: Solution, solve: Callable[[], Solution]) -> Solution | No
     return found
 
 
-def _unhurried(begin: Beginning, bounds: Bounds) -> Bounds:
-    """Bounds in which phases of free duration end no earlier than in the guess."""
-    ends = [phase.stated_time_index[-1] for phase in begin.program.phases if phase.time_count]
+def _unhurried(program: CollocationProgram, x: np.ndarray, bounds: Bounds) -> Bounds:
+    """Bounds in which phases of free duration end no earlier than in a guess."""
+    ends = [phase.stated_time_index[-1] for phase in program.phases if phase.time_count]
     lower = bounds.lower.copy()
-    lower[ends] = np.clip(begin.x[ends], bounds.lower[ends], bounds.upper[ends])
+    lower[ends] = np.clip(x[ends], bounds.lower[ends], bounds.upper[ends])
     return replace(bounds, lower=lower)

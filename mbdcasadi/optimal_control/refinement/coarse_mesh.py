@@ -56,7 +56,7 @@ def refine_if_coarse(solver: ProblemSolver, solution: Solution) -> tuple[Solutio
         if stalled and interval_count(solution.meshes) <= HALVED_INTERVALS:
             meshes = [mesh.split(2) for mesh in solution.meshes]
         else:
-            meshes = _split_where_coarse(solution, measures)
+            meshes = _split_where_coarse(solution, measures, solver.limit_tolerance)
         if interval_count(meshes) == interval_count(solution.meshes):
             break
         finer = solver.solve_further(solution, meshes)
@@ -76,9 +76,9 @@ def _tends_to_lock(measure: Coarseness) -> bool:
     return any(errors.size and close_to_singular(part, int(np.argmax(errors))) for part, errors in parts)
 
 
-def _split_where_coarse(solution: Solution, measures: Sequence[Coarseness]) -> list[Mesh]:
-    """Meshes with intervals split that are too coarse, and with those halved in which a limit is passed."""
-    meshes, passed = [], passed_limits(solution)
+def _split_where_coarse(solution: Solution, measures: Sequence[Coarseness], tolerance: float) -> list[Mesh]:
+    """Meshes with intervals split that are too coarse, and with those halved in which limits are passed."""
+    meshes, passed = [], passed_limits(solution, tolerance)
     for number, part in enumerate(solution.phases):
         times = [limit.time for limit in passed if limit.phase == number]
         least = np.ones(part.mesh.count, int)

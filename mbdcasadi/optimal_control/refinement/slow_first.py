@@ -31,7 +31,7 @@ MULTIPLES, ITERATIONS = (1.0, 2.0, 4.0, np.inf), 200
 
 
 def refine_or_begin_anew(
-    solver: ProblemSolver, solution: Solution, meshes: Sequence[Mesh], guesses: Sequence[Callable[[], Guess]]
+    solver: ProblemSolver, solution: Solution, meshes: Sequence[Mesh], guesses: Callable[[], list[Guess]]
 ) -> Solution:
     """Refine the best solution of all starts; if its mesh does not become fine enough, solve from guesses anew.
 
@@ -40,8 +40,8 @@ def refine_or_begin_anew(
     """
     lost = is_lost(solution)
     refined, holds = (solution, False) if lost else refine_further(solver, solution)
-    for pieces, make in () if holds else itertools.product(PIECES, guesses):
-        found = solve_slowly_first(solver, [mesh.split(pieces) for mesh in meshes], make())
+    for pieces, guess in () if holds else itertools.product(PIECES, guesses()):
+        found = solve_slowly_first(solver, [mesh.split(pieces) for mesh in meshes], guess)
         if found is not None and found[1]:
             found[0].statistics = found[0].statistics.after(solution.statistics)
             return found[0]
