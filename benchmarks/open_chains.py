@@ -4,7 +4,8 @@ Acrobots and pendubots have the parameters of Spong and of Kelly. Chains with a
 motor in every joint are links of 1 m and 1 kg that have 2 s. Each chain goes
 from hanging to standing upright with the least integral of the squared
 torques. ``python open_chains.py`` prints both tables; seconds are those of the
-processor.
+processor. With ``--peer`` the acrobots and pendubots are also solved by plain
+collocation in angles, see ``open_chain_peer.py``, each in turn.
 
 References
 ----------
@@ -14,11 +15,13 @@ Kelly, An Introduction to Trajectory Optimization, SIAM Review 59 (2017).
 
 from __future__ import annotations
 
+import sys
 import time
 import warnings
 from typing import Any
 
 import numpy as np
+import open_chain_peer
 
 import mbdcasadi as mbd
 
@@ -88,15 +91,26 @@ def row(problem: mbd.OptimalControlProblem, **options: Any) -> str:
     return f"{found} | {seconds:.1f} |"
 
 
-def main() -> None:
-    """Solve all cases and print the tables."""
+def peer_row(chain: str, driven: str, duration: float) -> str:
+    """Solve the problem by the peer; cost, iterations and seconds."""
+    began = time.process_time()
+    cost, iterations = open_chain_peer.swing_up(*CHAINS[chain], driven, duration)
+    return f" {cost:.5g} | {iterations} | {time.process_time() - began:.1f} |"
+
+
+def main(*, peer: bool) -> None:
+    """Solve all cases and print the tables; with the peer the first one alone."""
     cells = "cost | iterations by start | intervals | error | seconds |"
-    print(f"| links | torque at | s | {cells}")
-    print("|---|---|---|---|---|---|---|---|")
+    print(f"| links | torque at | s | {cells}{' peer: cost | iterations | seconds |' if peer else ''}")
+    print("|---|---|---|---|---|---|---|---|" + "---|---|---|" * peer)
     for chain in CHAINS:
         for driven in ("elbow", "shoulder"):
             for duration in DURATIONS:
-                print(f"| {chain} | {driven} | {duration:g} | {row(swing_up(chain, driven, duration))}", flush=True)
+                found = row(swing_up(chain, driven, duration))
+                found += peer_row(chain, driven, duration) if peer else ""
+                print(f"| {chain} | {driven} | {duration:g} | {found}", flush=True)
+    if peer:
+        return
     print(f"\n| links, all driven | given | {cells}")
     print("|---|---|---|---|---|---|---|")
     for links, options in DRIVEN:
@@ -105,4 +119,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(peer="--peer" in sys.argv)
