@@ -58,7 +58,7 @@ def test_limits_close_in_from_a_motion(monkeypatch):
     problem, _cart, force = cart_pole(8.0, 1.0)
     solution = mbd.optimize(problem)
     stages = [stage.description for stage in solution.statistics.stages]
-    assert stages[:4] == ["all limits", "no limits", "no limits", "all limits, closed in"]
+    assert stages[:4] == ["all limits", "no limits", "no limits, slowly first", "all limits, closed in"]
     assert solution.mesh.size - 1 == 80
     assert np.max(np.abs(solution.trajectory[force])) <= 8 + 1e-6
 

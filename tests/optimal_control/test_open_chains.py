@@ -41,7 +41,7 @@ def test_swing_ups(driven, duration, best):
         solution = mbd.optimize(problem)
     assert solution.cost < 1.005 * best
     first, second, *detours = [start.description for start in solution.statistics.starts]
-    assert (first, second) == ("kinematic", "kinematic, at rest") and len(detours) == SWINGS
+    assert (first, second) == ("kinematic", "kinematic, at rest") and 1 < len(detours) <= SWINGS
     # replayed by forward dynamics from mesh point to mesh point
     assert np.max(solution.verify().defects) < 0.02
     motion = solution.trajectory
