@@ -50,7 +50,7 @@ SWINGS, SWINGING_ITERATIONS = 6, 20
 MOVED = 1e-9
 #: Largest number of iterations from a detour, as a multiple of those from the usual guesses: those that take more
 #: seldom end at lower costs. And number of solutions of the same lowest cost after which no further one is sought.
-DETOURED, AGREEING = 1.25, 4
+DETOURED, AGREEING = 2.0, 4
 
 
 def guesses(solver: ProblemSolver, starts: Any, guess: Any) -> list[Guess]:
