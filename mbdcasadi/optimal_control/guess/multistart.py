@@ -346,8 +346,8 @@ def best_of(
     them. `warm` if the guesses are solutions of nearly the same problem. `settle` returns a solution on a finer mesh,
     and whether this holds: the cost on a coarse mesh may be false, and the best is chosen by what it is on a mesh that
     holds. Each solve takes at most `limit` iterations. With `further` the last guess is the first to be solved from,
-    and once one has succeeded the others take at most so many; those of :func:`swings` follow, unless the best solution
-    is no motion on such a mesh. If none succeeds, the error of the last is raised.
+    and once one has succeeded the others take at most so many; those of :func:`swings` follow. If none succeeds, the
+    error of the last is raised.
     """
     solver.best.new_stage()
     tries = partial(_tried, meshes=meshes, warm=warm)
@@ -361,7 +361,7 @@ def best_of(
     best = _settled(outcomes, settle, costs)
     if best is None:
         raise [result for _, result in outcomes if isinstance(result, OptimizationError)][-1]
-    if further is not None and not (settle is not None and is_lost(best[0])):
+    if further is not None:
         known = _reports(outcomes)
         most = min(further, int(DETOURED * max(report.iterations for report in known)))
         others, count = swings(solver, known), len(outcomes)
