@@ -208,8 +208,14 @@ class PhaseSolution:
 
     @cached_property
     def mesh_error(self) -> float:
-        """Largest local error of an interval: q (m, rad), v by the duration, first-order states by their ranges."""
-        return float(np.max(self.scaled_errors, initial=0.0))
+        """Largest local error of an interval: q (m, rad), v by the duration, first-order states by their ranges.
+
+        Infinite if an interval cannot be integrated again, as through a pose in which a linkage branches.
+        """
+        try:
+            return float(np.max(self.scaled_errors, initial=0.0))
+        except RuntimeError:  # the integrator did not get to the end of an interval
+            return np.inf
 
     @property
     def initial(self) -> State:

@@ -350,3 +350,44 @@ def test_all_intervals_are_halved_if_the_error_moves_on(monkeypatch):
     solution = mbd.optimize(problem)
     assert solution.mesh.size - 1 == (40 + 1) * 2 ** (coarse_mesh.COARSE_PASSES - 1)
     assert solution.cost == pytest.approx(12, rel=1e-8)
+
+
+@pytest.mark.slow
+def test_a_motion_that_passes_a_pose_in_which_the_linkage_branches():
+    """A pantograph whose parallelogram goes flat: its interval cannot be integrated, which is said with its time."""
+    origin, elbow, middle, corner, end = np.array([(0, 0), (0.4, 0.6), (0.2, 0.3), (0.6, 0.3), (0.4, 0.0)], float)
+
+    def bar(name, first, last):
+        length = float(np.linalg.norm(last - first))
+        angle = float(np.arctan2(*(last - first)[::-1]))
+        pose = (*((first + last) / 2).tolist(), angle)
+        return mbd.Body(name, mass=1.0, inertia=length**2 / 12, pose=pose), length / 2
+
+    (long, a), (fore, b) = bar("long", origin, elbow), bar("fore", elbow, np.array([0.8, 0.0]))
+    (first, c), (second, d) = bar("first", middle, end), bar("second", corner, end)
+    joints = [
+        mbd.Revolute("ground", mbd.ground.at(0, 0), long.at(-a, 0)),
+        mbd.Revolute("elbow", long.at(a, 0), fore.at(-b, 0)),
+        mbd.Revolute("middle", first.at(-c, 0), long.at(0, 0)),
+        mbd.Revolute("corner", fore.at(0, 0), second.at(-d, 0)),
+        mbd.Revolute("end", first.at(c, 0), second.at(d, 0)),
+    ]
+    u, w = mbd.Input("u"), mbd.Input("w")
+    motors = [mbd.Torque("lift", long, u), mbd.Torque("open", first, w, long)]
+    pantograph = mbd.Mechanism([second, first, fore, long], joints, forces=[mbd.Gravity(), *motors], inputs=[u, w])
+    tip = fore.at(b, 0)
+    problem = mbd.OptimalControlProblem(
+        pantograph,
+        duration=0.8,
+        initial=[tip.x == 0.8, tip.y == 0, tip.vx == 0, tip.vy == 0],
+        final=[tip.x == 0.9, tip.y == 0.2, tip.vx == 0, tip.vy == 0],
+        running_cost=u**2 + w**2,
+    )
+    solution = mbd.optimize(problem, intervals=12)
+    angle = solution.trajectory[fore.phi - long.phi]
+    assert np.min(np.abs(np.sin(angle))) < 0.05 and solution.mesh_error == np.inf
+    with pytest.raises(
+        mbd.OptimizationError, match="cannot be checked: from t = .* stops .* locks or branches"
+    ) as caught:
+        mbd.optimize(problem, intervals=12, tolerance=1e-5)
+    assert isinstance(caught.value.partial, mbd.Solution) and 0 < caught.value.time < 0.8

@@ -20,6 +20,8 @@ from .limit_error import PassedLimits
 from .local_error import LocalErrors
 from .measure import Measure, pieces_of, split
 from .mesh import Mesh, interval_count
+from .reintegration import not_integrated
+from .singularity import close_to_singular
 from .switches import UnresolvedSwitches
 
 #: What is measured on a solution with small local errors.
@@ -253,9 +255,26 @@ def _local_errors(solution: Solution, tolerance: float) -> LocalErrors:
         try:
             return LocalErrors(solution, tolerance)
         except RuntimeError:
-            if not interruption.requested:
-                raise
-    raise KeyboardInterrupt
+            if interruption.requested:
+                raise KeyboardInterrupt from None
+            _refuse_not_integrated(solution)
+            raise
+
+
+def _refuse_not_integrated(solution: Solution) -> None:
+    """Raise an :class:`OptimizationError` for an interval that cannot be integrated again: its times, and why."""
+    for part in solution.phases:
+        found = not_integrated(part.polynomials) if part.mesh.count else None
+        if found is not None:
+            interval, reason = found
+            begin, end = part.mesh_times[interval : interval + 2]
+            raise OptimizationError(
+                f"the tolerance cannot be checked: from t = {begin:.6g} to {end:.6g} s the motion, integrated again "
+                f"from its own mesh point, stops ({reason}){close_to_singular(part, interval)}; without tolerance= "
+                "the mesh is not refined; the solution is in .partial",
+                partial=solution,
+                time=float(begin),
+            ) from None
 
 
 def adapted(mesh: Mesh, errors: np.ndarray, tolerance: float, order: int, *, merging: bool = True) -> Mesh:

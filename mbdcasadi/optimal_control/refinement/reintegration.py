@@ -9,6 +9,7 @@ import numpy as np
 
 from ...equations.numeric import NumericEquations
 from ...equations.recovery import Recovery
+from ...integrators.failures import reason_of
 from ...numerics.collocation import gauss
 from ...numerics.console import call
 from ..transcription.motion import Polynomials
@@ -18,10 +19,35 @@ INTEGRATION_TOLERANCE = 1e-11
 
 
 def end_differences(motion: Polynomials) -> np.ndarray:
-    """Return differences of q, v and z at the ends of all intervals, by integration and by the mesh (N, 2 n + k)."""
+    """Return differences of q, v and z at the ends of all intervals, by integration and by the mesh (N, 2 n + k).
+
+    Raises :class:`RuntimeError` if the end of an interval is not reached, see :func:`not_integrated`.
+    """
+    numeric, n = motion.numeric, motion.numeric.eom.q.numel()
+    integrator, states, parameters = _integration(motion)
+    again = integrator.map(len(motion.intervals))
+    reached = call(partial(again, x0=states[:-1].T, p=parameters))["xf"].full().T
+    recovery = Recovery(numeric, redundant=motion.scheme.redundant)
+    times = motion.times[1:]
+    q = recovery.positions(times, reached[:, :n])
+    v = recovery.velocities(times, q, reached[:, n : 2 * n])
+    return np.hstack([q, v, reached[:, 2 * n :]]) - states[1:]
+
+
+def not_integrated(motion: Polynomials) -> tuple[int, str] | None:
+    """Return the first interval that cannot be integrated again from its start, and why; None if there is none."""
+    integrator, states, parameters = _integration(motion)
+    for k in range(len(motion.intervals)):
+        try:
+            call(partial(integrator, x0=states[k], p=parameters[:, k]))
+        except RuntimeError as error:
+            return k, reason_of(error)
+    return None
+
+
+def _integration(motion: Polynomials) -> tuple[ca.Function, np.ndarray, np.ndarray]:
+    """Integrator of an interval, states at the mesh points (N + 1, 2 n + k), and parameters by interval (…, N)."""
     numeric, count, redundant = motion.numeric, len(motion.intervals), motion.scheme.redundant
-    eom = numeric.eom
-    n = eom.q.numel()
     pieces = [piece.coefficients for piece in motion.inputs.values()]
     coefficients = np.stack(pieces, axis=2) if pieces else np.zeros((count, 1, 0))  # (N, d, n_u)
     degree, inputs = coefficients.shape[1:]
@@ -33,15 +59,9 @@ def end_differences(motion: Polynomials) -> np.ndarray:
             coefficients.transpose(2, 1, 0).reshape(degree * inputs, count),
         ]
     )
-    states = np.hstack(motion.at_mesh_points)
     key = ("interval", degree, redundant, numeric.light_key)
     integrator = numeric.eom.shared.get_or_create(key, lambda: _integrator(numeric, degree, redundant=redundant))
-    reached = call(partial(integrator.map(count), x0=states[:-1].T, p=parameters))["xf"].full().T
-    recovery = Recovery(numeric, redundant=redundant)
-    times = motion.times[1:]
-    q = recovery.positions(times, reached[:, :n])
-    v = recovery.velocities(times, q, reached[:, n : 2 * n])
-    return np.hstack([q, v, reached[:, 2 * n :]]) - states[1:]
+    return integrator, np.hstack(motion.at_mesh_points), parameters
 
 
 def inner_errors(motion: Polynomials) -> np.ndarray:
