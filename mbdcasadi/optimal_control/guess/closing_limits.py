@@ -36,7 +36,7 @@ from ..checks.in_time import out_of_time
 from ..nlp.limit_sides import LimitSides
 from ..nlp.problem_solver import ProblemSolver
 from ..nlp.statistics import Attempt
-from ..refinement.coarse_mesh import FRESH_PASSES, HALVED_INTERVALS, is_lost
+from ..refinement.coarse_mesh import HALVED_INTERVALS, is_lost
 from ..refinement.local_error import COARSE_ERROR, Coarseness
 from ..refinement.mesh import Mesh, interval_count
 from ..refinement.slow_first import solve_slowly_first
@@ -55,6 +55,8 @@ RESUMABLE = (
 )
 #: Iterations without limits, with all limits from a motion without or near to them, and of a least violation.
 FREE_ITERATIONS, CLOSING_ITERATIONS, VIOLATION_ITERATIONS = 200, 150, 300
+#: Largest number of meshes, each twice as fine, on which a problem without limits is solved again from its guess.
+FRESH_PASSES = 2
 #: Share of the intervals that another mesh has, and iterations on it: accidents of a mesh cost twenty elsewhere.
 OTHER_MESH, OTHER_ITERATIONS = 1.25, 100
 #: Weights of the cost beside the sum of scaled violations, which fall as the price of these rises as long as their sum

@@ -357,18 +357,18 @@ def best_of(
         outcomes = _from_last_to_first(partial(tries, solver), candidates, limit, further)
     else:
         outcomes = [tries(solver, guess, limit=limit) for guess in candidates]
+    if not any(map(_is_solved, outcomes)):
+        raise [result for _, result in outcomes if isinstance(result, OptimizationError)][-1]
     costs: list[float] = []
     best = _settled(outcomes, settle, costs)
-    if best is None:
-        raise [result for _, result in outcomes if isinstance(result, OptimizationError)][-1]
     if further is not None:
         known = _reports(outcomes)
         most = min(further, int(DETOURED * max(report.iterations for report in known)))
         others, count = swings(solver, known), len(outcomes)
         while others and _agreeing(outcomes) < AGREEING:
             outcomes.append(tries(solver, others.pop(0), limit=_least(limit, most)))
-        best = _settled(outcomes[count:], settle, costs, best) or best
-    solution, reports = best[0], _reports(outcomes)
+        best = _settled(outcomes[count:], settle, costs, best)
+    solution, reports = _solutions(outcomes)[0] if best is None else best[0], _reports(outcomes)
     if len(reports) > 1:
         solution.statistics = replace(solution.statistics, starts=reports)
     return solution
@@ -450,22 +450,26 @@ def _settled(
 ) -> tuple[Solution, bool] | None:
     """The best of a solution that is known and those of guesses, in the order of their costs, and if its mesh holds.
 
-    None if there is none. Solutions are on meshes that hold, or on the finest that were tried. Those that are no
-    motions have costs that mean nothing, and rank behind all others. `costs` are those of solutions that were seen
-    before, to which the new ones are added: of two that are the same one is settled.
+    Solutions are on meshes that hold, or on the finest that were tried. None if all are no motions, whose costs mean
+    nothing. `costs` are those of solutions that were seen before, to which the new ones are added: of two that are the
+    same one is settled.
     """
-    lost: list[Solution] = []
-    for solution in sorted((end for _, end in outcomes if isinstance(end, Solution)), key=lambda one: one.cost):
+    for solution in _solutions(outcomes):
         if best is not None and best[1] and solution.cost >= best[0].cost * (1 - SAME_COST):
             break
         if any(abs(solution.cost - cost) <= SAME_COST * abs(cost) for cost in costs):
             continue
         costs.append(solution.cost)
-        if settle is not None and is_lost(solution):
-            lost.append(solution)
-        else:
-            best = _better(best, (solution, True) if settle is None else settle(solution))
-    return best if best is not None or not lost else (lost[0], False)
+        if settle is None:
+            best = _better(best, (solution, True))
+        elif not is_lost(solution):
+            best = _better(best, settle(solution))
+    return best
+
+
+def _solutions(outcomes: Sequence[Outcome]) -> list[Solution]:
+    """The solutions, the cheapest one first."""
+    return sorted((end for _, end in outcomes if isinstance(end, Solution)), key=lambda one: one.cost)
 
 
 def _better(one: tuple[Solution, bool] | None, other: tuple[Solution, bool]) -> tuple[Solution, bool]:

@@ -20,9 +20,8 @@ COARSE_MEASURES: tuple[type[Coarseness], ...] = (Coarseness, StateCoarseness, Re
 COARSE_PASSES, HALVED_INTERVALS = 4, 200
 #: Error after these, in the best solution of all starts, up to which as many passes more are made.
 NEAR_ERROR = 10 * COARSE_ERROR
-#: Local error, in rad or sizes of the mechanism, velocities times the duration, from which a solution is not a motion,
-#: and largest number of meshes, each twice as fine, on which it is then solved again from its guess.
-LOST_ERROR, FRESH_PASSES = 3.0, 2
+#: Local error, in rad or sizes of the mechanism, velocities times the duration, from which a solution is not a motion.
+LOST_ERROR = 3.0
 
 
 def refine_further(solver: ProblemSolver, solution: Solution) -> tuple[Solution, bool]:
