@@ -20,6 +20,7 @@ from ..model.contents import contents_of, values_of_contents
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_sx, describe, role_of, symbols_of
 from ..model.symbols import t as time
+from ..numerics.evaluation import Evaluator
 from ..numerics.lazy import cached_property
 from ..numerics.symbolic import symbolic
 
@@ -104,10 +105,8 @@ class Equations:
         self.z_rate = _column([mechanism.state_rates[z] for z in mechanism.states])
         masses = [as_sx(value) for b in bodies for value in (b.mass, b.mass, b.inertia)]
         self.mass_diagonal = ca.vertcat(*masses, ca.SX.zeros(len(extra)))
-        self.M = ca.diag(self.mass_diagonal)
         self.coordinate_names = tuple(s.name() for s in ca.vertsplit(self.q))
         self._collect_rows(mechanism.constraints)
-        self._collect_forces(mechanism.elements)
 
     def _collect_rows(self, constraints: Sequence[Any]) -> None:
         self.lam = ca.vertcat(ca.SX(0, 1), *[c.multipliers for c in constraints])
@@ -117,24 +116,57 @@ class Equations:
         level = [np.r_[p, np.full(c.velocity_rows.numel(), False)] for p, c in zip(position, constraints, strict=True)]
         flags = np.concatenate([np.zeros(0, bool), *level])
         self.position_rows = np.flatnonzero(flags)
+        #: places of the rows among the position rows and then the velocity-level rows
+        self._order = np.argsort(np.r_[self.position_rows, np.flatnonzero(~flags)], kind="stable").tolist()
         self.Phi = ca.vertcat(ca.SX(0, 1), *[c.rows for c in constraints])
         self.velocity_rows = ca.vertcat(ca.SX(0, 1), *[c.velocity_rows for c in constraints])
 
-        jacobian_q = ca.jacobian(self.Phi, self.q)
-        jacobian_v = ca.jacobian(self.velocity_rows, self.v)
-        order = np.argsort(np.r_[self.position_rows, np.flatnonzero(~flags)], kind="stable")
-        rest = ca.substitute(self.velocity_rows, self.v, ca.SX.zeros(self.v.numel()))
-        rows = [int(k) for k in order]
-        self.Phi_q = ca.vertcat(jacobian_q, jacobian_v)[rows, :] if rows else ca.SX(0, self.q.numel())
-        self.nu = ca.vertcat(-ca.jacobian(self.Phi, self.t), -rest)[rows]
-        rate = ca.jtimes(self.Phi, self.q, self.v) + ca.jacobian(self.Phi, self.t)
-        rate = ca.vertcat(rate, self.velocity_rows)[rows]
-        self.gamma = -(ca.jtimes(rate, self.q, self.v) + ca.jacobian(rate, self.t))
+    # --- terms, which are derived when they are asked for ----------------------------
+    @cached_property
+    @symbolic
+    def M(self) -> ca.SX:
+        """Mass matrix (n, n), diagonal."""
+        return ca.diag(self.mass_diagonal)
 
-    def _collect_forces(self, elements: Sequence[Any]) -> None:
-        self.Q = self.generalised_forces(elements)
-        self.potential = sum((as_sx(e.potential) for e in elements), ca.SX(0))
-        self.kinetic = 0.5 * ca.dot(self.v, self.mass_diagonal * self.v)
+    @cached_property
+    @symbolic
+    def Phi_q(self) -> ca.SX:
+        """Constraint Jacobian (m, n); for a velocity-level row its derivative by `v`."""
+        jacobians = ca.jacobian(self.Phi, self.q), ca.jacobian(self.velocity_rows, self.v)
+        return ca.vertcat(*jacobians)[self._order, :] if self._order else ca.SX(0, self.q.numel())
+
+    @cached_property
+    @symbolic
+    def nu(self) -> ca.SX:
+        """Right side of the velocity equation (m,), ``Phi_q v = nu = -Phi_t``."""
+        rest = ca.substitute(self.velocity_rows, self.v, ca.SX.zeros(self.v.numel()))
+        return ca.vertcat(-ca.jacobian(self.Phi, self.t), -rest)[self._order]
+
+    @cached_property
+    @symbolic
+    def gamma(self) -> ca.SX:
+        """Right side of the acceleration equation (m,)."""
+        rate = ca.jtimes(self.Phi, self.q, self.v) + ca.jacobian(self.Phi, self.t)
+        rate = ca.vertcat(rate, self.velocity_rows)[self._order]
+        return -(ca.jtimes(rate, self.q, self.v) + ca.jacobian(rate, self.t))
+
+    @cached_property
+    @symbolic
+    def Q(self) -> ca.SX:
+        """Generalised applied forces (n,)."""
+        return self.generalised_forces(self.mechanism.elements)
+
+    @cached_property
+    @symbolic
+    def potential(self) -> ca.SX:
+        """Potential energy of the forces that have one."""
+        return sum((as_sx(e.potential) for e in self.mechanism.elements), ca.SX(0))
+
+    @cached_property
+    @symbolic
+    def kinetic(self) -> ca.SX:
+        """Kinetic energy."""
+        return 0.5 * ca.dot(self.v, self.mass_diagonal * self.v)
 
     def generalised_forces(self, elements: Sequence[Any]) -> ca.SX:
         """Return the generalised forces of some elements (n,)."""
@@ -180,8 +212,10 @@ class Equations:
         return self.angular_rows[self.position_rows]
 
     @cached_property
-    def _known(self) -> set[int]:
-        return {s.element_hash() for group in self.symbols for s in ca.vertsplit(group)}
+    @symbolic
+    def symbol_hashes(self) -> frozenset[int]:
+        """Hashes of the symbols that expressions may contain."""
+        return frozenset(s.element_hash() for s in ca.vertsplit(ca.vertcat(*self.symbols)))
 
     @cached_property
     def Q_depends_on_lam(self) -> bool:
@@ -244,9 +278,11 @@ class Equations:
 
     def masses(self, p: np.ndarray) -> np.ndarray:
         """Diagonal of M as numbers (n,)."""
-        diagonal = ca.densify(self.mass_diagonal)
-        function = self.shared.get_or_create("masses", lambda: ca.Function("masses", [self.p], [diagonal]))
-        return function(p).full().ravel()
+
+        def make() -> Evaluator:
+            return Evaluator(ca.Function("masses", [self.p], [ca.densify(self.mass_diagonal)]))
+
+        return self.shared.get_or_create("masses", make)(p)[0].ravel()
 
     # --- compiled functions -----------------------------------------------------------
     @symbolic
@@ -264,11 +300,11 @@ class Equations:
 
     def contains(self, expression: ca.SX) -> bool:
         """Return True if the mechanism has every symbol of an expression."""
-        return all(symbol.element_hash() in self._known for symbol in symbols_of(expression))
+        return all(symbol.element_hash() in self.symbol_hashes for symbol in symbols_of(expression))
 
     def _of_expression(self, expression: ca.SX) -> ca.Function:
         for symbol in symbols_of(expression):
-            if symbol.element_hash() not in self._known:
+            if symbol.element_hash() not in self.symbol_hashes:
                 raise ExpressionError(f"the expression holds {self._foreign(symbol)}")
         return ca.Function("expression", list(self.symbols), [ca.densify(expression)])
 
@@ -296,14 +332,17 @@ class Equations:
         angles: np.ndarray = (places % 3 == 2) & (places < 3 * len(self.mechanism.bodies))
         return angles
 
-    @cached_property
+    @property
     def angular_rows(self) -> np.ndarray:
         """True for constraint rows in angles of bodies alone, which are in rad (m,)."""
-        rows, columns = (np.array(part, int) for part in self.Phi_q.sparsity().get_triplet())
-        lengths = rows[~self.angles[columns]]
-        angular = np.ones(self.lam.numel(), bool)
-        angular[lengths] = False
-        return angular
+
+        def find() -> np.ndarray:
+            rows, columns = (np.array(part, int) for part in self.Phi_q.sparsity().get_triplet())
+            angular = np.ones(self.lam.numel(), bool)
+            angular[rows[~self.angles[columns]]] = False
+            return angular
+
+        return self.shared.get_or_create("angular rows", find)
 
     @cached_property
     def forward_dynamics(self) -> ca.Function:

@@ -20,6 +20,7 @@ from ..model.rates import time_derivative
 from ..model.symbols import Parameter, as_sx, check_name, number, place_of, role_of, symbols_of
 from ..model.symbols import t as time
 from ..numerics.lazy import cached_property
+from ..numerics.symbolic import symbolic
 from ..printing import to_text
 from ..results.state import State
 from .cost_parts import CostParts, parameter_parts, split_along_path
@@ -178,8 +179,9 @@ class Phase(Immutable):
     def symbol_hashes(self) -> frozenset[int]:
         """Hashes of the symbols that expressions of the phase may contain, free parameters and impulses left out."""
         eom = self.equations
-        groups = (eom.t, eom.q, eom.v, eom.z, eom.p) if self.is_instant else (*eom.symbols, self.input_rates)
-        return frozenset(s.element_hash() for group in groups for s in ca.vertsplit(group))
+        if not self.is_instant:
+            return eom.symbol_hashes.union(u.rate.element_hash() for u in self.mechanism.inputs)
+        return frozenset(s.element_hash() for s in ca.vertsplit(ca.vertcat(eom.t, eom.q, eom.v, eom.z, eom.p)))
 
     @cached_property
     def law(self) -> ImpactLaw:
@@ -208,7 +210,8 @@ class Phase(Immutable):
         """Duration of the phase, s, in boundary conditions and in the terminal cost."""
         return self.at_end(time) - self.at_start(time)
 
-    @property
+    @cached_property
+    @symbolic
     def input_rates(self) -> ca.SX:
         """Rates of the inputs (n_u,)."""
         return ca.vertcat(ca.SX(0, 1), *[u.rate for u in self.mechanism.inputs])

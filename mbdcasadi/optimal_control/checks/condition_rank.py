@@ -59,7 +59,7 @@ class ConditionRank:
         eom = numeric.eom
         self._x = ca.vertcat(eom.q, eom.v, eom.z, free)
         self._unknowns = 2 * eom.q.numel() + eom.z.numel()
-        extra = [s for s in ca.vertsplit(free) if s.numel() and s.element_hash() not in eom._known]
+        extra = [s for s in ca.vertsplit(free) if s.numel() and s.element_hash() not in eom.symbol_hashes]
         self._extra = ca.vertcat(ca.SX(0, 1), *extra)
         scale = numeric.column_scale
         self._columns = np.concatenate([scale, scale, np.ones(eom.z.numel() + free.numel())])
