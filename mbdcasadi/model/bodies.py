@@ -222,7 +222,10 @@ class Body(Immutable, HoldsSymbols, HasQuantities):
         if y is None:
             raise ModelError(f"{what}: a marker needs two coordinates, at(x, y), got {x!r} alone")
         point = [quantity(value, what, f"marker {axis}") for value, axis in ((x, "x"), (y, "y"))]
-        local = ca.vertcat(*[as_sx(p) for p in point]) - self._shape_centroid
+        if any(isinstance(p, ca.SX) for p in point):
+            local = ca.vertcat(*[as_sx(p) for p in point]) - self._shape_centroid
+        else:
+            local = ca.SX(np.array(point) - self._shape_centroid)
         angle = quantity(angle, what, "marker angle")
         in_radians(angle, what, "the angle of a marker")
         return Marker(self, local, as_sx(angle))

@@ -148,7 +148,8 @@ def _read_one(entry: Any, position: int) -> Sequence[Condition]:
             return [low, replace(high, opposite=low, span=float(entry.upper) - float(entry.lower))]
         return conditions
     if isinstance(entry, ca.SX):
-        return [c for element in ca.vertsplit(ca.vec(entry)) for c in _relation(element, position)]
+        elements = [entry] if entry.is_scalar() else ca.vertsplit(ca.vec(entry))
+        return [c for element in elements for c in _relation(element, position)]
     hint = "write body.phi == 0.3"
     if isinstance(entry, bool):
         # Python compares an expression with a list of expressions itself, and finds that they are not the same object

@@ -64,11 +64,13 @@ class _Reader:
     """Reader of parts in their order, after expressions that are known; one that occurs again is a number."""
 
     def __init__(self, known: list[ca.SX]) -> None:
-        self._expressions = known
+        self._expressions, self._known = known, len(known)
         self._numbers = {id(expression): k for k, expression in enumerate(known)}
 
     def expressions(self, symbols: Sequence[ca.SX] | None) -> str:
         """All expressions as one function of their symbols."""
+        if len(self._expressions) == self._known:
+            return ""
         arguments = ca.symvar(ca.veccat(*self._expressions)) if symbols is None else list(symbols)
         options = {"allow_free": symbols is not None}
         function = ca.Function("contents", arguments, self._expressions, options)

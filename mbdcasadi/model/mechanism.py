@@ -151,9 +151,11 @@ class Mechanism(Immutable, HoldsSymbols):
         sources = [(b.description, [as_sx(b.mass), as_sx(b.inertia)]) for b in self.bodies]
         sources += [(e.description, e.expressions()) for e in self.elements]
         sources += [(f"the rate of state variable '{z.label}'", [rate]) for z, rate in self.state_rates.items()]
-        for what, expressions in sources:
+        whole = ca.veccat(*[expression for _, expressions in sources for expression in expressions])
+        strange = {symbol.element_hash() for symbol in symbols_of(whole)} - allowed
+        for what, expressions in sources if strange else ():
             for symbol in symbols_of(ca.veccat(*expressions)):
-                if symbol.element_hash() not in allowed:
+                if symbol.element_hash() in strange:
                     raise ExpressionError(self._stray(symbol, what))
         for body in self.bodies:
             for name, value in (("mass", body.mass), ("inertia", body.inertia)):

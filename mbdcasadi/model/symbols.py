@@ -345,7 +345,10 @@ def place_of(symbol: Any, symbols: Sequence[Any]) -> int | None:
 
 def symbols_of(expression: Any) -> list[ca.SX]:
     """Return the scalar symbols on which an expression depends, in the order in which they occur."""
-    return ca.symvar(as_sx(expression))
+    expression = as_sx(expression)
+    if expression.is_constant():  # most are numbers or symbols, of which CasADi makes a list in 20 µs
+        return []
+    return [expression] if expression.is_scalar() and expression.is_symbolic() else ca.symvar(expression)
 
 
 def values_of(expression: Any) -> np.ndarray:

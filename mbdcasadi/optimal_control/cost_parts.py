@@ -46,7 +46,9 @@ class CostParts:
         return self._refuse_falling(with_values(expression, value), where)
 
     def _refuse_falling(self, expression: ca.SX, where: str) -> ca.SX:
-        slopes = ca.densify(ca.jacobian(expression, ca.vertcat(ca.SX(0, 1), *self.symbols)))
+        if not self.symbols:
+            return expression
+        slopes = ca.densify(ca.jacobian(expression, ca.vertcat(*self.symbols)))
         for symbol, slope in zip(self.symbols, ca.horzsplit(slopes), strict=True):
             if slope.is_constant() and float(slope) < 0:
                 raise ExpressionError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -169,14 +169,17 @@ class OptimalControlProblem(ProblemStatement):
         ExpressionError
             Naming the condition and the symbol.
         """
-        expressions = {f"{name}: {row.label}": row.expression for row in conditions}
-        self._check_expressions(phase, expressions, impulses=impulses)
+        self._check_expressions(phase, {f"{name}: {row.label}": row for row in conditions}, impulses=impulses)
 
-    def _check_expressions(self, phase: Phase, expressions: dict[str, ca.SX], *, impulses: bool = False) -> None:
+    def _check_expressions(
+        self, phase: Phase, expressions: Mapping[str, ca.SX | Condition], *, impulses: bool = False
+    ) -> None:
         further = (*self.extra_parameters(phase), *([phase.law.impulses] if impulses else []))
         known = phase.symbol_hashes.union(s.element_hash() for group in further for s in ca.vertsplit(group))
-        for where, expression in expressions.items():
-            for symbol in symbols_of(expression):
+        for where, stated in expressions.items():
+            is_expression = isinstance(stated, ca.SX)
+            expression, symbols = (stated, symbols_of(stated)) if is_expression else (stated.expression, stated.symbols)
+            for symbol in symbols:
                 if symbol.element_hash() not in known:
                     for misplaced in placeholders_in(expression):
                         place = "a cost" if misplaced.kind in PARTS else "boundary= or terminal_cost="

@@ -75,6 +75,10 @@ def write(expression: ca.SX, style: TextStyle, limit: int) -> str:
     """Scalar expression in a style."""
     if expression.nnz() == 0:
         return "0"
+    if expression.is_symbolic():
+        return style.symbol(expression.name()).signed
+    if expression.is_constant():
+        return style.number(float(expression)).signed
     if not is_short(expression, limit):
         return style.too_long(count_of_operations(expression))
     forms, whole = forms_of(expression)
