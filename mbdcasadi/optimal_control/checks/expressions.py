@@ -61,13 +61,13 @@ def kinks_in_costs(problem: OptimalControlProblem) -> str:
     costs = [("running_cost", phase.running_cost) for phase in problem.phases]
     costs += [("the cost of a waypoint", w.cost) for phase in problem.phases for w in phase.waypoints]
     costs.append(("terminal_cost", problem.terminal_cost))
-    return problem.compiled.kinks.get_or_create("costs", lambda: _kinks(costs))
+    return problem.shared.get_or_create("kinks of costs", lambda: _kinks(costs))
 
 
 def kinks_in_path(problem: OptimalControlProblem) -> str:
     """Return in words the kinks in the path conditions of a problem, found once for it; empty if there are none."""
     conditions = [(f"path: {c.label}", c.expression) for phase in problem.phases for c in phase.path]
-    return problem.compiled.kinks.get_or_create("path", lambda: _kinks(conditions))
+    return problem.shared.get_or_create("kinks of the path", lambda: _kinks(conditions))
 
 
 def _kinks(expressions: Iterable[tuple[str, ca.SX]]) -> str:

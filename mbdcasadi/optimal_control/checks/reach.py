@@ -80,10 +80,12 @@ def check_reach(setup: ProblemSetup, candidates: Sequence[Guess]) -> None:
     if any(s.numeric.eom.q.numel() * s.numeric.eom.lam.numel() > LARGE for s in setup.setups):
         return
     loops = _Loops(setup)
+    if setup.of_start.get_or_create("path through all places", partial(_leads_through_all, setup, loops)):
+        return
     for stated in places(setup):
         k = stated.number
-        path, is_only = setup.path if k == 0 else setup.setups[k].path, len(setup.setups) == 1
-        if path.complete and is_only and _limits_hold(setup.setups[k], stated) and not loops.are_in_doubt(stated):
+        path = setup.path if k == 0 else setup.setups[k].path
+        if _is_met(setup, loops, stated):
             continue
         parts, reach = [guess.phases[k] for guess in candidates], _Reach(setup, stated)
         poses = [part.sample(part.segment_times[[stated.place]])["q"][0] for part in parts]
@@ -92,6 +94,18 @@ def check_reach(setup: ProblemSetup, candidates: Sequence[Guess]) -> None:
         error = reach.refusal([*poses, path.pose_at(stated.times[1])]) or loops.refusal(reach, stated)
         if error is not None:
             raise error
+
+
+def _leads_through_all(setup: ProblemSetup, loops: _Loops) -> bool:
+    """Return True if the path of the only phase surely meets the conditions of all places."""
+    return len(setup.setups) == 1 and all(_is_met(setup, loops, stated) for stated in places(setup))
+
+
+def _is_met(setup: ProblemSetup, loops: _Loops, stated: Stated) -> bool:
+    """Return True if the path of the only phase surely meets the conditions of a place."""
+    if len(setup.setups) > 1 or not setup.path.complete:
+        return False
+    return _limits_hold(setup.setups[0], stated) and not loops.are_in_doubt(stated)
 
 
 def _limits_hold(setup: PhaseSetup, stated: Stated) -> bool:

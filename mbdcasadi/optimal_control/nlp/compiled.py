@@ -26,5 +26,3 @@ class CompiledProblem:
         self.setups = Cache(SETUPS)
         #: ranks of conditions, by phase and parameter values
         self.ranks = Cache(SETUPS)
-        #: kinks of its costs and of its path conditions, in words
-        self.kinks = Cache()

@@ -53,6 +53,8 @@ class ProblemSetup:
         What the programs of each phase have in common.
     changes : list of ChangeSetup
         The same of the changes between them.
+    of_start : Cache
+        What follows from the problem, its own start and the parameters that are given, without symbols.
     """
 
     def __init__(self, problem: OptimalControlProblem, settings: Settings, parameters: Any = None, initial: Any = None):
@@ -70,7 +72,7 @@ class ProblemSetup:
         numerics = [setup.numeric for setup in read]
         self.free_values = np.array([p.value for p in problem.free_parameters])
         self._is_own_start = initial is None
-        self._of_start = self._values_of_start(read[0].p)
+        self.of_start = self._values_of_start(read[0].p)
         self.start = self._first_state(numerics, read[0].signals)
         if isinstance(self.initial, State):
             check_start(problem, first, numerics[0], self.initial)
@@ -96,14 +98,14 @@ class ProblemSetup:
 
     def _first_state(self, numerics: list[NumericEquations], signals: Signals) -> State:
         """First state; what is known of it is kept, unless a warning belongs to it."""
-        known = self._of_start.get("first state")
+        known = self.of_start.get("first state")
         if known is not None:
             return State(self.problem.mechanism, known[0], *[part.copy() for part in known[1:]])
         before = warnings_given()
         state = self._found_first_state(numerics, signals)
         if state is not self.initial and state.obstacle is None and warnings_given() == before:
             arguments = state.t, *[part.copy() for part in state.arguments[1:]]
-            self._of_start.get_or_create("first state", lambda: arguments)
+            self.of_start.get_or_create("first state", lambda: arguments)
         return state
 
     def _found_first_state(self, numerics: list[NumericEquations], signals: Signals) -> State:
@@ -146,7 +148,7 @@ class ProblemSetup:
                     start, initial = _at_rest(phase, poses.starts[k], spans[k][0], numeric.p), phase.initial
                 path = self._path_to(poses.ends[k], phase, numeric, start, spans[k])
             time = usual if phase.is_instant else None
-            kept = self._of_start if len(phases) == 1 else Cache()
+            kept = self.of_start if len(phases) == 1 else Cache()
             make = partial(PhaseSetup, problem, phase, self.settings, numeric, start, initial, path, time, kept)
             if poses is None and isinstance(initial, State):  # starts that are given as states share a setup
                 key = phase, self.settings.key, numeric.p.tobytes()
