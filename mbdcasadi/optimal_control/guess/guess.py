@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -51,32 +52,32 @@ class PhaseGuess:
     def fill(self, x: np.ndarray, program: PhaseProgram, mesh: Mesh) -> None:
         """Put the variables of the phase, in physical units, into those of the whole program."""
         scheme, times = program.scheme, mesh.times(self.segment_times)
-        sampled = self.sample(times)
+        inner = {
+            name: scheme.inputs.taus if name == "u" else taus
+            for name, (size, taus) in scheme.interval_variables.items()
+            if size and taus.size and np.all(np.isfinite(taus))
+        }
+        points = {taus.tobytes(): times[:-1, None] + np.diff(times)[:, None] * taus for taus in inner.values()}
+        sampled = self.sample(np.concatenate([times, *(wanted.ravel() for wanted in points.values())]))
+        ends = np.cumsum([times.size, *(wanted.size for wanted in points.values())])
+        within = {key: slice(*pair) for key, pair in zip(points, itertools.pairwise(ends), strict=True)}
+
         names = [name for name, size in scheme.point_variables.items() if size]
-        values = np.hstack([scheme.unknown_columns(name, sampled[name]) for name in names])
+        values = np.hstack([scheme.unknown_columns(name, sampled[name][: times.size]) for name in names])
         x[program.point_index(np.arange(times.size)[:, None])[:, : values.shape[1]]] = values
         intervals = np.arange(times.size - 1)[:, None]
-        known: dict[bytes, dict[str, np.ndarray]] = {}
-
-        def inside(taus: np.ndarray) -> dict[str, np.ndarray]:
-            """Values at points of all intervals."""
-            if taus.tobytes() not in known:
-                wanted = times[:-1, None] + np.diff(times)[:, None] * taus
-                known[taus.tobytes()] = self.sample(wanted.ravel())
-            return known[taus.tobytes()]
-
-        for name, (size, taus) in scheme.interval_variables.items():
-            # a variable of the scheme alone begins with zero
-            if size and taus.size and np.all(np.isfinite(taus)) and name in sampled:
-                values = _input_unknowns(scheme.inputs, inside) if name == "u" else inside(taus)[name]
-                columns = scheme.unknown_columns(name, values).reshape(intervals.size, -1)
-                x[program.inner_index(intervals)[:, scheme.interval_slice(name)]] = columns
+        for name, taus in inner.items():
+            if name not in sampled:  # a variable of the scheme alone begins with zero
+                continue
+            values = sampled[name][within[taus.tobytes()]]
+            values = _input_unknowns(scheme.inputs, values) if name == "u" else values
+            columns = scheme.unknown_columns(name, values).reshape(intervals.size, -1)
+            x[program.inner_index(intervals)[:, scheme.interval_slice(name)]] = columns
         x[program.time_index] = times[mesh.knots][: program.time_count]
 
 
-def _input_unknowns(basis: InputBasis, inside: Callable[[np.ndarray], dict[str, np.ndarray]]) -> np.ndarray:
+def _input_unknowns(basis: InputBasis, values: np.ndarray) -> np.ndarray:
     """Unknowns of the inputs that belong to the intervals alone (N k, n_u), from values at points of the intervals."""
-    values = inside(basis.taus)["u"]
     unknowns = basis.unknowns(values.reshape(-1, basis.taus.size, values.shape[1]))
     inner = unknowns[:, 1:-1] if basis.joined else unknowns
     return inner.reshape(-1, values.shape[1])
