@@ -9,8 +9,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-#: Numbers of points that one evaluation takes: a batch is made up of these.
-BATCHES = (128, 16, 4, 1)
+#: Number of points that one evaluation takes: a batch is made up of these.
+BATCHES = (64, 16, 4, 1)
+#: Instructions of a function up to which the last evaluation may take more points than are asked for: each of these
+#: costs less than a call.
+SHORT = 1000
 
 
 class Evaluator:
@@ -34,6 +37,7 @@ class Evaluator:
     def __init__(self, function: ca.Function):
         self.function = function
         self._patterns = [_places(function.sparsity_out(k)) for k in range(function.n_out())]
+        self._is_short = function.n_instructions() <= SHORT
         self._threads = threading.local()
 
     def __call__(self, *arguments: Any) -> list[np.ndarray]:
@@ -64,17 +68,23 @@ class Evaluator:
         count = len(points[0])
         results = [np.zeros((count, shape[0] * shape[1])) for shape, _ in self._patterns]
         start = 0
-        for size in BATCHES:
-            while count - start >= size:
-                chosen = slice(start, start + size)
-                buffers = self._buffers(size)
-                for place, value in zip(buffers.arguments, points, strict=True):
-                    place[:] = value[chosen] if len(value) == count else value
-                buffers.evaluate()
-                for result, values, (_, places) in zip(results, buffers.results, self._patterns, strict=True):
-                    result[chosen, places] = values
-                start += size
+        while start < count:
+            buffers = self._buffers(self._batch(count - start))
+            used = min(buffers.size, count - start)
+            chosen = slice(start, start + used)
+            for place, value in zip(buffers.arguments, points, strict=True):
+                place[:used] = value[chosen] if len(value) == count else value
+            buffers.evaluate()
+            for result, values, (_, places) in zip(results, buffers.results, self._patterns, strict=True):
+                result[chosen, places] = values[:used]
+            start += used
         return results
+
+    def _batch(self, rest: int) -> int:
+        """Number of points of the next evaluation if so many are left: more than these if they cost less than calls."""
+        within = next(size for size in BATCHES if size <= rest)
+        above = min((size for size in BATCHES if size >= rest), default=within)
+        return above if self._is_short and above < 2 * rest else within
 
     def _buffers(self, size: int) -> _Buffers:
         """Buffers of this thread for so many points; they live as long as it does."""
@@ -91,6 +101,7 @@ class _Buffers:
     """A function of some points with places for its arguments and results, each (points, entries)."""
 
     def __init__(self, function: ca.Function, size: int):
+        self.size = size
         mapped = function if size == 1 else function.map(size)
         evaluate: Callable[[], None]
         self._buffer, evaluate = mapped.buffer()
