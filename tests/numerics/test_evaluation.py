@@ -48,9 +48,11 @@ def test_arguments_that_do_not_fit_are_refused(arguments):
         Evaluator(FUNCTION)(*arguments)
 
 
-@pytest.mark.parametrize("count", [0, 1, 15, 16, 17, 300])
-def test_many_points(count):
-    """By row what CasADi gives by column, some arguments the same at all points."""
+@pytest.mark.parametrize("short", [0, 1000])
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 15, 16, 17, 33, 300])
+def test_many_points(count, short, monkeypatch):
+    """By row what CasADi gives by column, some arguments the same at all points; of short functions and of others."""
+    monkeypatch.setattr("mbdcasadi.numerics.evaluation.SHORT", short)
     rng = np.random.default_rng(count)
     points, shared = rng.standard_normal((count, 3)), [0.7, 5.0]
     found = Evaluator(FUNCTION).rows(points, shared)
