@@ -16,7 +16,7 @@ from ..numerics.symbolic import symbolic
 from ..results.state import State
 from ..results.trajectory import Statistics, Trajectory
 from .guess.guess import PhaseGuess, guess_from_motion
-from .nlp.limit_excess import POINTS, Excess, excess_of_motion
+from .nlp.limit_excess import POINTS, Excess, excess_of_motion, intervals_near
 from .nlp.phase_program import PhaseProgram
 from .phase import Phase
 from .refinement.growth import Growth, growth
@@ -74,11 +74,17 @@ class PhaseSolution:
         return self._evaluated(self._evaluator(expressions), intervals, taus)
 
     def _evaluator(self, expressions: Sequence[ca.SX]) -> Evaluator:
-        return Evaluator(ca.Function("values", self.program.arguments, [ca.densify(e) for e in expressions]))
+        """Expressions as functions of the unknowns of an interval, of which they need few."""
+        motion, extra = self.program.scheme.motion.function, ca.SX.sym("e", self.extra.size)
+        unknowns = motion.sx_in()
+        values = ca.Function("values", self.program.arguments, [ca.densify(e) for e in expressions])
+        return Evaluator(
+            ca.Function("values", [*unknowns, extra], values.call([*motion.call(unknowns), unknowns[-1], extra]))
+        )
 
     def _evaluated(self, evaluator: Evaluator, intervals: np.ndarray, taus: np.ndarray) -> list[np.ndarray]:
-        points = self.polynomials.at(intervals, taus)
-        return [values.T for values in evaluator.rows(*points, self.numeric.p, self.extra)]
+        unknowns = self.polynomials.unknowns(intervals, taus)
+        return [values.T for values in evaluator.rows(*unknowns, self.extra)]
 
     @cached_property
     def excess_of_polynomials(self) -> np.ndarray:
@@ -87,15 +93,18 @@ class PhaseSolution:
         if not limits or not count:
             return np.zeros((count, POINTS, len(limits)))
         k, tau = np.repeat(np.arange(count), POINTS), np.tile(np.linspace(0, 1, POINTS), count)
-        evaluator = self.program.setup.kept.get_or_create("limits", lambda: self._evaluator([stacked(limits)]))
+        kept = self.program.scheme.constraints.kept
+        evaluator = kept.get_or_create("limits", lambda: self._evaluator([stacked(limits)]))
         (values,) = self._evaluated(evaluator, k, tau)
         return values.T.reshape(count, POINTS, len(limits))
 
     @cached_property
     def excess_of_motion(self) -> list[Excess]:
         """Limits that the motion comes near."""
-        sizes = {limit: self.program.condition_sizes[limit] for limit in self.program.limits_at_points}
-        return list(excess_of_motion(self.trajectory, self.mesh_times, sizes, self.excess_of_polynomials))
+        limits = self.program.limits_at_points
+        sizes = np.array([self.program.condition_sizes[limit] for limit in limits])
+        near = intervals_near(self.excess_of_polynomials, sizes)
+        return list(excess_of_motion(self.trajectory, self.mesh_times, near, limits)) if near.size else []
 
     @property
     def duration(self) -> float:

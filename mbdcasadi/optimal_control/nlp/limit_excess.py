@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,21 +26,23 @@ class Excess(NamedTuple):
     values: np.ndarray
 
 
-def excess_of_motion(
-    motion: Trajectory, mesh_times: np.ndarray, sizes: dict[Condition, float], excess: np.ndarray
-) -> Iterator[Excess]:
-    """Iterate over limits, with the intervals whose polynomials come near one.
+def intervals_near(excess: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Return the intervals whose polynomials come near a limit (k,).
 
-    `sizes` are those of the limits, `excess` their values by the polynomials (N, POINTS, limits).
+    `excess` are the values of the limits by the polynomials (N, POINTS, limits), `sizes` those of the limits (limits,).
     """
-    near = np.flatnonzero(np.any(~(excess < -NEAR * np.array(list(sizes.values()))), axis=(1, 2)))
-    if not near.size:
-        return
+    return np.flatnonzero(np.any(~(excess < -NEAR * sizes), axis=(1, 2)))
+
+
+def excess_of_motion(
+    motion: Trajectory, mesh_times: np.ndarray, near: np.ndarray, limits: Sequence[Condition]
+) -> Iterator[Excess]:
+    """Iterate over limits, with intervals whose polynomials come near one (k,)."""
     begin, length = mesh_times[near, None], np.diff(mesh_times)[near, None]
     # up to just before the next mesh point, since what jumps there belongs to the interval that ends
     times = np.minimum(begin + length * np.linspace(0, 1, POINTS), np.nextafter(begin + length, -np.inf))
     near_limits = motion.at(times.ravel())
-    for limit in sizes:
+    for limit in limits:
         values = near_limits[limit.expression].reshape(times.shape)
         yield Excess(limit, near, *_with_peaks(motion, limit, times, values))
 

@@ -78,17 +78,15 @@ class Polynomials:
     ):
         self.scheme, self.times, self.points, self.intervals, self.numeric = scheme, times, points, intervals, numeric
 
+    def unknowns(self, k: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Arguments of :attr:`Transcription.motion` at points of intervals."""
+        lengths = np.diff(self.times)[k, None]
+        ends = self.points[k], self.intervals[k], self.points[k + 1]
+        return *ends, self.times[k, None], lengths, tau[:, None], self.numeric.p
+
     def at(self, k: np.ndarray, tau: np.ndarray) -> list[np.ndarray]:
         """``t, q, v, a, z, lam, u, u̇`` at points of intervals, each (k, size)."""
-        return self.scheme.motion.rows(
-            self.points[k],
-            self.intervals[k],
-            self.points[k + 1],
-            self.times[k, None],
-            np.diff(self.times)[k, None],
-            tau[:, None],
-            self.numeric.p,
-        )
+        return self.scheme.motion.rows(*self.unknowns(k, tau))
 
     @cached_property
     def at_mesh_points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
