@@ -420,4 +420,4 @@ class Equations:
 
 
 def _column(values: Sequence[Any]) -> ca.SX:
-    return ca.vertcat(ca.SX(0, 1), *values)
+    return ca.vertcat(*values) if values else ca.SX(0, 1)

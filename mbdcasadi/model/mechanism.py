@@ -187,9 +187,10 @@ class Mechanism(Immutable, HoldsSymbols):
         ModelError
             Naming the element, the quantity, its value, and the parameters behind it.
         """
-        limits, function = self.cache.get_or_create("limits", self._limits)
+        limits = self.limits
         if not limits:
             return
+        function = self.cache.get_or_create("values of limits", self._values_of_limits)
         values_by_symbol = {
             p.element_hash(): f"'{p.label}' = {v:.6g}" for p, v in zip(self.parameters, values, strict=True)
         }
@@ -200,16 +201,18 @@ class Mechanism(Immutable, HoldsSymbols):
     @property
     def limits(self) -> list[Limit]:
         """Ranges of the quantities that depend on parameters."""
-        return self.cache.get_or_create("limits", self._limits)[0]
+        return self.cache.get_or_create("limits", self._limits)
 
-    def _limits(self) -> tuple[list[Limit], ca.Function]:
-        """Return the limits of quantities, and their values as a function of the parameters."""
+    def _limits(self) -> list[Limit]:
         mine = {p.element_hash() for p in self.parameters}
         limits = [limit for part in (*self.bodies, *self.elements) for limit in getattr(part, "limits", ())]
         # a length that changes in time has no single value to check
-        limits = [x for x in limits if all(s.element_hash() in mine for s in symbols_of(x.expression))]
+        return [x for x in limits if all(s.element_hash() in mine for s in symbols_of(x.expression))]
+
+    def _values_of_limits(self) -> ca.Function:
+        """Return the values of the limited quantities as a function of the parameters."""
         at = ca.vertcat(ca.SX(0, 1), *self.parameters)
-        return limits, ca.Function("limits", [at], [ca.vertcat(ca.SX(0, 1), *[x.expression for x in limits])])
+        return ca.Function("limits", [at], [ca.vertcat(*[x.expression for x in self.limits])])
 
     # --- parts -----------------------------------------------------------------------
     @property
