@@ -130,8 +130,9 @@ def optimize(
     MechanismWarning
         If a contact of the solution would have to pull, or an element leaves its range of validity; of several phases,
         if a joint that closes at the end of one has passed through its place before, or a foothold pulls; if a path
-        limit is passed by more than a hundredth of it between the points at which it is held; if the mesh is too coarse
-        for the motion that was found, or this is so unstable that a simulation with its inputs does not follow it (not
+        limit is passed by more than a hundredth of it between the points at which it is held, or as much of the
+        integral of a :func:`positive_part` or :func:`absolute` is missing in the cost; if the mesh is too coarse for
+        the motion that was found, or this is so unstable that a simulation with its inputs does not follow it (not
         checked if ``guess=`` is a solution of the same problem); if inputs, limits or switches do not meet the
         `tolerance`, though the local errors do.
     """

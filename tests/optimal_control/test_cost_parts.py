@@ -1,11 +1,15 @@
 """Positive parts and magnitudes in costs, without kinks."""
 
+import warnings
+
 import numpy as np
 import pytest
-from motions import rest_to_rest
+from motions import pendulum, rest_to_rest
 from scipy.optimize import brentq
 
 import mbdcasadi as mbd
+from mbdcasadi.optimal_control.nlp import held_limits, problem_solver
+from mbdcasadi.optimal_control.nlp.held_limits import passed_limits
 
 
 @pytest.mark.slow
@@ -153,3 +157,35 @@ def test_the_message_of_a_kink_leads_there():
     problem, u, block = rest_to_rest(lower=-5, upper=5)
     with pytest.raises(mbd.OptimizationError, match=r"mbd\.absolute\(x\) and mbd\.positive_part\(x\)"):
         mbd.optimize(problem.replace(running_cost=mbd.fabs(u * block.vx)), intervals=6, options={"ipopt.max_iter": 60})
+
+
+@pytest.mark.slow
+def test_a_part_that_falls_short_for_an_instant_is_no_warning():
+    """Where the power changes its sign, its part is passed by all of itself, but next to nothing is missing."""
+    bob, tau, mechanism = pendulum()
+    power, start, end = tau * bob.omega, [bob.phi == 0, bob.omega == 0], [bob.phi == 0.5, bob.omega == 0]
+    cost = mbd.positive_part(power) + 0.01 * tau**2
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        solution = mbd.optimize(mbd.OptimalControlProblem(mechanism, 1.5, start, end, running_cost=cost), intervals=10)
+    shares = (np.arange(400) + 0.5) / 400
+    motion = solution.trajectory.at((solution.mesh[:-1, None] + np.diff(solution.mesh)[:, None] * shares).ravel())
+
+    def integral(values):
+        return np.sum(np.diff(solution.mesh) * np.mean(values.reshape(-1, 400), axis=1))
+
+    supplied = integral(np.maximum(motion[power], 0))
+    assert solution.cost == pytest.approx(supplied + 0.01 * integral(motion[tau] ** 2), rel=1e-3)
+    (passed,) = passed_limits(solution)
+    part = next(c for c in solution.phases[0].program.limits_at_points if c.label == passed.label)
+    missing = integral(np.maximum(motion[part.expression], 0)) / supplied
+    assert passed.share > 0.2 and passed.missing == pytest.approx(missing, rel=0.2) and missing < 3e-3
+
+
+def test_a_part_that_falls_short_is_a_warning_with_what_is_missing(monkeypatch):
+    monkeypatch.setattr(problem_solver, "ROUNDS", 0)
+    monkeypatch.setattr(held_limits, "LIMIT_TOLERANCE", 5e-3)
+    problem, u, block = rest_to_rest(1.0, 1.0, lower=-8, upper=8)
+    work = problem.replace(running_cost=mbd.absolute(u * block.vx) + 1e-3 * u**2)
+    with pytest.warns(mbd.MechanismWarning, match=r"\(so that 0.56 % of its integral are missing in the cost\)"):
+        mbd.optimize(work, intervals=5)

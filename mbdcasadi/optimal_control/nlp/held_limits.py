@@ -25,13 +25,17 @@ ROUNDS = 3
 
 
 class PassedLimit(NamedTuple):
-    """A limit that a solution passes in a phase: by how much, in its own unit and as a share of its size; when, s."""
+    """A limit that a solution passes in a phase: by how much, in its own unit and as a share of its size; when, s.
+
+    If it defines the auxiliary input of a part of a cost, `missing` is the share of its integral that is missing.
+    """
 
     phase: int
     label: str
     amount: float
     share: float
     time: float
+    missing: float | None
 
 
 def points_to_hold(solution: SolvedMotion, tolerance: float = LIMIT_TOLERANCE) -> set[tuple[int, str, float]]:
@@ -60,7 +64,8 @@ def passed_limits(solution: SolvedMotion, tolerance: float = LIMIT_TOLERANCE) ->
             time, amount = float(times[worst]), float(values[worst])
             share = amount / size_of(part, limit, time) if amount > 0 else 0.0
             if share > tolerance:
-                passed.append(PassedLimit(number, limit.label, amount, share, time))
+                missing = _missing(part, limit, times, values) if limit.definition else None
+                passed.append(PassedLimit(number, limit.label, amount, share, time, missing))
     return passed
 
 
@@ -80,22 +85,47 @@ def _places(part: PhaseSolution, limit: Condition, values: np.ndarray) -> set[fl
 
 def size_of(part: PhaseSolution, limit: Condition, time: float) -> float:
     """Return the size of a limit at a time: the larger of its sides, or its typical size if one of them is zero."""
-    expression, typical = limit.expression, part.program.condition_sizes[limit]
-    while expression.op() == ca.OP_NEG:  # CasADi's form of -x + c
-        expression = expression.dep(0)
-    if expression.n_dep() != 2 or expression.op() not in (ca.OP_SUB, ca.OP_ADD):
-        return typical
-    sides = [expression.dep(0), expression.dep(1)]
-    if any(side.is_zero() for side in sides):
+    sides, typical = _sides(limit), part.program.condition_sizes[limit]
+    if len(sides) == 1 or any(side.is_zero() for side in sides):
         return typical
     return float(np.max(np.abs(part.trajectory.at(time)[ca.vertcat(*sides)]))) or typical
 
 
+def _sides(limit: Condition) -> list[ca.SX]:
+    """Both sides of a limit, or its expression if that is no difference."""
+    expression = limit.expression
+    while expression.op() == ca.OP_NEG:  # CasADi's form of -x + c
+        expression = expression.dep(0)
+    is_difference = expression.n_dep() == 2 and expression.op() in (ca.OP_SUB, ca.OP_ADD)
+    return [expression.dep(0), expression.dep(1)] if is_difference else [expression]
+
+
+def _missing(part: PhaseSolution, limit: Condition, times: np.ndarray, values: np.ndarray) -> float:
+    """Integral of what a limit is passed by, as a share of that of its larger side."""
+    motion = part.trajectory
+    larger = np.max(np.abs([motion[side] for side in _sides(limit)]), axis=0)
+    short = _integral(np.maximum(values, 0.0), times)
+    return short / _integral(larger, motion.t) if short else 0.0
+
+
+def _integral(values: np.ndarray, times: np.ndarray) -> float:
+    """Sum of the integrals of values at times, rows of their own if there are several, by the trapezoidal rule."""
+    return float(np.sum(np.diff(times) * (values[..., 1:] + values[..., :-1]) / 2))
+
+
 def warn_of_passed_limits(solution: SolvedMotion) -> None:
-    """Warn of limits that a motion passes between the points at which they are held."""
+    """Warn of limits that a motion passes between the points at which they are held.
+
+    Of those that define the auxiliary input of a part of a cost only if its integral falls short.
+    """
     for limit in passed_limits(solution):
+        if limit.missing is None:
+            share = f"{100 * limit.share:.2g} % of it"
+        elif limit.missing > LIMIT_TOLERANCE:
+            share = f"so that {100 * limit.missing:.2g} % of its integral are missing in the cost"
+        else:
+            continue
         warn(
             f"the limit {limit.label} is passed by {limit.amount:.3g} at t = {limit.time:.6g} s, between the points at "
-            f"which it is held ({100 * limit.share:.2g} % of it); take more intervals=, or tolerance= for a mesh that "
-            "is refined"
+            f"which it is held ({share}); take more intervals=, or tolerance= for a mesh that is refined"
         )

@@ -7,6 +7,7 @@ local errors that are small lead far away.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from ..transcription.motion import Polynomials
 
 #: Relative step of differences.
 STEP = 1e-6
+#: Points of an interval at which slopes are taken, each for its share of it: halfway alone, a miss of 0.04 rad of a
+#: planet gear, which turned by half a radian in an interval, was foreseen as 0.005.
+POINTS = (0.25, 0.75)
 
 
 @dataclass(frozen=True)
@@ -50,15 +54,17 @@ class Growth:
 
 
 def growth(motion: Polynomials) -> Growth:
-    """Return the transitions of a motion to first order: by the slopes of accelerations halfway through each interval.
+    """Return the transitions of a motion to first order: by the slopes of accelerations at points of each interval.
 
     First-order states stay as they are.
     """
-    scheme, numeric, count = motion.scheme, motion.numeric, len(motion.intervals)
+    scheme, numeric = motion.scheme, motion.numeric
+    intervals = np.repeat(np.arange(len(motion.intervals)), len(POINTS))
+    count = intervals.size
     eom = scheme.eom
     n, chosen = numeric.eom.q.numel(), list(eom.independent)
     k = len(chosen)
-    t, q, v, _, z, _, u, _ = motion.at(np.arange(count), np.full(count, 0.5))
+    t, q, v, _, z, _, u, _ = motion.at(intervals, np.tile(POINTS, len(motion.intervals)))
     w, rate = q[:, chosen], v[:, chosen]
     sizes = np.r_[numeric.scale.coordinates[chosen], np.maximum(np.max(np.abs(rate), axis=0, initial=0.0), 1.0)]
     steps = STEP * np.vstack([np.zeros((1, 2 * k)), np.diag(sizes)])
@@ -74,7 +80,9 @@ def growth(motion: Polynomials) -> Growth:
     here, *changed = a.reshape(2 * k + 1, count, k)
     slopes = ((np.array(changed) - here) / (STEP * sizes[:, None, None])).transpose(1, 2, 0)
     rates = np.concatenate([np.broadcast_to(np.eye(k, 2 * k, k), (count, k, 2 * k)), slopes], axis=1)
-    return Growth([*chosen, *(n + j for j in chosen)], _exponentials(np.diff(motion.times)[:, None, None] * rates))
+    lengths = np.repeat(np.diff(motion.times) / len(POINTS), len(POINTS))
+    parts = _exponentials(lengths[:, None, None] * rates).reshape(-1, len(POINTS), 2 * k, 2 * k)
+    return Growth([*chosen, *(n + j for j in chosen)], reduce(lambda total, part: part @ total, parts.swapaxes(0, 1)))
 
 
 def _exponentials(matrices: np.ndarray) -> np.ndarray:
