@@ -190,7 +190,8 @@ def derivatives_for_ipopt(
 def _in_shape(values: ca.MX, rows: int | None = None, columns: int = 1) -> ca.MX:
     """Values in another shape, a column if none is given; ``reshape`` looks at every entry and takes longer."""
     # a function that is zero whatever its arguments returns no entries
-    return ca.sparsity_cast(ca.densify(values), ca.Sparsity.dense(values.numel() if rows is None else rows, columns))
+    dense = values if values.is_dense() else ca.densify(values)
+    return ca.sparsity_cast(dense, ca.Sparsity.dense(values.numel() if rows is None else rows, columns))
 
 
 def _matrix(rows: int, columns: int, row: np.ndarray, column: np.ndarray, values: list[ca.MX]) -> ca.MX:
