@@ -352,6 +352,23 @@ def test_all_intervals_are_halved_if_the_error_moves_on(monkeypatch):
     assert solution.cost == pytest.approx(12, rel=1e-8)
 
 
+def test_a_solution_that_goes_astray_on_a_finer_mesh_is_left_for_one_with_halved_intervals(monkeypatch):
+    """The first interval is split, the motion is lost with that, and found again with twice as many intervals."""
+    problem, *_ = rest_to_rest()
+    errors = {40: 0.15, 80: 0.0}
+    monkeypatch.setattr(
+        coarse_mesh.Coarseness,
+        "of",
+        lambda _, part: np.r_[errors.get(part.mesh.count, 9.0), np.zeros(part.mesh.count - 1)],
+    )
+    solution = mbd.optimize(problem)
+    assert solution.mesh.size - 1 == 80
+    assert solution.cost == pytest.approx(12, rel=1e-8)
+    del errors[80]
+    with pytest.warns(mbd.MechanismWarning, match="mesh of 40 intervals is too coarse"):
+        assert mbd.optimize(problem).mesh.size - 1 == 40
+
+
 @pytest.mark.slow
 def test_a_motion_that_passes_a_pose_in_which_the_linkage_branches():
     """A pantograph whose parallelogram goes flat: its interval cannot be integrated, which is said with its time."""

@@ -22,6 +22,8 @@ COARSE_PASSES, HALVED_INTERVALS = 4, 200
 NEAR_ERROR = 10 * COARSE_ERROR
 #: Local error, in rad or sizes of the mechanism, velocities times the duration, from which a solution is not a motion.
 LOST_ERROR = 3.0
+#: Ratio of these errors, of a solution on a finer mesh and the one from which it came, from which it leads elsewhere.
+ASTRAY = 2.0
 
 
 def refine_further(solver: ProblemSolver, solution: Solution) -> tuple[Solution, bool]:
@@ -40,7 +42,8 @@ def refine_if_coarse(solver: ProblemSolver, solution: Solution) -> tuple[Solutio
     """Solve again with intervals split that are too coarse for the motion, or in which it passes a limit.
 
     A few times at most. If the largest error does not fall, since a fast motion moved on to the next coarse interval,
-    all intervals are halved; unless free parameters lead to a singular pose there, which no mesh resolves.
+    or no motion is found on the finer mesh, all intervals are halved; unless free parameters lead to a singular pose
+    there, which no mesh resolves.
 
     Returns
     -------
@@ -52,19 +55,28 @@ def refine_if_coarse(solver: ProblemSolver, solution: Solution) -> tuple[Solutio
     for _ in range(COARSE_PASSES):
         if stalled and _tends_to_lock(measures[0]):
             break
-        if stalled and interval_count(solution.meshes) <= HALVED_INTERVALS:
+        can_halve = interval_count(solution.meshes) <= HALVED_INTERVALS
+        if stalled and can_halve:
             meshes = [mesh.split(2) for mesh in solution.meshes]
         else:
             meshes = _split_where_coarse(solution, measures, solver.limit_tolerance)
         if interval_count(meshes) == interval_count(solution.meshes):
             break
         finer = solver.solve_further(solution, meshes)
-        if finer is None:
-            break
+        if finer is None or _went_astray(finer, solution):
+            if stalled or not can_halve:
+                break
+            stalled = True
+            continue
         solution, measures, before = finer, [measure(finer) for measure in COARSE_MEASURES], error
         error = max(measure.largest for measure in measures)
         stalled = not error < max(COARSE_ERROR, before / 2)  # infinite if an interval cannot be integrated
     return solution, all(m.largest <= COARSE_ERROR for m in measures if m.falsifies_cost)
+
+
+def _went_astray(finer: Solution, solution: Solution) -> bool:
+    """True if a solution on a finer mesh is no motion, and further from one than the solution from which it came."""
+    return is_lost(finer) and Coarseness(finer).largest > ASTRAY * Coarseness(solution).largest
 
 
 def _tends_to_lock(measure: Coarseness) -> bool:
