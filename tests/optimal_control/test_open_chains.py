@@ -39,7 +39,7 @@ def test_swing_ups(driven, duration, best):
     with warnings.catch_warnings():
         warnings.filterwarnings("error", message=".*too coarse")
         solution = mbd.optimize(problem)
-    assert solution.cost < 1.005 * best
+    assert solution.cost < 1.02 * best
     first, second, *detours = [start.description for start in solution.statistics.starts]
     assert (first, second) == ("kinematic", "kinematic, at rest") and 1 < len(detours) <= SWINGS
     # replayed by forward dynamics from mesh point to mesh point

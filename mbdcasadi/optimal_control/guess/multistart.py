@@ -359,15 +359,13 @@ def best_of(
         outcomes = [tries(solver, guess, limit=limit) for guess in candidates]
     if not any(map(_is_solved, outcomes)):
         raise [result for _, result in outcomes if isinstance(result, OptimizationError)][-1]
-    costs: list[float] = []
-    best = _settled(outcomes, settle, costs)
     if further is not None:
         known = _reports(outcomes)
         most = min(further, int(DETOURED * max(report.iterations for report in known)))
-        others, count = swings(solver, known), len(outcomes)
+        others = swings(solver, known)
         while others and _agreeing(outcomes) < AGREEING:
             outcomes.append(tries(solver, others.pop(0), limit=_least(limit, most)))
-        best = _settled(outcomes[count:], settle, costs, best)
+    best = _settled(outcomes, settle)
     solution, reports = _solutions(outcomes)[0] if best is None else best[0], _reports(outcomes)
     if len(reports) > 1:
         solution.statistics = replace(solution.statistics, starts=reports)
@@ -443,23 +441,20 @@ def _side_by_side(
 
 
 def _settled(
-    outcomes: Sequence[Outcome],
-    settle: Callable[[Solution], tuple[Solution, bool]] | None,
-    costs: list[float],
-    best: tuple[Solution, bool] | None = None,
+    outcomes: Sequence[Outcome], settle: Callable[[Solution], tuple[Solution, bool]] | None
 ) -> tuple[Solution, bool] | None:
-    """The best of a solution that is known and those of guesses, in the order of their costs, and if its mesh holds.
+    """The best solution of all guesses, in the order of their costs, and if its mesh holds.
 
     Solutions are on meshes that hold, or on the finest that were tried. None if all are no motions, whose costs mean
-    nothing. `costs` are those of solutions that were seen before, to which the new ones are added: of two that are the
-    same one is settled.
+    nothing. Of two of the same cost one is settled.
     """
+    best, before = None, np.nan
     for solution in _solutions(outcomes):
         if best is not None and best[1] and solution.cost >= best[0].cost * (1 - SAME_COST):
             break
-        if any(abs(solution.cost - cost) <= SAME_COST * abs(cost) for cost in costs):
+        if abs(solution.cost - before) <= SAME_COST * abs(before):
             continue
-        costs.append(solution.cost)
+        before = solution.cost
         if settle is None:
             best = _better(best, (solution, True))
         elif not is_lost(solution):
