@@ -11,6 +11,7 @@ from mbdcasadi.optimal_control.guess import multistart
 from mbdcasadi.optimal_control.refinement import coarse_mesh, slow_first
 from mbdcasadi.optimal_control.refinement.mesh import Mesh
 from mbdcasadi.optimal_control.refinement.refine import adapted
+from mbdcasadi.optimal_control.search import DETOURS
 
 
 @pytest.fixture(scope="module")
@@ -340,6 +341,20 @@ def test_a_solution_that_is_no_motion_is_found_again_slowly(monkeypatch, multipl
     at_mesh = solution.trajectory.at(solution.mesh)
     assert np.max(at_mesh[block.vx]) == pytest.approx(1.25 if len(multiples) == 1 else 1.5, rel=1e-6)
     assert solution.cost == pytest.approx(cost, rel=1e-3)
+
+
+def test_solves_with_slow_motions_first_end_after_so_much_work(monkeypatch):
+    """If none leads to a motion: all guesses on two meshes, or none further after as much as the solves before."""
+    beginnings = []
+    begin = slow_first.solve_slowly_first
+    monkeypatch.setattr(slow_first, "is_lost", lambda _solution: True)
+    monkeypatch.setattr(slow_first, "solve_slowly_first", lambda *args: beginnings.append(args[2]) or begin(*args))
+    problem, *_ = rest_to_rest()
+    assert mbd.optimize(problem).cost == pytest.approx(12, rel=1e-8)
+    assert len(beginnings) == 2 * len(set(map(id, beginnings))) >= 2 * (1 + DETOURS)
+    beginnings.clear()
+    monkeypatch.setattr(slow_first, "WORK", 0)
+    assert mbd.optimize(problem).cost == pytest.approx(12, rel=1e-8) and len(beginnings) == 1
 
 
 def test_all_intervals_are_halved_if_the_error_moves_on(monkeypatch):

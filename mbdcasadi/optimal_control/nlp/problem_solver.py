@@ -16,7 +16,7 @@ from ..checks.expressions import kinks_in_costs
 from ..checks.failure import OptimizationError, explain_failure
 from ..guess.guess import Guess
 from ..problem import OptimalControlProblem
-from ..refinement.mesh import Mesh
+from ..refinement.mesh import Mesh, interval_count
 from ..solution import Solution
 from .best_so_far import BestSoFar
 from .collocation_program import Bounds, CollocationProgram, Held
@@ -113,6 +113,7 @@ class ProblemSolver(ProblemSetup):
         if warmth == "warm" and program.violation(program.rows_at(x0, begin.data)) > WARM_VIOLATION:
             warmth = "cold"
         result = self._nlp_solver.run(begin, begin.bounds, warmth, iterate, limit)
+        self.best.work += result.statistics.iterations * interval_count(meshes)
         solution, status = self._solution(begin, result), result.statistics.status
         error = self._other_branch(solution) if result.succeeded else explain_failure(solution, status)
         if error is None and self.pace is None and not self.is_unlimited:

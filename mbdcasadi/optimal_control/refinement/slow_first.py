@@ -28,6 +28,9 @@ RESOLVED_STEP, GUESSED = 0.4, 2.0
 PIECES = (2, 4)
 #: Multiples of these speeds and accelerations that are allowed in turn, and iterations with the first ones.
 MULTIPLES, ITERATIONS = (1.0, 2.0, 4.0, np.inf), 200
+#: Work, in iterations times intervals, after which no further solve is begun, unless those before took more: half a
+#: minute for a four-bar. The best speed of a crank with a weak motor, which differs from mesh to mesh, took minutes.
+WORK = 300_000
 
 
 def refine_or_begin_anew(
@@ -40,21 +43,27 @@ def refine_or_begin_anew(
     """
     lost = is_lost(solution)
     refined, holds = (solution, False) if lost else refine_further(solver, solution)
+    allowed = solver.best.work + max(solver.best.work, WORK)
     for pieces, guess in () if holds else itertools.product(PIECES, guesses()):
-        found = solve_slowly_first(solver, [mesh.split(pieces) for mesh in meshes], guess)
+        if solver.best.work > allowed:
+            break
+        found = solve_slowly_first(solver, [mesh.split(pieces) for mesh in meshes], guess, allowed)
         if found is not None and found[1]:
             found[0].statistics = found[0].statistics.after(solution.statistics)
             return found[0]
     return refine_if_coarse(solver, solution)[0] if lost else refined
 
 
-def solve_slowly_first(solver: ProblemSolver, meshes: Sequence[Mesh], guess: Guess) -> tuple[Solution, bool] | None:
+def solve_slowly_first(
+    solver: ProblemSolver, meshes: Sequence[Mesh], guess: Guess, allowed: float = np.inf
+) -> tuple[Solution, bool] | None:
     """Solve from a guess with limits of the speeds and accelerations that a mesh resolves, which rise step by step.
 
     Returns
     -------
     Solution, bool
-        The solution without these limits, and whether its mesh is fine enough; None if the motion is lost on the way.
+        The solution without these limits, and whether its mesh is fine enough; None if the motion is lost on the way,
+        or the work of the search is more than is allowed.
     """
     pace, slow = _resolved_pace(solver, meshes, guess), copy(solver)
     solution, holds = None, False
@@ -71,7 +80,7 @@ def solve_slowly_first(solver: ProblemSolver, meshes: Sequence[Mesh], guess: Gue
         except OptimizationError:
             return None
         solution, holds = refine_if_coarse(slow, found)
-        if is_lost(solution):
+        if is_lost(solution) or (solver.best.work > allowed and multiple < MULTIPLES[-1]):
             return None
     assert solution is not None
     return solution, holds
