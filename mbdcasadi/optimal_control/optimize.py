@@ -33,6 +33,7 @@ from .nlp.held_limits import warn_of_passed_limits
 from .nlp.setup import Settings
 from .problem import OptimalControlProblem
 from .refinement.local_error import warn_of_coarse_mesh, warn_of_growth
+from .refinement.singularity import warn_of_folding_poses
 from .search import Search
 from .solution import Shifted, Solution
 from .transcription import Transcription
@@ -128,13 +129,13 @@ def optimize(
     Warns
     -----
     MechanismWarning
-        If a contact of the solution would have to pull, or an element leaves its range of validity; of several phases,
-        if a joint that closes at the end of one has passed through its place before, or a foothold pulls; if a path
-        limit is passed by more than a hundredth of it between the points at which it is held, or as much of the
-        integral of a :func:`positive_part` or :func:`absolute` is missing in the cost; if the mesh is too coarse for
-        the motion that was found, or this is so unstable that a simulation with its inputs does not follow it (not
-        checked if ``guess=`` is a solution of the same problem); if inputs, limits or switches do not meet the
-        `tolerance`, though the local errors do.
+        If a contact of the solution would have to pull, an element leaves its range of validity, or the motion comes
+        close to a pose in which a linkage could fold; of several phases, if a joint that closes at the end of one has
+        passed through its place before, or a foothold pulls; if a path limit is passed by more than a hundredth of it
+        between the points at which it is held, or as much of the integral of a :func:`positive_part` or
+        :func:`absolute` is missing in the cost; if the mesh is too coarse for the motion that was found, or this is so
+        unstable that a simulation with its inputs does not follow it (not checked if ``guess=`` is a solution of the
+        same problem); if inputs, limits or switches do not meet the `tolerance`, though the local errors do.
     """
     if not isinstance(problem, OptimalControlProblem):
         raise ModelError(f"optimize takes an OptimalControlProblem, got {problem!r}")
@@ -155,6 +156,7 @@ def optimize(
                 warn_of_coarse_mesh(solution)
             if not search.is_known(guess):
                 warn_of_growth(solution)
+                warn_of_folding_poses(solution)
             warn_of_passed_limits(solution)
             warn_of_closings(solution)
             _warn_of_validity(solution)

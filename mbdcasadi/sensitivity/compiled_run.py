@@ -15,7 +15,6 @@ from ..assembly.setup import Setup, kept_numeric
 from ..errors import SimulationError, warn
 from ..integrators import RungeKutta
 from ..integrators.failures import reason_of
-from ..kinematics.singular import describe_singularity
 from ..model.cache import Cache
 from ..model.mechanism import Mechanism
 from ..numerics.console import call
@@ -24,9 +23,9 @@ from ..results.state import State
 from ..simulation.changes.modes import SingleMode
 from ..simulation.checks.accuracy import range_near_rounding, ranges, tolerance_for, unresolved_range
 from ..simulation.contact.watched_terms import has_gaps
-from ..simulation.path import Path, hermite_poses
+from ..simulation.path import Path
 from ..simulation.simulate import chosen_integrator, suited_to_friction
-from ..simulation.singular.regularity import Regularity, singular_time, turns_far
+from ..simulation.singular.regularity import Regularity, folding_pose, turns_far
 from .cuts import Cuts
 from .derivatives import Compiled, lengths_of
 from .design_variables import DesignVariables
@@ -238,7 +237,7 @@ class CompiledRun:
 
     def _stopped_backwards(self, d: np.ndarray, course: Cuts, why: str) -> str:
         """Message on an adjoint integration that failed; a singular pose on the way is a likely cause."""
-        pose = self._singular_pose(d, self._path(self._run(course, d)[1].full()))
+        pose = self._folding_pose(d, self._path(self._run(course, d)[1].full()))
         if pose is not None:
             why += f", beside {pose}: the adjoint equations are singular there"
         remedy = 'take method="erk", larger tolerances, or more output times'
@@ -254,24 +253,16 @@ class CompiledRun:
     def _regularity(self) -> Regularity:
         return Regularity(self.setup.numeric, self.setup.start.t, self.setup.start.q)
 
-    def _singular_pose(self, d: np.ndarray, path: Path) -> str | None:
+    def _folding_pose(self, d: np.ndarray, path: Path) -> str | None:
         """Description of a pose of a motion in which the mechanism could fold; None if there is none."""
-        eom, p = self.setup.eom, self.design.parameters(d)
-        time = singular_time(self._regularity, path, p)
-        if time is None:
-            return None
-        pose = hermite_poses(path, np.array([time]), eom.q.numel())[0]
-        rows = describe_singularity(kept_numeric(eom, p), time, pose).rows
-        return (
-            f"a pose near t = {time:.3g} s in which {', '.join(rows)} depend on each other and the mechanism could fold"
-        )
+        return folding_pose(self._regularity, path, kept_numeric(self.setup.eom, self.design.parameters(d)))
 
     def _refuse_other_branch(self, d: np.ndarray, states: np.ndarray) -> None:
         """Raise if the motion is not the one that continues smoothly in a pose in which the mechanism could fold."""
         if not self.setup.eom.has_loops:
             return
         setup, path = self.setup, self._path(states)
-        pose = self._singular_pose(d, path)
+        pose = self._folding_pose(d, path)
         if pose is None and (not turns_far(path, setup.eom) or is_near(d, self._regular)):
             return
         _, _, p, levels, channel = (part.full() for part in self.design.function(d))

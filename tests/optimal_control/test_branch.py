@@ -1,6 +1,7 @@
 """Jumps from one branch of a linkage to another between two mesh points."""
 
 import itertools
+import re
 import warnings
 
 import motions
@@ -118,6 +119,45 @@ def test_a_linkage_close_to_a_change_point(monkeypatch):
     ends = {"initial": [f.crank.phi == 0, f.crank.omega == 6], "final": [f.crank.phi == 2]}
     part = mbd.optimize(half_turn(f, **ends), intervals=20).phases[0]
     assert "transmission angle" in close_to_singular(part, 0) and not close_to_singular(part, 19)
+
+
+@pytest.mark.parametrize("turn, near", [(2.0, None), (3.6, np.pi)])
+def test_a_motion_through_a_change_point_is_warned_of(turn, near):
+    """A parallelogram that lies flat when its cranks have turned by pi from the line of its pivots."""
+    long, short = 0.4, 0.15
+
+    def bar(name, first, last):
+        (x, y), (dx, dy) = (first + last) / 2, last - first
+        return mbd.Body(name, mass=1.0, inertia=0.01, pose=(x, y, np.arctan2(dy, dx))), np.hypot(dx, dy) / 2
+
+    pivots, tips = np.array([(0, 0), (long, 0)]), np.array([(short, 0), (long + short, 0)])
+    turned = np.array([[np.cos(0.9), -np.sin(0.9)], [np.sin(0.9), np.cos(0.9)]])
+    tips = pivots + (tips - pivots) @ turned.T
+    (one, r), (two, _), (rod, h) = (
+        bar("one", pivots[0], tips[0]),
+        bar("two", pivots[1], tips[1]),
+        bar("rod", *tips),
+    )
+    joints = [
+        mbd.Revolute("A0", mbd.ground.at(*pivots[0]), one.at(-r, 0)),
+        mbd.Revolute("B0", mbd.ground.at(*pivots[1]), two.at(-r, 0)),
+        mbd.Revolute("A", one.at(r, 0), rod.at(-h, 0)),
+        mbd.Revolute("B", two.at(r, 0), rod.at(h, 0)),
+    ]
+    tau = mbd.Input("tau")
+    mechanism = mbd.Mechanism([one, two, rod], joints, forces=[mbd.Torque("motor", one, tau)], inputs=[tau])
+    start, end = [one.phi == 0.9, one.omega == 0], [one.phi == 0.9 + turn, one.omega == 0]
+    problem = mbd.OptimalControlProblem(mechanism, 1.0, start, end, running_cost=tau**2)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        motion = mbd.optimize(problem).trajectory
+    said = [re.search(r"comes close to a pose near t = (\S+) s in which (.*) depend", str(w.message)) for w in caught]
+    if near is None:
+        assert not caught
+        return
+    (match,) = said
+    assert motion.at([float(match[1])])[one.phi] == pytest.approx(near, abs=0.1)
+    assert {row.split(".")[0] for row in match[2].split(", ")} <= {"A0", "B0", "A", "B"}
 
 
 def test_a_coarse_mesh_without_a_jump_is_not_refused():

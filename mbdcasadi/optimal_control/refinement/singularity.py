@@ -9,7 +9,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from ...errors import warn
+from ...simulation.path import Path
+from ...simulation.singular.regularity import Regularity, folding_pose
 from ..phase_solution import PhaseSolution
+from ..solved_motion import SolvedMotion
 
 #: Share of the usual distance from singular poses below which a pose is close to one.
 CLOSE = 0.4
@@ -38,3 +42,21 @@ def close_to_singular(part: PhaseSolution, interval: int) -> str:
         f"; there the linkage comes close to a pose in which it locks or branches (its distance from one is "
         f"{share:.2g} of the usual one): a limit in path=, such as that of a transmission angle, keeps away from it"
     )
+
+
+def warn_of_folding_poses(solution: SolvedMotion) -> None:
+    """Warn of a motion that passes a pose in which its linkage could fold, or comes close to one."""
+    several = len(solution.phases) > 1
+    for part in solution.phases:
+        if not part.mesh.count or not part.phase.equations.has_loops:
+            continue
+        path = Path(part.mesh_times, part.mesh_states, np.zeros((0, 0)))
+        regularity = Regularity(part.numeric, path.times[0], path.x[0, : part.numeric.eom.q.numel()])
+        pose = folding_pose(regularity, path, part.numeric)
+        if pose is not None:
+            of_phase = f" of phase '{part.phase.name}'" if several else ""
+            warn(
+                f"the motion{of_phase} comes close to {pose}: reactions next to it mean little, and a simulation with "
+                "the inputs that were found may stop there or take the other branch; a limit in path=, such as that of "
+                "a transmission angle, keeps away from it"
+            )

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...equations.derivation import Equations
 from ...equations.numeric import NumericEquations
+from ...kinematics.singular import describe_singularity
 from ...numerics.evaluation import Evaluator
 from ...numerics.rank import dependent_rows
 from ..path import Path, hermite_poses
@@ -153,6 +154,16 @@ def singular_time(regularity: Regularity, path: Path, p: np.ndarray) -> float | 
     times, values = regularity.along(path, largest=0.0, p=p)
     k = int(np.argmin(values))
     return float(times[k]) if values[k] < ENTRY * np.max(values) else None
+
+
+def folding_pose(regularity: Regularity, path: Path, numeric: NumericEquations) -> str | None:
+    """Description of a pose of a motion in which the mechanism could fold; None if there is none."""
+    time = singular_time(regularity, path, numeric.p)
+    if time is None:
+        return None
+    pose = hermite_poses(path, np.array([time]), numeric.eom.q.numel())[0]
+    rows = ", ".join(describe_singularity(numeric, time, pose).rows)
+    return f"a pose near t = {time:.3g} s in which {rows} depend on each other and the mechanism could fold"
 
 
 def _regularity(eom: Equations, left_out: Sequence[int]) -> ca.Function:
