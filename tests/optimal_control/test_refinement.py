@@ -343,6 +343,23 @@ def test_a_solution_that_is_no_motion_is_found_again_slowly(monkeypatch, multipl
     assert solution.cost == pytest.approx(cost, rel=1e-3)
 
 
+def test_a_guess_that_leads_to_a_slow_motion_that_is_known_is_left(monkeypatch):
+    """The first guess is taken twice."""
+    for module in (multistart, slow_first):
+        monkeypatch.setattr(module, "is_lost", lambda solution: solution.meshes[0].count < 80)
+    begin, again = slow_first.solve_slowly_first, []
+
+    def twice(*args):
+        found = begin(*args)
+        again.append(begin(*args))
+        return found
+
+    monkeypatch.setattr(slow_first, "solve_slowly_first", twice)
+    problem, *_ = rest_to_rest()
+    assert mbd.optimize(problem).cost == pytest.approx(12, rel=1e-8)
+    assert again == [None]
+
+
 def test_solves_with_slow_motions_first_end_after_so_much_work(monkeypatch):
     """If none leads to a motion: all guesses on two meshes, or none further after as much as the solves before."""
     beginnings = []

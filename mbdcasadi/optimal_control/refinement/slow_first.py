@@ -28,9 +28,11 @@ RESOLVED_STEP, GUESSED = 0.4, 2.0
 PIECES = (2, 4)
 #: Multiples of these speeds and accelerations that are allowed in turn, and iterations with the first ones.
 MULTIPLES, ITERATIONS = (1.0, 2.0, 4.0, np.inf), 200
-#: Work, in iterations times intervals, after which no further solve is begun, unless those before took more: half a
-#: minute for a four-bar. The best speed of a crank with a weak motor, which differs from mesh to mesh, took minutes.
-WORK = 300_000
+#: Relative difference of costs with these limits below which two guesses lead to the same motion.
+SAME_COST = 1e-6
+#: Work, in iterations times intervals, after which no further solve is begun, unless those before took more: a minute
+#: for a four-bar. The best speed of a crank with a weak motor, which differs from mesh to mesh, took several.
+WORK = 600_000
 
 
 def refine_or_begin_anew(
@@ -43,11 +45,11 @@ def refine_or_begin_anew(
     """
     lost = is_lost(solution)
     refined, holds = (solution, False) if lost else refine_further(solver, solution)
-    allowed = solver.best.work + max(solver.best.work, WORK)
+    allowed, seen = solver.best.work + max(solver.best.work, WORK), list[float]()
     for pieces, guess in () if holds else itertools.product(PIECES, guesses()):
         if solver.best.work > allowed:
             break
-        found = solve_slowly_first(solver, [mesh.split(pieces) for mesh in meshes], guess, allowed)
+        found = solve_slowly_first(solver, [mesh.split(pieces) for mesh in meshes], guess, seen, allowed)
         if found is not None and found[1]:
             found[0].statistics = found[0].statistics.after(solution.statistics)
             return found[0]
@@ -55,15 +57,17 @@ def refine_or_begin_anew(
 
 
 def solve_slowly_first(
-    solver: ProblemSolver, meshes: Sequence[Mesh], guess: Guess, allowed: float = np.inf
+    solver: ProblemSolver, meshes: Sequence[Mesh], guess: Guess, seen: list[float], allowed: float
 ) -> tuple[Solution, bool] | None:
     """Solve from a guess with limits of the speeds and accelerations that a mesh resolves, which rise step by step.
+
+    `seen` are the costs with the first ones of other guesses, to which that of this one is added.
 
     Returns
     -------
     Solution, bool
-        The solution without these limits, and whether its mesh is fine enough; None if the motion is lost on the way,
-        or the work of the search is more than is allowed.
+        The solution without these limits, and whether its mesh is fine enough; None if the motion is lost on the way
+        or is that of another guess, or the work of the search is more than is allowed.
     """
     pace, slow = _resolved_pace(solver, meshes, guess), copy(solver)
     solution, holds = None, False
@@ -82,6 +86,10 @@ def solve_slowly_first(
         solution, holds = refine_if_coarse(slow, found)
         if is_lost(solution) or (solver.best.work > allowed and multiple < MULTIPLES[-1]):
             return None
+        if multiple == MULTIPLES[0]:
+            if any(abs(solution.cost - cost) <= SAME_COST * abs(cost) for cost in seen):
+                return None
+            seen.append(solution.cost)
     assert solution is not None
     return solution, holds
 
