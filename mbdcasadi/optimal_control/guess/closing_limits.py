@@ -209,7 +209,7 @@ class LimitSearch:
     def _slowly_without_limits(self) -> Solution | None:
         """Solution without limits of the problem, slowly first, on a mesh that holds; None if there is none."""
         meshes = [mesh.split(2) for mesh in self._meshes]
-        found = solve_slowly_first(self._solver.unlimited(), meshes, self._guess)
+        found = solve_slowly_first(self._solver.unlimited(), meshes, self._guess, [])
         if found is None or not found[1]:
             return None
         self._note(found[0], "no limits, slowly first")

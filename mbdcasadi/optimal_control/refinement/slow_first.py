@@ -57,7 +57,7 @@ def refine_or_begin_anew(
 
 
 def solve_slowly_first(
-    solver: ProblemSolver, meshes: Sequence[Mesh], guess: Guess, seen: list[float], allowed: float
+    solver: ProblemSolver, meshes: Sequence[Mesh], guess: Guess, seen: list[float], allowed: float = np.inf
 ) -> tuple[Solution, bool] | None:
     """Solve from a guess with limits of the speeds and accelerations that a mesh resolves, which rise step by step.
 
