@@ -121,9 +121,8 @@ def test_a_linkage_close_to_a_change_point(monkeypatch):
     assert "transmission angle" in close_to_singular(part, 0) and not close_to_singular(part, 19)
 
 
-@pytest.mark.parametrize("turn, near", [(2.0, None), (3.6, np.pi)])
-def test_a_motion_through_a_change_point_is_warned_of(turn, near):
-    """A parallelogram that lies flat when its cranks have turned by pi from the line of its pivots."""
+def parallelogram():
+    """A parallelogram with a motor at one crank, both cranks at 0.9 rad; it lies flat at pi."""
     long, short = 0.4, 0.15
 
     def bar(name, first, last):
@@ -146,6 +145,13 @@ def test_a_motion_through_a_change_point_is_warned_of(turn, near):
     ]
     tau = mbd.Input("tau")
     mechanism = mbd.Mechanism([one, two, rod], joints, forces=[mbd.Torque("motor", one, tau)], inputs=[tau])
+    return mechanism, one, two, tau
+
+
+@pytest.mark.parametrize("turn, near", [(2.0, None), (3.6, np.pi)])
+def test_a_motion_through_a_change_point_is_warned_of(turn, near):
+    """A parallelogram that lies flat when its cranks have turned by pi from the line of its pivots."""
+    mechanism, one, _, tau = parallelogram()
     start, end = [one.phi == 0.9, one.omega == 0], [one.phi == 0.9 + turn, one.omega == 0]
     problem = mbd.OptimalControlProblem(mechanism, 1.0, start, end, running_cost=tau**2)
     with warnings.catch_warnings(record=True) as caught:
@@ -158,6 +164,16 @@ def test_a_motion_through_a_change_point_is_warned_of(turn, near):
     (match,) = said
     assert motion.at([float(match[1])])[one.phi] == pytest.approx(near, abs=0.1)
     assert {row.split(".")[0] for row in match[2].split(", ")} <= {"A0", "B0", "A", "B"}
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::mbdcasadi.MechanismWarning")
+def test_a_pose_beyond_a_change_point_is_not_called_infeasible():
+    """The other crank turns back behind the flat pose, as an antiparallelogram does."""
+    mechanism, one, two, tau = parallelogram()
+    start, end = [one.phi == 0.9, one.omega == 0], [one.phi == 0.9 + np.pi, one.omega == 0, mbd.cos(two.phi) <= -0.85]
+    with pytest.raises(mbd.OptimizationError, match="the problem may still have one"):
+        mbd.optimize(mbd.OptimalControlProblem(mechanism, 0.6, start, end, running_cost=tau**2))
 
 
 def test_a_coarse_mesh_without_a_jump_is_not_refused():

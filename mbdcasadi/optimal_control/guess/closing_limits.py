@@ -13,10 +13,11 @@ else. So the search goes on, until a solution is found:
 5. from detours (a weak motor swings a pendulum up in several swings),
 6. with the least sum of all violations, from several starts.
 
-Only if that ends above zero, and at the same least violation from several starts, does the problem seem infeasible; or
-before stage 3 if a mechanism of one degree of freedom does not reach a place in the time, see :mod:`in_time`. The least
-violation of limits alone, with all conditions met, then says which of them would have to be wider. If the problem
-is not solved without its limits either, the violations come first, and detours at last.
+Only if that ends above zero, and at the same least violation from several starts, does the problem seem infeasible,
+unless the linkage could fold on the way and get there on its other branch; or before stage 3 if a mechanism of one
+degree of freedom does not reach a place in the time, see :mod:`in_time`. The least violation of limits alone, with all
+conditions met, then says which of them would have to be wider. If the problem is not solved without its limits either,
+the violations come first, and detours at last.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ from ..nlp.statistics import Attempt
 from ..refinement.coarse_mesh import HALVED_INTERVALS, is_lost
 from ..refinement.local_error import COARSE_ERROR, Coarseness
 from ..refinement.mesh import Mesh, interval_count
+from ..refinement.singularity import folding_pose_of
 from ..refinement.slow_first import solve_slowly_first
 from ..solution import Solution
 from .guess import Guess
@@ -325,7 +327,7 @@ class LimitSearch:
         ------
         OptimizationError
             If the least violation is not zero and the same from several starts, unless the solve that failed had met
-            all demands at its end.
+            all demands at its end, or the linkage could fold on the way.
         """
         problem, arguable = self._solver.problem, bool(failure.largest_violations)
         arguable = arguable and not kinks_in_path(problem)
@@ -357,6 +359,8 @@ class LimitSearch:
             return None
         if agreeing < STARTS + (agreeing < len(conflicting)):
             return None
+        if any(folding_pose_of(part) is not None for _, solution, _ in conflicting for part in solution.phases):
+            return None  # all demands may be met beyond that pose on its other branch
         widened = self._widened(least[1] if free is None else free)
         if widened is not None and sum(widened[1].values()) <= FEASIBLE:
             found = "all limits, from a motion that meets them"

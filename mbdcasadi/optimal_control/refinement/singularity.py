@@ -44,19 +44,25 @@ def close_to_singular(part: PhaseSolution, interval: int) -> str:
     )
 
 
+def folding_pose_of(part: PhaseSolution) -> str | None:
+    """Description of a pose in which the linkage of a phase could fold, if its motion comes close to one."""
+    if not part.mesh.count or not part.phase.equations.has_loops:
+        return None
+    path = Path(part.mesh_times, part.mesh_states, np.zeros((0, 0)))
+    regularity = Regularity(part.numeric, path.times[0], path.x[0, : part.numeric.eom.q.numel()])
+    return folding_pose(regularity, path, part.numeric)
+
+
 def warn_of_folding_poses(solution: SolvedMotion) -> None:
     """Warn of a motion that passes a pose in which its linkage could fold, or comes close to one."""
     several = len(solution.phases) > 1
     for part in solution.phases:
-        if not part.mesh.count or not part.phase.equations.has_loops:
+        pose = folding_pose_of(part)
+        if pose is None:
             continue
-        path = Path(part.mesh_times, part.mesh_states, np.zeros((0, 0)))
-        regularity = Regularity(part.numeric, path.times[0], path.x[0, : part.numeric.eom.q.numel()])
-        pose = folding_pose(regularity, path, part.numeric)
-        if pose is not None:
-            of_phase = f" of phase '{part.phase.name}'" if several else ""
-            warn(
-                f"the motion{of_phase} comes close to {pose}: reactions next to it mean little, and a simulation with "
-                "the inputs that were found may stop there or take the other branch; a limit in path=, such as that of "
-                "a transmission angle, keeps away from it"
-            )
+        of_phase = f" of phase '{part.phase.name}'" if several else ""
+        warn(
+            f"the motion{of_phase} comes close to {pose}: reactions next to it mean little, and a simulation with "
+            "the inputs that were found may stop there or take the other branch; a limit in path=, such as that of "
+            "a transmission angle, keeps away from it"
+        )
