@@ -27,8 +27,15 @@ from .return_map import ReturnMap, Stability
 from .solved_motion import SolvedMotion
 from .storage import restored, save
 
+#: Relative difference of costs below which solutions are the same.
+SAME_COST = 1e-6
 #: Miss of a constraint from which the first state of a solution does not belong to a mechanism with other parameters.
 STATE_TOLERANCE = 1e-6
+
+
+def same_cost(one: float, other: float) -> bool:
+    """Return True if two costs differ no more than by the tolerance of the solver."""
+    return abs(one - other) <= SAME_COST * abs(other)
 
 
 class Solution(SolvedMotion):

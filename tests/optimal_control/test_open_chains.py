@@ -31,7 +31,7 @@ def two_links(driven, duration, length=1.0, inertia=0.083, **changes):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("driven", "duration", "best"), [("elbow", 2.5, 77.61), ("shoulder", 2.5, 155.2), ("shoulder", 4.0, 72.45)]
+    ("driven", "duration", "best"), [("elbow", 2.5, 77.61), ("shoulder", 2.5, 155.2), ("shoulder", 4.0, 73.52)]
 )
 def test_swing_ups(driven, duration, best):
     """Acrobot and pendubot from the automatic guess: cost, a mesh that holds, and the forward dynamics."""
@@ -39,7 +39,7 @@ def test_swing_ups(driven, duration, best):
     with warnings.catch_warnings():
         warnings.filterwarnings("error", message=".*too coarse")
         solution = mbd.optimize(problem)
-    assert solution.cost < 1.02 * best
+    assert solution.cost < 1.005 * best
     first, second, *detours = [start.description for start in solution.statistics.starts]
     assert (first, second) == ("kinematic", "kinematic, at rest") and 1 < len(detours) <= SWINGS
     # replayed by forward dynamics from mesh point to mesh point

@@ -30,7 +30,7 @@ from ..phase import Phase, on_positions, with_parameters
 from ..refinement.coarse_first import solve_coarse_first
 from ..refinement.coarse_mesh import is_lost
 from ..refinement.mesh import Mesh
-from ..solution import Shifted, Solution
+from ..solution import SAME_COST, Shifted, Solution, same_cost
 from .guess import Guess, PhaseGuess, guess_at_rest, guess_from_motion, guess_from_other, kinematic_guess
 from .kinematic_guess import STEPS, KinematicPath, has_free_path
 
@@ -41,8 +41,6 @@ RANDOM_MOTIONS, RANDOM_WAVES, RANDOM_SHARES = 20, 3, (0.3, 1.0)
 #: Random poses from which other ends are assembled, difference from which a pose is another one, rad or sizes of the
 #: mechanism, and number of those that are tried.
 END_STARTS, ANOTHER, OTHER_ENDS = 16, 0.2, 2
-#: Relative difference of costs below which solutions are the same.
-SAME_COST = 1e-6
 #: Number of detours from which a chain with fewer inputs than angles is solved besides, and iterations of a solve from
 #: which it is: fewer, or as many from each of the usual guesses, show that the program is nearly linear but for limits.
 SWINGS, SWINGING_ITERATIONS = 6, 20
@@ -411,8 +409,8 @@ def _reports(outcomes: Sequence[Outcome]) -> list[Attempt]:
 
 def _agreeing(outcomes: Sequence[Outcome]) -> int:
     """Number of the solutions that have the lowest cost."""
-    costs = np.array([end.cost for _, end in outcomes if isinstance(end, Solution)])
-    return int(np.sum(costs <= np.min(costs) + SAME_COST * abs(np.min(costs))))
+    costs = [end.cost for _, end in outcomes if isinstance(end, Solution)]
+    return sum(same_cost(cost, min(costs)) for cost in costs)
 
 
 def _least(limit: int | None, further: int) -> int:
@@ -452,7 +450,7 @@ def _settled(
     for solution in _solutions(outcomes):
         if best is not None and best[1] and solution.cost >= best[0].cost * (1 - SAME_COST):
             break
-        if abs(solution.cost - before) <= SAME_COST * abs(before):
+        if same_cost(solution.cost, before):
             continue
         before = solution.cost
         if settle is None:

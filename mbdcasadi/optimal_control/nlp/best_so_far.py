@@ -16,7 +16,8 @@ class BestSoFar:
     iterate : Solution or None
         The last iterate of a solve that did not end in a solution.
     work : int
-        Iterations of all solves, each times its number of intervals.
+        Iterations of the solves, each times its number of intervals; solves for a guess without limits, and for the
+        least violation, do not count.
     """
 
     def __init__(self) -> None:

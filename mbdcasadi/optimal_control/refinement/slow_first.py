@@ -17,7 +17,7 @@ import numpy as np
 from ..checks.failure import OptimizationError
 from ..guess.guess import Guess
 from ..nlp.problem_solver import ProblemSolver
-from ..solution import Solution
+from ..solution import Solution, same_cost
 from .coarse_mesh import is_lost, refine_further, refine_if_coarse
 from .mesh import Mesh
 
@@ -28,8 +28,6 @@ RESOLVED_STEP, GUESSED = 0.4, 2.0
 PIECES = (2, 4)
 #: Multiples of these speeds and accelerations that are allowed in turn, and iterations with the first ones.
 MULTIPLES, ITERATIONS = (1.0, 2.0, 4.0, np.inf), 200
-#: Relative difference of costs with these limits below which two guesses lead to the same motion.
-SAME_COST = 1e-6
 #: Work, in iterations times intervals, after which no further solve is begun, unless those before took more: a minute
 #: for a four-bar. The best speed of a crank with a weak motor, which differs from mesh to mesh, took several.
 WORK = 600_000
@@ -87,7 +85,7 @@ def solve_slowly_first(
         if is_lost(solution) or (solver.best.work > allowed and multiple < MULTIPLES[-1]):
             return None
         if multiple == MULTIPLES[0]:
-            if any(abs(solution.cost - cost) <= SAME_COST * abs(cost) for cost in seen):
+            if any(same_cost(solution.cost, cost) for cost in seen):
                 return None
             seen.append(solution.cost)
     assert solution is not None
