@@ -54,6 +54,18 @@ def test_period_of_a_pendulum(way):
     assert ("without C" in motion.statistics.notes[0]) == (way == "stepwise")
 
 
+@pytest.mark.parametrize("gap", [0.02, 0.05, 0.07])
+@pytest.mark.parametrize("stiffness", [1e7, 1e9])
+def test_elastic_impact_that_begins_where_a_step_ends(way, gap, stiffness):
+    """Two equal pucks exchange their speeds, however stiff they are: no step goes from the first touch through both."""
+    a = mbd.Body("a", mass=0.1, inertia=1e-5, pose=(-gap, 0.0, 0.0), velocity=(1.0, 0.0, 0.0))
+    b = mbd.Body("b", mass=0.1, inertia=1e-5, pose=(0.04, 0.0, 0.0))
+    outlines = mbd.Circle(a.at(0, 0), 0.02), mbd.Circle(b.at(0, 0), 0.02)
+    pucks = mbd.Mechanism([a, b], forces=[mbd.Contact("strike", *outlines, mbd.HuntCrossley(stiffness))])
+    motion = mbd.simulate(pucks, [0, 0.05, 0.1], method="dop853")
+    assert [motion.final[a.vx], motion.final[b.vx]] == pytest.approx([0.0, 1.0], abs=2e-5)
+
+
 def test_reactions_of_a_pendulum(way):
     """Accelerations and reactions at outputs are those of the equations of motion there."""
     f = pendulum(angle=0.0)

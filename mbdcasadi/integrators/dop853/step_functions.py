@@ -13,7 +13,7 @@ from ...numerics.c_code import simplified
 from ...numerics.evaluation import Evaluator
 from ..native.stretch import ExplicitSystem, Stretch
 from .coefficients import STAGES, coefficients
-from .constants import QUIET, SLIGHT
+from .constants import OUTLIERS, QUIET, SLIGHT
 
 #: Components from which a sum is faster than a product with a matrix, into which derivatives are copied.
 LONG = 40
@@ -85,10 +85,18 @@ class StepFunctions:
         )
         still = ca.logic_and(fifth == 0, third == 0)
         error = ca.if_else(still, 0.0, ca.fabs(h) * fifth / ca.sqrt(fifth + 0.01 * third + still))
+        if self.system.switches:
+            early = self._error_of_early_stages(h, k, scale)
+            error = ca.fmax(error, ca.if_else(early > 1.0, early, 0.0))
         arguments = [t, h, y, k0, reltol, abstol, *self._held]
         return ca.Function(
             "attempt", arguments, [end, ca.horzcat(*k), stage, scale, error, ca.mmin(ca.vertcat(*hints))]
         )
+
+    def _error_of_early_stages(self, h: ca.MX, k: list[ca.MX], scale: ca.MX) -> ca.MX:
+        """Error of stages 2 to 5, which no estimate contains, as ``error_of_early_stages`` in ``steps.c``."""
+        changes = [h * self._norm((rate - k[0])[: self.n_x] / scale) for rate in k[1:]]
+        return ca.mmax(ca.vertcat(*changes[:4])) / (1.0 + OUTLIERS * ca.mmax(ca.vertcat(*changes[4:])))
 
     def _make_arrive(self) -> ca.Function:
         """``(t, end, last stage, its rate, scale, …) -> (end, |Phi|, size, correction, rate, regularity, |λ|, sum)``.
