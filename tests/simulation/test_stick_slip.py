@@ -473,3 +473,23 @@ def test_a_stop_at_a_late_time(begin, late):
     motion = mbd.simulate(model, times, initial=[block.x == 0, block.vx == 1.5])
     assert np.array_equal(motion.t, times)
     assert motion.final[block.x] == pytest.approx(1.5 * stop / 2, abs=1e-6)
+
+
+@pytest.mark.filterwarnings("error::mbdcasadi.MechanismWarning")
+@pytest.mark.parametrize("law", [mbd.DryFriction(0.3), mbd.Coulomb(0.3, 1e-6)], ids=["exact", "smoothed"])
+def test_friction_in_a_mechanism_that_is_driven_in_every_freedom(law):
+    """An arm that swings as prescribed, turns back, and rests: the torque by hand, and nothing to warn of."""
+    arm = mbd.Body("arm", mass=2.0, inertia=0.1, pose=(0.5, 0, 0))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), arm.at(-0.5, 0))
+    swing = mbd.Driver("swing", arm.phi, mbd.if_else(mbd.t < 1, 0, 1 - mbd.cos(np.pi * (mbd.t - 1)) ** 3))
+    rub = mbd.JointFriction("rub", pin, law, radius=0.05)
+    model = mbd.Mechanism(bodies=[arm], joints=[pin], drivers=[swing], forces=[mbd.Gravity(), rub])
+    motion = mbd.simulate(model, np.linspace(0, 4.5, 181))
+    phi, omega, alpha = motion[arm.phi], motion[arm.omega], motion[arm.alpha]
+    load = np.hypot(2 * motion[arm.ax], 2 * (motion[arm.ay] + G))
+    torque = 0.6 * alpha + 2 * G * 0.5 * np.cos(phi) + np.sign(omega) * 0.3 * 0.05 * load
+    moves = np.abs(omega) > 1e-3
+    np.testing.assert_allclose(motion[swing.effort][moves], torque[moves], atol=1e-9)
+    rests = motion.t < 1
+    np.testing.assert_allclose(motion[swing.effort][rests], 2 * G * 0.5, atol=1e-9)
+    assert moves.sum() > 120 and rests.sum() == 40

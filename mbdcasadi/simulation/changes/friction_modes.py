@@ -238,7 +238,7 @@ class FrictionModes(Modes):
         if not rows:
             return []
         whole = np.array(list(rows.values()))
-        basis = analyse_rank(np.reshape([rows[i] for i in sticking], (-1, whole.shape[1])), TURNS).null_columns
+        basis = analyse_rank(np.reshape([rows[i] for i in sticking], (len(sticking), whole.shape[1])), TURNS).null_columns
         left = np.linalg.norm(whole @ basis, axis=1)
         return [i for i, size in zip(rows, left, strict=True) if size <= TURNS and i not in sticking]
 
@@ -273,7 +273,7 @@ class FrictionModes(Modes):
             onset = SENSE[sense] * trial[time_derivative(friction.sliding_speed)]
             largest = float(np.max(np.abs(trial.a)))
             rounding = FRICTION_TOLERANCE
-            slack = -rounding * largest if i in by_pose else rounding * (1 + largest) if i in broken else 0.0
+            slack = rounding * (1 + largest) * (-1 if i in by_pose else 1 if i in broken else 0)
             if not onset > -slack:
                 return False
         return True

@@ -359,7 +359,14 @@ class Resolution:
                 f"{min(max(finding.sizes), 1):.0%} of its change, and the motion from there on may be wrong; tighten "
                 f"reltol and abstol (they were {reltol:.0e} and {abstol:.0e}), {smoothing.remedy}",
             )
-        return sentences
+        return {} if sentences and self._is_prescribed() else sentences
+
+    def _is_prescribed(self) -> bool:
+        """True if the constraints leave nothing to integrate, so that no motion goes wrong by what its steps miss."""
+        assert self._last is not None
+        path, n = self._last.path, self._numeric.eom.q.numel()
+        freedoms = self._numeric.rank(float(path.times[-1]), path.x[-1, :n]).null_columns.shape[1]
+        return freedoms == 0 and self._numeric.eom.z.numel() == 0
 
 
 def _largest_of_episode(loads: np.ndarray) -> np.ndarray:
