@@ -418,3 +418,34 @@ def test_redundant_rows_of_a_later_mechanism_are_named_by_a_method_that_takes_no
     with pytest.raises(mbd.SimulationError, match="left, middle, right do") as raised:
         mbd.simulate(fall, [0, 1], events=[lands], method="dop853", **given)
     assert raised.value.partial.final.t == pytest.approx(np.sqrt(2 / G), abs=1e-9)
+
+
+@pytest.mark.parametrize("method", ["idas", "dop853"])
+@pytest.mark.parametrize("step", [0.3, 0.01, 0.001])
+@pytest.mark.parametrize("height", [2.5, 3.5, 4.5])
+def test_string_that_goes_slack_is_taut_again_at_the_end_of_a_free_flight_alone(height, step, method):
+    """The string leaves its length with no speed and no acceleration: rounding there does not tighten it again."""
+    stone = mbd.Body("stone", mass=1.0, inertia=0.0, pose=(0, -1, 0))
+    upright, string = (
+        mbd.AbsoluteAngle("upright", stone.at(0, 0)),
+        mbd.Distance("s", mbd.ground.at(0, 0), stone.at(0, 0), 1),
+    )
+    on_string = mbd.Mechanism([stone], joints=[upright, string], forces=[mbd.Gravity()])
+    flying = on_string.replace(joints=[upright])
+    length = mbd.distance(mbd.ground.at(0, 0), stone.at(0, 0))
+    slack = mbd.Event("slack", string.tension, direction=-1, during=on_string, becomes=flying)
+    taut = mbd.Event("taut", length - 1, direction=1, during=flying, becomes=on_string)
+    start = [stone.x == 0, stone.y == -1, stone.vx == np.sqrt(height * G)]
+    run = mbd.simulate(on_string, np.arange(0, 1.51, step), initial=start, events=[slack, taut], method=method)
+    assert [event.name for event in run.events] == ["slack", "taut"]
+    up = (height - 2) / 3  # height above the pivot at which v² = g y
+    x, vx, vy = np.sqrt(1 - up**2), -np.sqrt(G * up) * up, np.sqrt(G * up) * np.sqrt(1 - up**2)
+    # along the flight |r|² - 1 = t³ (g² t/4 - g vy), as it starts on the circle, along its tangent
+    flight = 4 * vy / G
+    first, second = run.events
+    assert (first.state[stone.x], first.state[stone.y]) == pytest.approx((x, up), abs=1e-7)
+    assert second.t - first.t == pytest.approx(flight, abs=1e-6)
+    place = np.array([x + vx * flight, up + vy * flight - G / 2 * flight**2])
+    tangent, speed = np.array([-place[1], place[0]]), np.array([vx, vy - G * flight])
+    after = [second.after[stone.vx], second.after[stone.vy]]
+    assert after == pytest.approx(tangent * (tangent @ speed), abs=1e-6)

@@ -137,6 +137,7 @@ class EventWatch:
         self.resting = {} if resting is None else resting
         self._side: dict[int, float] = {}
         self._offset: dict[int, float] = {}
+        self._left: dict[int, int] = {}
         self._not_a_number: set[int] = set()
         self._state: State | None = None
         self._known: dict[str, Any] = {}
@@ -238,10 +239,13 @@ class EventWatch:
             if (event.reset or event.becomes is not None) and rests[index]:
                 self.resting.setdefault(event, float(state[event.expression]))
                 continue
-            moving = abs(rates[index]) > at_rest(state)
-            # the value an instant later
-            value = rates[index] * self.instant if moving else seconds[index] * self.instant**2 / 2
-            if value != 0:
+            # the value an instant later; zero if only its third derivative would tell
+            value = 0.0
+            if abs(rates[index]) > at_rest(state):
+                value = rates[index] * self.instant
+            elif abs(seconds[index]) > NO_PRESSURE * (1 + largest(state.a)):
+                value = seconds[index] * self.instant**2 / 2
+            if value != 0 or rests[index]:
                 self._side[index] = value
                 self._offset[index] = float(state[self.events[index].expression])
 
@@ -324,7 +328,7 @@ class EventWatch:
                 (i, time)
                 for i in touched[k]
                 if i not in crossed
-                for time in self._closer(outputs, i, times[k : k + 2], values[k : k + 2, i], states_at)
+                for time in self._closer(outputs, i, times[k : k + 2], values[k : k + 2, i], states_at, k)
             ]
             here.sort(key=lambda item: item[1])
             states = states_at(np.array([time for _, time in here])) if here else np.zeros((0, x.shape[1]))
@@ -341,13 +345,17 @@ class EventWatch:
     def _wake(self, x: np.ndarray, values: np.ndarray) -> None:
         """Measure resting events from where they rest, and none of their rounding."""
         size = AWAY * (1 + largest(x))
+        self._left = {}
         for index, event in enumerate(self.events):
             if event not in self.resting:
                 continue
             moved = values[:, index] - self.resting[event]
             away = np.abs(moved) > size
-            if np.any(away) and event.direction * moved[np.argmax(away)] < 0:
+            first = int(np.argmax(away))
+            if away[first] and event.direction * moved[first] < 0:
                 del self.resting[event]
+                self._left[index] = first
+                values[:first, index] = np.sign(moved[first]) * np.finfo(float).tiny
                 continue
             side = -event.direction or 1
             values[:, index] = np.where(away, moved, side * np.finfo(float).tiny)
@@ -374,16 +382,25 @@ class EventWatch:
         return candidates
 
     def _closer(
-        self, outputs: Outputs, index: int, ends: np.ndarray, values: np.ndarray, states_at: StatesAt
+        self, outputs: Outputs, index: int, ends: np.ndarray, values: np.ndarray, states_at: StatesAt, interval: int
     ) -> list[float]:
-        """Times inside an interval at which an event takes place whose expression returns to its side by the end."""
+        """Times inside an interval at which an event takes place whose expression returns to its side by the end.
+
+        That of an event that rested until there counts from where it has left its place by more than rounding.
+        """
 
         def values_at(times: np.ndarray) -> np.ndarray:
             own: np.ndarray = self.values(outputs, times, states_at(times), np.full(times.size, ends[0]))[:, index]
             return own
 
+        left = self._left.get(index, 0)
+        if interval + 1 < left:
+            return []
         times = np.linspace(ends[0], ends[1], CLOSER_POINTS + 2)
         course = np.r_[values[0], values_at(times[1:-1]), values[1]]
+        if interval < left:
+            leaves = np.argmax(np.abs(course) > AWAY * (1 + largest(states_at(times[-1:]))))
+            times, course = times[leaves:], course[leaves:]
         peak = _peak_near_zero(times, course, values_at)
         if peak is not None:
             times, course = (np.insert(old, peak[0], new) for old, new in ((times, peak[1]), (course, peak[2])))
@@ -428,6 +445,8 @@ def _peak_near_zero(
     times: np.ndarray, course: np.ndarray, values_at: Callable[[np.ndarray], np.ndarray]
 ) -> tuple[int, float, float] | None:
     """Place among samples of one sign, time and value of an extremum that may be beyond zero; None if there is none."""
+    if course.size < 3:
+        return None
     k = int(np.argmin(np.abs(course[1:-1]))) + 1
     sign = np.sign(course[k])
     if np.any(np.sign(course) != sign) or sign == 0:

@@ -238,8 +238,8 @@ class FrictionModes(Modes):
         if not rows:
             return []
         whole = np.array(list(rows.values()))
-        basis = analyse_rank(np.reshape([rows[i] for i in sticking], (len(sticking), whole.shape[1])), TURNS).null_columns
-        left = np.linalg.norm(whole @ basis, axis=1)
+        held = np.reshape([rows[i] for i in sticking], (len(sticking), whole.shape[1]))
+        left = np.linalg.norm(whole @ analyse_rank(held, TURNS).null_columns, axis=1)
         return [i for i, size in zip(rows, left, strict=True) if size <= TURNS and i not in sticking]
 
     def _candidates(self, choices: Sequence[list[str]], rows: dict[int, np.ndarray]) -> list[tuple[Senses, list[int]]]:
