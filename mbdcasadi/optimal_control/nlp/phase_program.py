@@ -243,7 +243,8 @@ class PhaseProgram:
             free = np.tile(free_index[:, None], (1, len(intervals)))
             index = np.vstack([self.interval_index(intervals), free])
             variables = ca.vertcat(unknowns.variables, unknowns.free)
-            piece = MappedBlock(variables, unknowns.data, p, stack(groups), cost / cost_scale, index)
+            states = tuple(ca.vertcat(*part) for part in zip(*(unknowns.interval.symbols or []), strict=True))
+            piece = MappedBlock(variables, unknowns.data, p, stack(groups), cost / cost_scale, index, *states)
             copies = tuple(((self.number, i),) for i in intervals)
             return Block(piece, [g for g in groups if g.labels], copies, **more)
 
@@ -260,6 +261,7 @@ class PhaseProgram:
     def _interval_rows(self) -> tuple[Unknowns, list[Rows], ca.SX]:
         """Rows of an interval, and its part of the running cost."""
         unknowns = self.unknowns()
+        unknowns = replace(unknowns, interval=unknowns.interval.with_symbols())
         points = self.scheme.points(unknowns.interval)
         groups = self.scheme.equations(unknowns.interval, self.reduced_scales)
         for k, placeholder in enumerate(self.integrals):

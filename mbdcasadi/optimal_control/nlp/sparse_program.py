@@ -3,11 +3,15 @@
 Derivatives are taken of these two small functions as ``SX``; the nonzeros of
 all intervals are gathered into the whole by constant index vectors. Building
 stays linear in the number of intervals, and nothing is differentiated twice.
+
+Rows and cost of an interval see its variables through the states at a few
+points alone. Derivatives by these states, and the chain rule, take half of the
+operations of derivatives by the variables.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
@@ -33,6 +37,36 @@ class MappedBlock:
     cost: ca.SX
     #: place of each variable of each copy in the program (n, copies)
     index: np.ndarray
+    #: symbols in rows and cost that stand for states at points of an interval, and these states in the variables
+    symbols: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    states: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+
+    def in_variables(self, expressions: list[ca.SX]) -> list[ca.SX]:
+        """Return expressions with the states in place of the symbols that stand for them."""
+        return list(ca.substitute(expressions, [self.symbols], [self.states]))
+
+    def jacobian(self, expression: ca.SX) -> ca.SX:
+        """Jacobian of an expression by the variables."""
+        own = ca.jacobian(expression, self.variables)
+        return own + ca.jacobian(expression, self.symbols) @ self._slopes
+
+    def hessian(self, expression: ca.SX) -> ca.SX:
+        """Upper triangle of the Hessian of an expression by the variables."""
+        n = self.variables.numel()
+        of_all = ca.hessian(expression, ca.vertcat(self.variables, self.symbols))[0]
+        own, mixed, inner = of_all[:n, :n], of_all[:n, n:] @ self._slopes, of_all[n:, n:]
+        whole = own + mixed + mixed.T + self._slopes.T @ (inner @ self._slopes)
+        # states are linear in the variables but for free times and parameters
+        weights = ca.SX.sym("w", self.symbols.numel())
+        curved = ca.hessian(ca.dot(weights, self.states), self.variables)[0]
+        if curved.nnz():
+            whole += ca.substitute(curved, weights, ca.gradient(expression, self.symbols))
+        return ca.triu(whole)
+
+    @cached_property
+    def _slopes(self) -> ca.SX:
+        """Jacobian of the states by the variables."""
+        return ca.jacobian(self.states, self.variables)
 
     def without_repetitions(self) -> MappedBlock:
         """Return the same with what occurs several times computed once.
@@ -93,7 +127,7 @@ class SparseProgram:
         """Results of a piece for all copies, side by side."""
         copies = piece.index.shape[1]
         arguments = [piece.variables, piece.data, piece.parameters, *[symbol for symbol, _ in extra]]
-        function = ca.Function("piece", arguments, results).map(copies)
+        function = ca.Function("piece", arguments, piece.in_variables(results)).map(copies)
         gathered = _in_shape(self._x[piece.index.T.ravel().tolist()], piece.variables.numel(), copies)
         shared = ca.repmat(self._shared, 1, copies)
         return list(function.call([gathered, data, shared, *[value for _, value in extra]]))
@@ -119,7 +153,7 @@ class SparseProgram:
         for piece, data, (expression, extra) in zip(self.pieces, self._data, parts, strict=True):
             if expression.is_zero():
                 continue
-            slopes = ca.densify(ca.gradient(expression, piece.variables))
+            slopes = ca.densify(piece.jacobian(expression).T)
             value, gradient = self._mapped(piece, data, [expression, slopes], extra)
             total += ca.sum2(value)
             places.append(piece.index.T.ravel())
@@ -141,7 +175,7 @@ class SparseProgram:
     def _rows_and_jacobian(self) -> tuple[ca.MX, ca.MX]:
         rows, columns, values, nonzeros, first = [], [], [ca.MX(0, 1)], [ca.MX(0, 1)], 0
         for piece, data in zip(self.pieces, self._data, strict=True):
-            jacobian = ca.jacobian(piece.rows, piece.variables)
+            jacobian = piece.jacobian(piece.rows)
             local_rows, local_columns = (np.array(x, int) for x in jacobian.sparsity().get_triplet())
             copies, count = piece.index.shape[1], piece.rows.numel()
             block, slopes = self._mapped(piece, data, [ca.densify(piece.rows), ca.vec(jacobian.nz[:])], [])
@@ -157,7 +191,7 @@ class SparseProgram:
         rows, columns, values = [], [], []
         parts = self._lagrangian(lam_f, lam_g)
         for piece, data, (lagrangian, extra) in zip(self.pieces, self._data, parts, strict=True):
-            hessian = ca.triu(ca.hessian(lagrangian, piece.variables)[0])
+            hessian = piece.hessian(lagrangian)
             if not hessian.nnz():
                 continue
             local_rows, local_columns = (np.array(x, int) for x in hessian.sparsity().get_triplet())

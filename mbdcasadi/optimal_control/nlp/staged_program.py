@@ -136,7 +136,7 @@ class StagedProgram:
 
 def _seen(piece: MappedBlock) -> np.ndarray:
     """Variables of a piece, by place in it, that its rows or its cost contain."""
-    pattern = ca.jacobian(ca.vertcat(piece.rows, piece.cost), piece.variables).sparsity()
+    pattern = piece.jacobian(ca.vertcat(piece.rows, piece.cost)).sparsity()
     return np.unique(np.array(pattern.get_triplet()[1], int))
 
 

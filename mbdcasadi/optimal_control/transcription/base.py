@@ -245,9 +245,7 @@ class Transcription(ABC):
             return known
         i = interval
         point = CollocationPoint(*self._compiled_point(i.first, i.inner, i.last, i.start, i.length, tau, i.p))
-        if isinstance(tau, float):
-            interval.points[tau] = point
-        return point
+        return interval.keep(tau, point) if isinstance(tau, float) else point
 
     def points(self, interval: Interval) -> list[CollocationPoint]:
         """States at the stages."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 
@@ -66,3 +66,24 @@ class Interval:
     p: ca.SX
     #: points that were asked for, by tau
     points: dict[float, CollocationPoint] = field(default_factory=dict, compare=False, repr=False)
+    #: symbols that stand for values at these points, with their expressions; None if the values are expressions
+    symbols: list[tuple[ca.SX, ca.SX]] | None = field(default=None, compare=False, repr=False)
+
+    def with_symbols(self) -> Interval:
+        """Return the same interval, at whose points symbols stand for the values."""
+        return replace(self, points={}, symbols=[])
+
+    def keep(self, tau: float, point: CollocationPoint) -> CollocationPoint:
+        """Keep a point, and return it; with symbols in place of its values if they are wanted."""
+        if self.symbols is not None:
+            point = CollocationPoint(*map(self._symbol, point.values))
+        self.points[tau] = point
+        return point
+
+    def _symbol(self, value: ca.SX) -> ca.SX:
+        """The symbol that stands for a value; numbers and symbols stand for themselves."""
+        if self.symbols is None or value.is_constant() or value.is_valid_input():
+            return value
+        symbol = ca.SX.sym("y", value.numel())
+        self.symbols.append((symbol, value))
+        return symbol
