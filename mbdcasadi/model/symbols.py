@@ -143,12 +143,15 @@ class Symbol(ca.SX, HoldsSymbols):
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.label!r})"
 
-    def _take(self, what: str, value: Any, lower: Any, upper: Any) -> None:
-        """Check the value and the limits, and keep them."""
+    def _take(self, what: str, value: Any, lower: Any, upper: Any, *, may_be_zero: bool = True) -> None:
+        """Check the limits and the value, which is within them or may be zero, and keep them."""
         self.value = number(value, what, "value")
         self.lower, self.upper = (number(x, what, n, infinite=True) for x, n in ((lower, "lower"), (upper, "upper")))
         if self.lower > self.upper:
             raise ModelError(f"{what}: lower = {self.lower} is above upper = {self.upper}")
+        if (self.value or not may_be_zero) and not self.lower <= self.value <= self.upper:
+            hint = "; the arguments are label, value, lower, upper: limits alone are given by name, as lower=, upper="
+            raise ModelError(f"{what}: value = {self.value} is not within {self.lower} … {self.upper}{hint}")
 
     @property
     def typical_size(self) -> float:
@@ -164,7 +167,7 @@ class Input(Symbol):
     label : str
         Its name.
     value : float, default 0
-        Value in analyses that are given no other one.
+        Value in analyses that are given no other one; within the limits, or zero.
     lower, upper : float, default -inf and inf
         Limits: enforced in optimal control; ``simulate`` warns if they are exceeded.
     unit : str, optional
@@ -229,10 +232,7 @@ class Parameter(Symbol):
     def __init__(self, label: str, value: float, lower: float = -math.inf, upper: float = math.inf):
         """Make the symbol; see the class for its arguments."""
         super().__init__(label)
-        what = f"parameter '{label}'"
-        self._take(what, value, lower, upper)
-        if not self.lower <= self.value <= self.upper:
-            raise ModelError(f"{what}: value = {self.value} is not within {self.lower} … {self.upper}")
+        self._take(f"parameter '{label}'", value, lower, upper, may_be_zero=False)
         _PARAMETERS[self.element_hash()] = self
 
 
@@ -248,7 +248,7 @@ class StateVariable(Symbol):
     label : str
         Its name.
     value : float, default 0
-        Value at the start, if no condition gives another one.
+        Value at the start, if no condition gives another one; within the limits, or zero.
     lower, upper : float, default -inf and inf
         Limits for optimal control.
     initial : float, optional

@@ -43,6 +43,7 @@ def test_limits_are_infinite_unless_given(make):
     ("limits", "words"),
     [
         ({"lower": 2, "upper": 1}, ["'s'", "lower", "2", "upper", "1"]),
+        ({"value": -6, "lower": 6}, ["'s'", "value", "-6", "6", "lower=, upper="]),
         ({"lower": float("nan")}, ["'s'", "lower"]),
         ({"upper": "high"}, ["'s'", "upper", "high"]),
     ],

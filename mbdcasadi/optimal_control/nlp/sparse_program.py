@@ -71,7 +71,7 @@ class MappedBlock:
     def without_repetitions(self) -> MappedBlock:
         """Return the same with what occurs several times computed once.
 
-        A sixth of the operations of rows are repetitions, and a third of those of derivatives that follow from them.
+        Up to a sixth of the operations of rows, and of the derivatives that follow from them, are repetitions.
         """
         rows, cost = ca.cse([self.rows, self.cost])
         return replace(self, rows=rows, cost=cost)
