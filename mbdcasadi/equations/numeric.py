@@ -271,14 +271,20 @@ class NumericEquations:
             key, lambda: forward_dynamics(self.eom, augmentation=self.augmentation, **choice)
         )
 
-    def motion_without_mass(self, t: float, q: np.ndarray) -> list[str]:
-        """Coordinates in which something moves that neither has mass nor is held by joints."""
+    def motion_without_mass(self, t: float, q: np.ndarray, share: float = WITHOUT_MASS) -> list[str]:
+        """Coordinates in which something moves that neither has mass nor is held by joints.
+
+        Parameters
+        ----------
+        share : float
+            Part of the square of a motion in coordinates with mass up to which it counts as one without mass.
+        """
         if not self.massless:
             return []
         # the amount of mass does not matter: a motion that moves no coordinate with mass is one without mass
         free = self.rank(t, q).null_columns
         values, vectors = np.linalg.eigh(free.T @ ((self.mass > 0)[:, None] * free))
-        empty = free @ vectors[:, values <= WITHOUT_MASS]
+        empty = free @ vectors[:, values <= share]
         moved = np.linalg.norm(empty, axis=1) > 1e-8
         return [self.eom.coordinate_names[k] for k in np.flatnonzero(moved & (self.mass == 0))]
 
@@ -299,6 +305,17 @@ class NumericEquations:
         finite = np.isfinite(phi) & np.all(np.isfinite(jacobian), axis=1)
         return [name for name, well in zip(self.eom.position_names, finite, strict=True) if not well]
 
+    def refuse_missing_mass(self, t: float, q: np.ndarray) -> None:
+        """Raise SingularityError for a body without mass in a motion that no joint holds at a pose."""
+        missing = self.motion_without_mass(t, q)
+        if missing:
+            bodies = dict.fromkeys(f"'{name.rsplit('.', 1)[0]}'" for name in missing)
+            raise SingularityError(
+                f"body {', '.join(bodies)} has no mass or inertia in {', '.join(missing)}, and no joint holds that "
+                "motion: the mass matrix is singular; give it mass or inertia, or a joint",
+                time=t,
+            )
+
     def accelerations(
         self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray, *, redundant: bool
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -318,14 +335,7 @@ class NumericEquations:
         self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray, *, redundant: bool
     ) -> tuple[np.ndarray, np.ndarray]:
         """The same, evaluated."""
-        missing = self.motion_without_mass(t, q)
-        if missing:
-            bodies = dict.fromkeys(f"'{name.rsplit('.', 1)[0]}'" for name in missing)
-            raise SingularityError(
-                f"body {', '.join(bodies)} has no mass or inertia in {', '.join(missing)}, and no joint holds that "
-                "motion: the mass matrix is singular; give it mass or inertia, or a joint",
-                time=t,
-            )
+        self.refuse_missing_mass(t, q)
         a, lam = self._solved(t, q, v, z, u, redundant=redundant)
         finite = bool(np.isfinite(a).all())
         if self.eom.Q_depends_on_lam and not finite:

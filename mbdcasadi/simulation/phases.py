@@ -91,7 +91,8 @@ class PhasedRun:
             if not any(event.is_watched_in(mechanism) for mechanism in self.mechanisms):
                 raise ModelError(
                     f"event '{event.name}' is looked for in none of the mechanisms of the run: none of them has all "
-                    "its symbols, or during= leaves them out"
+                    "its symbols, or during= leaves them out, or it is the one to which the event leads, which "
+                    "during= has to name"
                 )
 
     # --- what each mechanism is given ---------------------------------------------------------------
@@ -286,6 +287,7 @@ class PhasedRun:
         names = ", ".join(f"'{event.name}'" for event in chain)
         law = ImpactLaw(numeric.eom, {joint: e for event in chain for joint, e in event.restitution.items()})
         q, jump = pose_and_jump(numeric, law, before, f"event {names} at t = {before.t:.6g} s")
+        numeric.refuse_missing_mass(before.t, q)
         if jump.dependent and largest(jump.impulses) > RESET_TOLERANCE:
             rows = ", ".join(law.row_names[k] for k in jump.dependent)
             self._notes.append(f"event {names}: rows of the impact are redundant; {rows} bear no impulse")

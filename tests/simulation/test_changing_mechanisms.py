@@ -449,3 +449,29 @@ def test_string_that_goes_slack_is_taut_again_at_the_end_of_a_free_flight_alone(
     tangent, speed = np.array([-place[1], place[0]]), np.array([vx, vy - G * flight])
     after = [second.after[stone.vx], second.after[stone.vy]]
     assert after == pytest.approx(tangent * (tangent @ speed), abs=1e-6)
+
+
+@pytest.mark.parametrize("method", ["idas", "dop853"])
+def test_body_without_inertia_that_a_change_sets_free_is_refused(method):
+    """As it is if the run starts there."""
+    arm = mbd.Body("arm", mass=2.0, inertia=0.3, pose=(0.5, 0, 0))
+    load = mbd.Body("load", mass=0.5, inertia=0.0, pose=(1, 0, 0))
+    joints = [
+        mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(-0.5, 0)),
+        mbd.Weld("grip", arm.at(0.5, 0), load.at(0, 0)),
+    ]
+    held = mbd.Mechanism([arm, load], joints=joints, forces=[mbd.Torque("motor", arm, 40.0)])
+    throw = mbd.Event("throw", arm.phi - 2, direction=1, becomes=mbd.Mechanism([load], forces=[mbd.Gravity()]))
+    with pytest.raises(mbd.SingularityError, match=r"'load' has no mass or inertia in load\.phi") as refused:
+        mbd.simulate(held, np.linspace(0, 2, 21), events=[throw], method=method)
+    when = np.sqrt(2 * 2.0 / (40.0 / (0.3 + 2 * 0.25 + 0.5)))
+    assert refused.value.time == pytest.approx(when, abs=1e-7)
+    assert refused.value.partial.final[arm.phi] == pytest.approx(2.0, abs=1e-7)
+
+
+def test_event_that_leads_to_the_only_mechanism_asks_for_during():
+    ball = mbd.Body("ball", mass=1.0, inertia=0.1, pose=(0, 1, 0))
+    falling = mbd.Mechanism([ball], forces=[mbd.Gravity()])
+    bounce = mbd.Event("bounce", ball.y, direction=-1, becomes=falling)
+    with pytest.raises(mbd.ModelError, match="the one to which the event leads, which during= has to name"):
+        mbd.simulate(falling, duration=1.0, events=[bounce])

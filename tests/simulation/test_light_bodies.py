@@ -116,3 +116,22 @@ def test_a_crane_with_a_point_mass_is_planned_and_verified():
         model, duration=(1, 20), initial=rest[0], final=rest[1], terminal_cost=mbd.t, running_cost=1e-6 * f**2
     )
     assert mbd.optimize(problem, intervals=30).verify().final_error < 1e-4
+
+
+def test_links_without_mass_that_are_stretched_by_a_falling_mass():
+    """A point mass on two massless links falls freely until they are stretched, where a jerk would be needed."""
+    upper = mbd.Body("upper", mass=0, inertia=0, pose=(0.5, 0, 0.1))
+    lower = mbd.Body("lower", mass=1, inertia=0, pose=(1.5, 0, -0.2))
+    pins = [
+        mbd.Revolute("A", mbd.ground.at(0, 0), upper.at(-0.5, 0)),
+        mbd.Revolute("B", upper.at(0.5, 0), lower.at(-0.5, 0)),
+    ]
+    swing = mbd.Mechanism([upper, lower], joints=pins, forces=[mbd.Gravity()])
+    rest = [upper.phi == 0.1, lower.phi == -0.2, upper.omega == 0, lower.omega == 0]
+    x, y = np.cos(0.1) + 0.5 * np.cos(0.2), np.sin(0.1) - 0.5 * np.sin(0.2)
+    stretched = np.sqrt(2 * (y + np.sqrt(1.5**2 - x**2)) / 9.81)
+    with pytest.raises(mbd.SimulationError, match="upper.phi, lower.phi move with hardly any mass") as stopped:
+        mbd.simulate(swing, np.linspace(0, 1, 101), initial=rest)
+    assert stopped.value.time == pytest.approx(stretched, rel=1e-3)
+    fall = stopped.value.partial
+    np.testing.assert_allclose(fall[lower.y], y - 9.81 / 2 * fall.t**2, atol=1e-7)

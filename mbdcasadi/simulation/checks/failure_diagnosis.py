@@ -48,6 +48,12 @@ def cause_of_failure(
     values = numeric.rank(t, q).singular_values
     if values.size and values[-1] < NEAR_SINGULAR * values[0]:
         return f"the pose is singular or nearly so, {describe_singularity(numeric, t, q).text} ({said})"
+    missing = numeric.motion_without_mass(t, q, NEAR_SINGULAR**2)
+    if missing:
+        return (
+            f"near this pose {', '.join(missing)} move with hardly any mass, and no joint holds that motion: its "
+            f"accelerations grow without bound; give the bodies mass or inertia ({said}){remarks}"
+        )
     if flag.startswith("the constraints"):
         return said + remarks
     narrow = narrowest_friction(numeric)
