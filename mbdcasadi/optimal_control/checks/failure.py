@@ -40,6 +40,7 @@ _MESSAGES = {
     "Diverging_Iterates": "the iterates diverge: something that is free should be bounded",
     "Error_In_Step_Computation": "the solver could not compute a step (a condition that is met at an extremum, such as "
     "a height at its top, has no slope there: state the coordinate instead)",
+    "User_Requested_Stop": "its cost stayed far above that of another start",
     "Solved_To_Acceptable_Level": "the solver stopped short of the tolerance (options={'ipopt.tol': …})",
 }
 #: The same without the usual cause, if another one is known.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -49,6 +50,9 @@ MOVED = 1e-9
 #: Largest number of iterations from a detour, as a multiple of those from the usual guesses: those that take more
 #: seldom end at lower costs. And number of solutions of the same lowest cost after which no further one is sought.
 DETOURED, AGREEING = 2.0, 4
+#: Multiple of the lowest cost so far above which a solve from a detour is given up: none of 128 of acrobots and
+#: pendubots that were above it after 20 iterations ended at a lower cost.
+HOPELESS = 5.0
 
 
 def guesses(solver: ProblemSolver, starts: Any, guess: Any) -> list[Guess]:
@@ -266,23 +270,38 @@ def _detour(
     setup: PhaseSetup, random: np.random.Generator, start: State, path: KinematicPath
 ) -> tuple[PhaseGuess, int]:
     """The kinematic motion of a phase with a detour, and its number of half waves; the ends stay as they are."""
-    numeric, scales = setup.numeric, setup.scales
-    waves = int(random.integers(1, 4))
+    scales, waves = setup.scales, int(random.integers(1, 4))
     direction = random.normal(size=path.poses.shape[1]) * np.where(scales.angles, 1.0, 0.5 * scales.q)
     amplitude = random.uniform(0.5, 2.0)
     times = path.times - path.times[0]
-    detour = amplitude * np.sin(np.pi * waves * times / times[-1])
-    moved, before = [], 0.0
+    along = _along_angles if setup.scheme.eom.is_chain else _along_free_directions
+    poses = along(setup, path, direction, amplitude * np.sin(np.pi * waves * times / times[-1]))
+    return kinematic_guess(setup.loads, start, replace(path, poses=poses)), waves
+
+
+def _along_angles(setup: PhaseSetup, path: KinematicPath, direction: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    """Poses of a path moved by shares (k,) of a direction (n,) in the coordinates of a chain, others left."""
+    chosen, poses = list(setup.scheme.eom.independent), path.poses.copy()
+    sizes = np.where(setup.scales.angles, 1.0, setup.scales.q)[chosen]
+    poses[:, chosen] += shares[:, None] * direction[chosen] / np.linalg.norm(direction[chosen] / sizes)
+    return poses
+
+
+def _along_free_directions(
+    setup: PhaseSetup, path: KinematicPath, direction: np.ndarray, shares: np.ndarray
+) -> np.ndarray:
+    """Poses of a path moved by shares (k,) of a direction (n,) as far as the joints let them."""
+    numeric, moved, before = setup.numeric, [], 0.0
     q = path.poses[0]
     for k, (time, pose) in enumerate(zip(path.times.tolist(), path.poses, strict=True)):
         free = analyse_rank(numeric.velocity(time, q)[0]).null_columns
-        step = (pose - path.poses[max(k - 1, 0)]) + free @ (free.T @ direction) * (detour[k] - before)
-        before = detour[k]
+        step = (pose - path.poses[max(k - 1, 0)]) + free @ (free.T @ direction) * (shares[k] - before)
+        before = shares[k]
         rows = partial(numeric.position, time)
         outcome = solve(rows, q + step, numeric.weights, iterations=30, step_limit=numeric.typical_step)
         q = outcome.x if outcome.converged else q
         moved.append(q)
-    return kinematic_guess(setup.loads, start, replace(path, poses=np.array(moved))), waves
+    return np.array(moved)
 
 
 def other_ends(solver: ProblemSolver) -> list[Guess]:
@@ -362,7 +381,8 @@ def best_of(
         most = min(further, int(DETOURED * max(report.iterations for report in known)))
         others = swings(solver, known)
         while others and _agreeing(outcomes) < AGREEING:
-            outcomes.append(tries(solver, others.pop(0), limit=_least(limit, most)))
+            rival = _rival(solver, _solutions(outcomes)[0].cost)
+            outcomes.append(tries(rival, others.pop(0), limit=_least(limit, most)))
     best = _settled(outcomes, settle)
     solution, reports = _solutions(outcomes)[0] if best is None else best[0], _reports(outcomes)
     if len(reports) > 1:
@@ -397,6 +417,13 @@ def _from_last_to_first(
             limit = _least(limit, further)
         outcomes.append(tries(guess, limit=limit))
     return outcomes[::-1]
+
+
+def _rival(solver: ProblemSolver, cost: float) -> ProblemSolver:
+    """The same solver, which gives up if its cost stays far above that of a solution; costs may be below zero."""
+    rival = copy(solver)
+    rival.ceiling = HOPELESS * cost if cost > 0 else np.inf
+    return rival
 
 
 def _is_solved(outcome: Outcome) -> bool:

@@ -60,6 +60,8 @@ class ProblemSolver(ProblemSetup):
         self.pace: list[np.ndarray] | None = None
         #: whether limits do not count: no solution of the problem, but perhaps a guess for one
         self.is_unlimited = False
+        #: cost above which a solve by IPOPT is given up after a while
+        self.ceiling = np.inf
         self.best = BestSoFar() if best is None else best
         super().__init__(problem, settings, parameters, initial)
 
@@ -190,7 +192,7 @@ class ProblemSolver(ProblemSetup):
         data = program.data([setup.numeric.p for setup in self.setups], meshes, guess.segment_times)
         if program.has_integrals and not iterate:
             x = program.with_integrals(x, program.rows_at(np.clip(x, bounds.lower, bounds.upper), data))
-        return Beginning(program, meshes, guess, iterate, x, data, bounds, began)
+        return Beginning(program, meshes, guess, iterate, x, data, bounds, began, self.ceiling / program.cost_scale)
 
     def _solution(self, begin: Beginning, result: Result) -> Solution:
         x, f, *rest = (result.answer[name] for name in ("x", "f", "lam_x", "lam_g", "g"))

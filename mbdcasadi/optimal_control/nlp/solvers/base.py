@@ -31,6 +31,8 @@ Made = TypeVar("Made")
 
 #: Scaled cost below which a cost has no lower bound, as it seems, and iterates that must be there one after another.
 UNBOUNDED_COST, UNBOUNDED_ITERATES = -1e6, 20
+#: Iterate from which a solve whose cost is above its ceiling is given up.
+GIVEN_UP = 20
 #: Types of options by whose text a solver is found again.
 PLAIN = (str, int, float, list, tuple, dict)
 #: Options of CasADi for solvers whose failures are reported by their status.
@@ -52,6 +54,8 @@ class Beginning:
     bounds: Bounds
     #: reading of the clock at the start, s
     began: float
+    #: scaled cost above which the solve is given up after a while
+    ceiling: float
 
 
 @dataclass(frozen=True)
@@ -95,7 +99,9 @@ class Elsewhere:
 
 
 class SolverWatch:
-    """Progress of one solve at a time, and reasons to stop it: the wish of the user, or a cost that falls on and on.
+    """Progress of one solve at a time, and reasons to stop it.
+
+    These are the wish of the user, a cost that falls on and on, and one that stays above a ceiling.
 
     `lower` are the lower bounds of the rows, `cost_scale` is the size by which the cost was divided.
     """
@@ -103,13 +109,14 @@ class SolverWatch:
     def __init__(self, lower: np.ndarray, cost_scale: float):
         self._lower, self._cost_scale = lower, cost_scale
         self._bar: Any = None
-        self._unbounded = 0
+        self._unbounded = self._iterates = 0
+        self._ceiling = np.inf
         self.interruption: Interruption | None = None
 
     @contextmanager
-    def watching(self, interruption: Interruption, show: bool) -> Iterator[None]:
+    def watching(self, interruption: Interruption, show: bool, ceiling: float) -> Iterator[None]:
         """Watch one solve; a bar writes to the standard error of now, which the solve redirects."""
-        self.interruption, self._unbounded = interruption, 0
+        self.interruption, self._ceiling, self._unbounded, self._iterates = interruption, ceiling, 0, 0
         form = "{desc}: {n} iterations{postfix}"
         with progress_bar(None, "optimize", " iterations", show=show, bar_format=form, file=sys.stderr) as bar:
             self._bar = bar if show else None
@@ -129,9 +136,10 @@ class SolverWatch:
         return self.interruption is not None and self.interruption.requested
 
     def note_cost(self, cost: float) -> bool:
-        """Note the scaled cost of the next iterate; True if it and those before show no lower bound."""
+        """Note the scaled cost of the next iterate; True if it and those before are a reason to stop."""
         self._unbounded = self._unbounded + 1 if cost < UNBOUNDED_COST else 0
-        return self._unbounded >= UNBOUNDED_ITERATES
+        self._iterates += 1
+        return self._unbounded >= UNBOUNDED_ITERATES or (self._iterates > GIVEN_UP and cost > self._ceiling)
 
     def show(self, cost: float, rows: np.ndarray) -> None:
         """Show scaled cost and rows of the next iterate."""
@@ -235,7 +243,7 @@ class NLPSolver(ABC):
     def _call(self, begin: Beginning, solver: ca.Function, watch: SolverWatch, arguments: dict[str, Any]) -> Result:
         built = clock.perf_counter()
         with interruptible(raising=False) as interruption:
-            with watch.watching(interruption, self.progress), quiet(), numeric_work():
+            with watch.watching(interruption, self.progress, begin.ceiling), quiet(), numeric_work():
                 answer = _answer(solver, arguments)
             stats = solver.stats()
         return _result(begin, built, answer, stats, interruption.requested)
