@@ -67,6 +67,7 @@ def _sizes(unit: Unit) -> list[str]:
         "N_SWITCHES": model.switching.numel_out(0),
         "N_GAPS": len(model.terms.owners),
         "N_CHECKS": len(model.checks),
+        "N_BODIES": len(model.eom.mechanism.bodies),
         "N_VALIDITY": len(model.validity),
         "N_FORCES": len(model.forces),
         "HAS_CO_SIMULATION": int("co-simulation" in unit.kinds),
@@ -89,6 +90,7 @@ def _numbers(unit: Unit) -> list[str]:
         "SHALLOW": gap_closings.SHALLOW,
         "GAP_SAFETY": gap_closings.SAFETY,
         "COARSE_HALVINGS": gap_closings.COARSE,
+        "TURN": gap_closings.TURN,
         "STOPS_IN_STOPPING": gap_closings.PARTS,
         "STOPPING_TIMES": gap_closings.TIMES,
     }

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from disk import full_disk
+from scipy.integrate import solve_ivp
 
 import mbdcasadi as mbd
 from mbdcasadi.__main__ import main
@@ -443,6 +444,30 @@ def test_contacts_far_shorter_than_a_step(tmp_path):
         turned = 2 * np.arccos(missed / 0.04)
         # the law is not rigid: the outlines penetrate by 0.1 mm, a four-hundredth of the distance of the centres
         assert found / 40 == pytest.approx([np.cos(turned), np.sin(turned)], abs=1e-2)
+
+
+@pytest.mark.slow
+def test_rotor_whose_peg_touches_a_stop_once_a_turn(tmp_path):
+    """A step of the solver spans a turn or more, at both ends of which the peg is farthest from the stop."""
+    rotor = mbd.Body("rotor", mass=1.0, inertia=0.01)
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), rotor.at(0, 0))
+    law = mbd.HuntCrossley(1e4, exponent=1, damping=2.0)
+    stop = mbd.Contact("stop", mbd.Point(rotor.at(0.1, 0)), mbd.HalfPlane(mbd.ground.at(0, -0.099)), law)
+    machine = mbd.Mechanism([rotor], joints=[pin], forces=[stop])
+    start, times = [pin.angle == np.pi / 2, rotor.omega == 100], np.linspace(0, 0.6, 4)
+    path = mbd.export_fmu(machine, tmp_path / "unit.fmu", outputs={"omega": rotor.omega}, initial=start)
+    found = simulated(path, times, ["omega"])[:, 0]
+
+    def rate(t, y):
+        depth, speed = -0.099 - 0.1 * np.sin(y[0]), -0.1 * np.cos(y[0]) * y[1]
+        force = max(1e4 * depth * (1 + 2.0 * speed), 0.0) if depth > 0 else 0.0
+        return [y[1], 0.1 * np.cos(y[0]) * force / 0.01]
+
+    exact = solve_ivp(rate, (0, 0.6), [np.pi / 2, 100], t_eval=times, rtol=1e-9, atol=1e-10, max_step=2e-4).y[1]
+    assert exact[-1] < 99.9
+    assert found == pytest.approx(exact, abs=1e-4)
+    motion = mbd.simulate(machine, times, initial=start, method="dop853")
+    assert motion[rotor.omega] == pytest.approx(exact, abs=1e-4)
 
 
 def test_tunable_parameters(unit, linkage):

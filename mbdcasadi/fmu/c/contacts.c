@@ -1,7 +1,8 @@
 /* Contacts and stops that close inside a step of the integrator, however short.
 
-   The gaps are followed on the path of the step, which is halved until one is seen to close or none can: in
-   long intervals its rate is bounded, in short ones the gap of convex outlines stays above its tangents. `simulate`
+   The gaps are followed on the path of the step, which is halved until one is seen to close or none can: in long
+   intervals, or in which bodies turn far, its rate is bounded, in others the gap of convex outlines stays above its
+   tangents. `simulate`
    looks in the same way, and its constants are in model.h. */
 
 /* Looks on the path after a closing, and halvings of it, by which it is found how fast the force grows. */
@@ -46,14 +47,22 @@ static int closed_between(const double* a, const double* b) {
   return -1;
 }
 
-/* 1 if a gap may close between two looks. */
-static int may_close(const double* a, const double* b, double length, int halvings) {
+/* Largest turn of a body in the step that is ahead, rad. */
+static double turn_ahead(const instance* s) {
+  double speed = 0.0;
+  for (int i = N_COORDINATES + 2; i < N_COORDINATES + 3 * N_BODIES; i += 3)
+    speed = fmax(speed, fmax(fabs(s->start[i]), fabs(s->finish[i])));
+  return speed * (s->block[AHEAD_END] - s->block[AHEAD_BEGIN]);
+}
+
+/* 1 if a gap may close between two looks, in a step in which bodies turn by an angle. */
+static int may_close(const double* a, const double* b, double length, int halvings, double turn) {
   if (closed_between(a, b) >= 0) return 1;
   for (int i = 0; i < N_GAPS; ++i) {
     const double bound = GAP_SAFETY * fmax(a[2 * N_GAPS + i], b[2 * N_GAPS + i]) * length;
     const double down = GAP_SAFETY * fmax(-a[N_GAPS + i], 0.0), up = GAP_SAFETY * fmax(b[N_GAPS + i], 0.0);
     if (a[3 * N_GAPS + i] == 0.0 || a[i] + b[i] >= bound) continue;
-    if (halvings < COARSE_HALVINGS) return 1;
+    if (halvings < COARSE_HALVINGS || ldexp(turn, -halvings) > TURN) return 1;
     if (bound > SHALLOW && down > 0.0 && up > 0.0 && a[i] * up + b[i] * down - down * up * length < -SHALLOW * (down + up))
       return 1;
   }
@@ -62,8 +71,8 @@ static int may_close(const double* a, const double* b, double length, int halvin
 
 /* Time just before the first closing between two looks, and its gap; infinity if there is none. */
 static double closing_between(instance* s, double low, const double* a, double high, const double* b, int halvings,
-                              int* gap) {
-  if (!may_close(a, b, high - low, halvings)) return INFINITY;
+                              double turn, int* gap) {
+  if (!may_close(a, b, high - low, halvings, turn)) return INFINITY;
   if (high - low <= resolution_at(high) || halvings == HALVINGS) {
     *gap = closed_between(a, b);
     return *gap >= 0 ? low : INFINITY;
@@ -71,8 +80,8 @@ static double closing_between(instance* s, double low, const double* a, double h
   const double middle = low + (high - low) / 2;
   double* between = s->looks + (2 + halvings) * LOOK;
   look_at_gaps(s, middle, a, between);
-  const double first = closing_between(s, low, a, middle, between, halvings + 1, gap);
-  return isinf(first) ? closing_between(s, middle, between, high, b, halvings + 1, gap) : first;
+  const double first = closing_between(s, low, a, middle, between, halvings + 1, turn, gap);
+  return isinf(first) ? closing_between(s, middle, between, high, b, halvings + 1, turn, gap) : first;
 }
 
 /* Time just before the first closing in the step that is ahead, and its gap; infinity if there is none. */
@@ -82,7 +91,7 @@ static double first_closing(instance* s, int* gap) {
   double *first = s->looks, *last = first + LOOK;
   look_at_gaps(s, begin, NULL, first);
   look_at_gaps(s, end, first, last);
-  return closing_between(s, begin, first, end, last, 0, gap);
+  return closing_between(s, begin, first, end, last, 0, turn_ahead(s), gap);
 }
 
 /* Time in which the force that arises after a closing stops the outlines; at most that for which the gap stays closed

@@ -18,8 +18,10 @@ from .watched_terms import WatchedTerms
 SHALLOW = 1e-9
 #: Factor on rates for what they may grow by within an interval.
 SAFETY = 1.5
-#: Bisections in which every gap that could close by the bound of its rate is kept, and bisections at most.
+#: Bisections in which every gap that could close by the bound of its rate is kept, at least, and bisections at most.
 COARSE, MOST = 4, 40
+#: Turn of a body, rad, over which gaps count as convex functions of time.
+TURN = 0.4
 #: Times after a closing at which the force is evaluated, relative to the time in which the outlines would pass through
 #: each other: powers of one half.
 GROWTH = 0.5 ** np.arange(24)[::-1]
@@ -85,8 +87,9 @@ class GapClosings:
             rates[rows, owners], rates[rows + 1, owners], bounds[rows, owners], bounds[rows + 1, owners],
         )  # fmt: skip
         spans: dict[int, tuple[float, float]] = {}
+        coarse = self._coarse(path) if rows.size else 0
         for level in range(MOST):
-            brackets = brackets.chosen(brackets.may_close(level))
+            brackets = brackets.chosen(brackets.may_close(in_long=level < coarse))
             # of a gap that was seen to close only what is before that matters
             brackets = brackets.chosen(
                 np.array(
@@ -104,6 +107,14 @@ class GapClosings:
                     spans[owner] = (float(middle[k]), float(brackets.start[k]))
             brackets = brackets.halved(middle, *values)
         return [self._located(path, owner, *inside) for owner, inside in spans.items()]
+
+    def _coarse(self, path: Path) -> int:
+        """Bisections until no body turns so far within an interval that gaps could close and open again."""
+        eom = self._stepper.numeric.eom
+        n = eom.q.numel()
+        turning = np.max(np.abs(path.x[:, n : 2 * n][:, eom.angles]), axis=1, initial=0.0)
+        turn = float(np.max(np.diff(path.times) * np.maximum(turning[:-1], turning[1:])))
+        return max(COARSE, int(np.ceil(np.log2(max(turn / TURN, 1.0)))))
 
     def stops(self, path: Path, closing: Closing) -> np.ndarray:
         """Times after a closing that no step may cross, so that the force that arises is followed (k,)."""
@@ -159,14 +170,14 @@ class _Brackets:
         """Some of them."""
         return _Brackets(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
 
-    def may_close(self, level: int) -> np.ndarray:
+    def may_close(self, *, in_long: bool) -> np.ndarray:
         """True for each gap that may be closed somewhere inside, by its rates.
 
         In a short interval the gap between convex outlines is a convex function of time: it stays above
         the tangents at both ends. In a long one, whose motion may turn back, its rate is bounded.
         """
         length = self.end - self.start
-        if level < COARSE:
+        if in_long:
             bound = SAFETY * np.maximum(self.bound_start, self.bound_end)
             return self.gap_start + self.gap_end < bound * length
         down, up = SAFETY * np.maximum(-self.rate_start, 0), SAFETY * np.maximum(self.rate_end, 0)

@@ -241,7 +241,10 @@ class WatchedTerms:
         return self._expressions(self.bounded_gaps, self.gap_places, 3 * len(self.owners), rates)
 
     def _bound(self, batch: Batch) -> ca.SX:
-        """Bounds of the rates of gaps whatever direction the velocities have: the normals may turn between outputs."""
+        """Bounds of the rates of gaps whatever direction the velocities have: the normals may turn between outputs.
+
+        So may lever arms: of an angle slope and curvature count, which together are the arm in any pose.
+        """
         gap = batch.parts[GAP]
         if not gap.numel():
             return gap
@@ -253,8 +256,11 @@ class WatchedTerms:
             first, which = bodies[k]
             is_angle = which not in (0, 1)
             together.setdefault((k if is_angle else first, is_angle), []).append(k)
-        for indices in together.values():
-            bound += ca.sqrt(ca.sum2(slopes[:, indices] ** 2)) * ca.sqrt(ca.sumsqr(batch.rates[indices]))
+        for (_, is_angle), indices in together.items():
+            squares = ca.sum2(slopes[:, indices] ** 2)
+            if is_angle:
+                squares += ca.jacobian(slopes[:, indices], batch.symbols[indices]) ** 2
+            bound += ca.sqrt(squares) * ca.sqrt(ca.sumsqr(batch.rates[indices]))
         return bound
 
     def gaps(self, table: np.ndarray, owners: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
