@@ -13,7 +13,7 @@ from ..integrators.native.run import engine_source
 from ..integrators.native.stretch import ACCURACY
 from ..numerics.c_code import SIGNATURE, literal
 from ..numerics.c_interface import constant_table
-from ..simulation.contact import gap_closings
+from ..simulation.contact import gap_closings, watched_terms
 from ..simulation.tolerances import absolute_tolerance
 from .description import Unit
 
@@ -87,7 +87,7 @@ def _numbers(unit: Unit) -> list[str]:
         "LARGEST_ABSTOL": absolute_tolerance(unit.model.numeric, np.inf),  # which friction asks for
         "ACCURACY": ACCURACY,
         "DRIFT_RATE": unit.model.drift_rate,
-        "SHALLOW": gap_closings.SHALLOW,
+        "SHALLOW": watched_terms.SHALLOW,
         "GAP_SAFETY": gap_closings.SAFETY,
         "COARSE_HALVINGS": gap_closings.COARSE,
         "TURN": gap_closings.TURN,

@@ -16,6 +16,8 @@ from .native import build
 
 #: Tolerances unless others are given.
 RELTOL, ABSTOL = 1e-8, 1e-8
+#: Tightest tolerance that a method is given by itself.
+TIGHTEST = 1e-12
 #: Options of CasADi's integrators that are lengths of steps, beside the longest one.
 STEP_LENGTHS = ("min_step_size", "step0", "step_size")
 
@@ -59,6 +61,9 @@ class Integrator(Immutable):
         states on the constraints.
     runs_piecewise : bool
         True if it runs in code of this package over pieces, in the place of an integrator of CasADi.
+    error_at_switches : float
+        Error of steps across what switches in the state, as the touch of a contact, over its estimate: tolerances are
+        tightened by it for equations that do.
 
     Raises
     ------
@@ -75,6 +80,7 @@ class Integrator(Immutable):
     quadratures_in_error_test: ClassVar[bool] = True
     runs_whole: ClassVar[bool] = False
     runs_piecewise: ClassVar[bool] = False
+    error_at_switches: ClassVar[float] = 1.0
 
     def __init__(
         self,
@@ -127,6 +133,11 @@ class Integrator(Immutable):
     def replace(self, **changes: Any) -> Integrator:
         """Return the same method with some arguments replaced."""
         return type(self)(**(self._arguments | changes))
+
+    def for_switches(self) -> Integrator:
+        """Return the method with the tolerances for equations that switch in the state."""
+        reltol, abstol = (tightened(tolerance, self.error_at_switches, TIGHTEST) for tolerance in self.tolerances)
+        return self.replace(reltol=reltol, abstol=abstol)
 
     @property
     def _arguments(self) -> dict[str, Any]:

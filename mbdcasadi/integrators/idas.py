@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from .base import Integrator, tightened
+from .base import TIGHTEST, Integrator, tightened
 
 #: IDAS is given this much tighter tolerances than asked for: its error accumulates faster than that of one-step
 #: methods (measured: the energy of a pendulum over 10 s then stays within 6e-7 of its range of 10 at the default 1e-8).
 TIGHTER = 60.0
-#: Tightest tolerance that this leads to.
-TIGHTEST = 1e-12
 #: Error that Newton's method may leave in a step, relative to the local tolerance (0.33 in IDAS otherwise): as that is
 #: tightened, one evaluation a step is enough, of 1.25; the errors of motions stay the same.
 NEWTON_ERROR = 1.0

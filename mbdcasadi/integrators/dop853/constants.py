@@ -23,8 +23,8 @@ NEAR_STEPS = 200
 SAME_SIDE = 1e-12
 #: Factor on the estimate of the error of steps that pass a switch, or begin at one (measured: up to 20).
 DOUBT = 20.0
-#: Ratio of changes of the rates in stages 2 to 5 to those in later stages from which a step is repeated (along
-#: polynomials of degree 5 it is below 5).
+#: Ratio of changes of the rates in stages 2 to 5, and in those of the dense output, to those in the other stages from
+#: which a step is repeated (along polynomials of degree 5 it is below 5).
 OUTLIERS = 10.0
 #: Distance from the end of a step to a switch, in its lengths, that a tiny step goes across; trials to come so near,
 #: and share of the estimated way that they leave out to end before the switch.

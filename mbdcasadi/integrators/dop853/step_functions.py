@@ -94,7 +94,7 @@ class StepFunctions:
         )
 
     def _error_of_early_stages(self, h: ca.MX, k: list[ca.MX], scale: ca.MX) -> ca.MX:
-        """Error of stages 2 to 5, which no estimate contains, as ``error_of_early_stages`` in ``steps.c``."""
+        """Error of stages 2 to 5, which no estimate contains, as ``error_of_outliers`` in ``steps.c``."""
         changes = [h * self._norm((rate - k[0])[: self.n_x] / scale) for rate in k[1:]]
         return ca.mmax(ca.vertcat(*changes[:4])) / (1.0 + OUTLIERS * ca.mmax(ca.vertcat(*changes[4:])))
 

@@ -25,20 +25,20 @@ static void find_switches(run_t* run, double t, const double* x, double* values)
 
 /* --- one step ---------------------------------------------------------------------------------------- */
 
-/* Error of stages 2 to 5, which no estimate contains: a contact that closes as a long step begins may throw all later
-   stages out of it, and these agree. Above 1 if the rates there depart from that at the start OUTLIERS times further
-   than those of the later stages do. */
-static double error_of_early_stages(const run_t* run, double h) {
+/* Error of stages that no estimate contains: 2 to 5, and those of the dense output once there are `stages` in all. A
+   contact that closes as a long step begins may throw all later stages out of it, and these agree. Above 1 if the rates
+   there depart from that at the start OUTLIERS times further than those of the others do. */
+static double error_of_outliers(const run_t* run, double h, integer stages) {
   const integer n = run->n_y;
   const double* k = run->k;
   double early = 0.0, late = 0.0;
-  for (integer s = 1; s < 12; ++s) {
+  for (integer s = 1; s < stages; ++s) {
     double sum = 0.0;
     for (integer i = 0; i < run->n_x; ++i) {
       const double change = (k[s * n + i] - k[i]) / run->scale[i];
       sum += change * change;
     }
-    if (s < 5) early = fmax(early, sum); else late = fmax(late, sum);
+    if (s < 5 || s > 12) early = fmax(early, sum); else late = fmax(late, sum);
   }
   const double part = h / sqrt((double)largest(run->n_x, 1));
   return part * sqrt(early) / (1.0 + OUTLIERS * part * sqrt(late));
@@ -60,7 +60,7 @@ static double attempt(run_t* run, const stretch_t* task, double t, double h) {
   double third = norm(run, run->trial);
   fifth *= fifth;
   third *= third;
-  const double early = run->system->switches ? error_of_early_stages(run, h) : 0.0, least = early > 1.0 ? early : 0.0;
+  const double early = run->system->switches ? error_of_outliers(run, h, 12) : 0.0, least = early > 1.0 ? early : 0.0;
   if (fifth == 0.0 && third == 0.0) return least;
   return larger(fabs(h) * fifth / sqrt(fifth + 0.01 * third), least);
 }
@@ -248,6 +248,13 @@ static double growth(stretch_t* task, double h, double error) {
   return factor;
 }
 
+/* Looks inside a step. */
+static integer samples_inside(const run_t* run, const stretch_t* task, double h) {
+  if (!run->system->events && !task->keep_samples) return 0;
+  return h > task->spacing * (double)(task->samples + 1) ? (integer)fmin(ceil(h / task->spacing), MOST_SAMPLES)
+                                                         : task->samples;
+}
+
 /* Integrate over a stretch, or up to where something must be decided. */
 int mbd_advance(run_t* run, stretch_t* task) {
   const system_t* s = run->system;
@@ -290,18 +297,29 @@ int mbd_advance(run_t* run, stretch_t* task) {
     }
     step = fmin(step, task->max_step);
     const double tried = step;
-    int clipped = 0, repeated = 0;
+    int clipped = 0, repeated = 0, inside = 0;
+    integer samples = 0;
     bracket_t at = {0.0, 0.0, 0.0, 0};
     memcpy(run->from, run->now, (size_t)s->switches * sizeof(double));
     memcpy(run->before, run->now, (size_t)s->switches * sizeof(double));
-    double h = step, arrival = t + h, error;
+    double h = step, arrival = t + h, error, estimate = 0.0;
     if (t + 1.01 * h >= end) { h = end - t; arrival = end; clipped = 1; }
     else if (t + 2.0 * h > end) { h = (end - t) / 2.0; arrival = t + h; clipped = 1; }
     for (;;) {
       run->hint = INFINITY;
       error = attempt(run, task, t, h);
       const double length = length_to_switch(run, t, h, &error, &at);
-      if (length == 0.0 && error < 1.0 && arrive(run, arrival)) break;
+      if (length == 0.0 && error < 1.0 && arrive(run, arrival)) {
+        estimate = eigenvalue(run);
+        inside = task->times[task->reached] < arrival;
+        samples = samples_inside(run, task, h);
+        if (inside || samples) prepare_dense(run, t, h);
+        const double outlying = s->switches && (inside || samples) ? error_of_outliers(run, h, 16) : 0.0;
+        if (!(outlying > 1.0)) break;
+        error = outlying;
+        at.low = at.high = at.left = 0.0;
+        memcpy(run->before, run->from, (size_t)s->switches * sizeof(double));
+      }
       ++task->rejected;
       clipped = 0;
       if (length > 0.0) {
@@ -322,7 +340,7 @@ int mbd_advance(run_t* run, stretch_t* task) {
     const double factor = growth(task, h, error);
     step = h * (repeated ? fmin(factor, 1.0) : factor);
     if (clipped) step = fmax(step, tried);
-    task->eigenvalue = fmax(eigenvalue(run), FADING * task->eigenvalue);
+    task->eigenvalue = fmax(estimate, FADING * task->eigenvalue);
     if (task->eigenvalue > 0.0) step = fmin(step, STABLE / task->eigenvalue);
     if (at.left > 0.0) step = at.left;
     else if (run->across) { run->passed = t; step = 0.0; }
@@ -333,14 +351,7 @@ int mbd_advance(run_t* run, stretch_t* task) {
         if (++task->stiff >= task->stiff_after) task->status = STIFF;
       } else if (++task->not_stiff == FORGOTTEN) task->stiff = 0;
     }
-    integer samples = 0;
     int found = 0;
-    if (s->events || task->keep_samples) {
-      samples = task->samples;
-      if (h > task->spacing * (double)(samples + 1)) samples = (integer)fmin(ceil(h / task->spacing), MOST_SAMPLES);
-    }
-    const int inside = task->times[task->reached] < arrival;
-    if (inside || samples) prepare_dense(run, t, h);
     if (s->events) {
       for (integer k = 1; k <= samples + 1; ++k) {
         const double *state = run->next, part = (double)k / (double)(samples + 1);

@@ -40,6 +40,7 @@ from .constants import (
     MOST_GAIN,
     NEAR_STEPS,
     NEARLY,
+    OUTLIERS,
     SAFETY,
     SAME_SIDE,
     SEARCHES,
@@ -227,6 +228,24 @@ class _StretchRun:
         self._f.dense.evaluate()
         self.evaluations += 3
 
+    def _look_inside(self, h: float, arrival: float) -> float:
+        """Prepare the dense output of a step if it is needed; the error that stages show which no estimate contains."""
+        s = self.s
+        self._inside = self.recording.times[self.recording.reached] < arrival
+        self._samples = 0
+        if self._event is not None or s.keep_samples:
+            self._samples = SAMPLES
+            if h > s.spacing * (SAMPLES + 1):
+                self._samples = int(min(np.ceil(h / s.spacing), MOST_SAMPLES))
+        if not (self._inside or self._samples):
+            return 0.0
+        self._prepare_dense()
+        if self._switching is None:
+            return 0.0
+        k = self._f.known[2:]
+        changes = [h * self._norm(rate[: self.n_x] - k[0, : self.n_x], self._f.scale) for rate in k[1:]]
+        return max(changes[:4] + changes[STAGES:]) / (1.0 + OUTLIERS * max(changes[4:STAGES]))
+
     # --- switches ------------------------------------------------------------------------------
     def _switches(self, t: float, y: np.ndarray) -> np.ndarray:
         """Quantities at whose zeros the equations switch."""
@@ -400,7 +419,11 @@ class _StretchRun:
                 at.error = error
                 length, error = self._length_to_switch(t, h, at), at.error
             if length == 0.0 and error < 1.0 and self._arrive(arrival):
-                break
+                outlying = self._look_inside(h, arrival)
+                if not outlying > 1.0:
+                    break
+                assert at is not None
+                error, at.before, at.low, at.high, at.left = outlying, at.start, 0.0, 0.0, 0.0
             self.rejected += 1
             clipped = False
             if length > 0.0:
@@ -439,16 +462,8 @@ class _StretchRun:
 
     def _look_back(self, t: float, h: float, arrival: float) -> None:
         """Stiffness, events and singular poses of a step, and the outputs inside it."""
-        s = self.s
+        s, inside, samples, events = self.s, self._inside, self._samples, 0
         self._note_stiffness(h)
-        samples = events = 0
-        if self._event is not None or s.keep_samples:
-            samples = SAMPLES
-            if h > s.spacing * (samples + 1):
-                samples = int(min(np.ceil(h / s.spacing), MOST_SAMPLES))
-        inside = self.recording.times[self.recording.reached] < arrival
-        if inside or samples:
-            self._prepare_dense()
         if self._event is not None:
             events = self._found_in_step(t, h, arrival, samples)
         if self._system.multipliers and s.fall > 0.0:

@@ -12,10 +12,8 @@ import numpy as np
 
 from ..path import Path, hermite_states
 from ..stepper import Stepper
-from .watched_terms import WatchedTerms
+from .watched_terms import SHALLOW, WatchedTerms
 
-#: Depth, m, below which touching outlines count as apart: rounding and the tolerances of positions.
-SHALLOW = 1e-9
 #: Factor on rates for what they may grow by within an interval.
 SAFETY = 1.5
 #: Bisections in which every gap that could close by the bound of its rate is kept, at least, and bisections at most.
@@ -89,6 +87,11 @@ class GapClosings:
         spans: dict[int, tuple[float, float]] = {}
         coarse = self._coarse(path) if rows.size else 0
         for level in range(MOST):
+            # at the end of an interval, which is the middle of one before, or a time of the path
+            for k in np.flatnonzero(brackets.gap_end < -SHALLOW):
+                owner = int(brackets.owner[k])
+                if brackets.end[k] < spans.get(owner, (np.inf,))[0]:
+                    spans[owner] = (float(brackets.end[k]), float(brackets.start[k]))
             brackets = brackets.chosen(brackets.may_close(in_long=level < coarse))
             # of a gap that was seen to close only what is before that matters
             brackets = brackets.chosen(
@@ -101,10 +104,6 @@ class GapClosings:
                 break
             middle = (brackets.start + brackets.end) / 2
             values = self._terms.gaps(self._table(path, middle), brackets.owner)
-            for k in np.flatnonzero(values[0] < -SHALLOW):
-                owner = int(brackets.owner[k])
-                if middle[k] < spans.get(owner, (np.inf,))[0]:
-                    spans[owner] = (float(middle[k]), float(brackets.start[k]))
             brackets = brackets.halved(middle, *values)
         return [self._located(path, owner, *inside) for owner, inside in spans.items()]
 
@@ -140,8 +139,10 @@ class GapClosings:
                 opened = middle
             else:
                 inside = middle
-        end = path.times[np.searchsorted(path.times, inside, side="right").clip(max=path.times.size - 1)]
-        ahead = np.linspace(inside, end, 257)[1:]
+        # up to where the path is seen open again, which may have many times inside
+        later = path.times[np.searchsorted(path.times, inside, side="right").clip(max=path.times.size - 1) :]
+        apart = self._of(owner, path, later)[0] >= 0
+        ahead = np.linspace(inside, later[int(np.argmax(apart)) if np.any(apart) else -1], 257)[1:]
         gaps = self._of(owner, path, ahead)[0]
         shut = int(np.argmax(gaps >= 0)) if np.any(gaps >= 0) else gaps.size - 1
         duration = float(ahead[shut] - opened)

@@ -16,6 +16,9 @@ from ...numerics.lazy import cached_property
 
 #: Parts of the expressions of an element.
 DISPLACEMENTS, FORCES, COURSES, SCALES, GAP, MARGINS, REPORTED, APART = range(8)
+#: Depth, m, below which touching outlines count as apart: rounding and the tolerances of positions. A long step over a
+#: contact whose last stage touches it by rounding has not found it closed.
+SHALLOW = 1e-9
 
 
 def has_gap(element: Any) -> bool:
@@ -116,7 +119,9 @@ class WatchedTerms:
         parts = batch.parts
         # while a condition is broken, the integral of its speed is twice the excess
         excess = ca.if_else(parts[MARGINS] < 0, ca.fabs(batch.rate(parts[REPORTED])), 0)
-        closed = ca.if_else(parts[GAP] < 0, 1.0, 0.0)
+        # what is closed without a load, as outlines that part fast, leaves no trace in the motion
+        loaded = parts[COURSES][: parts[GAP].numel()] != 0
+        closed = ca.if_else(ca.logic_and(parts[GAP] < -SHALLOW, loaded), 1.0, 0.0)
         rates = ca.vertcat(batch.rate(parts[COURSES]), ca.fabs(batch.rate(parts[SCALES])), closed, excess)
         return batch.function("rates", rates)
 

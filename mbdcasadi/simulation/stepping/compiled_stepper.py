@@ -29,7 +29,7 @@ from ..formulations import Formulation, Regularised, choose_formulation
 from ..path import Path, StatesAt, states_from_start
 from ..schedule import PIECES, Piece
 from ..stepper import PRECISE, Counts, SteppedSystem, Stepper, lending_of
-from .explicit_system import explicit_system
+from .explicit_system import explicit_system, switching_of
 
 #: Rate at which drift decays in the regularised form, by piece, and by radian that a body turns.
 DECAY, DECAY_PER_RADIAN = 20.0, 5.0
@@ -97,7 +97,7 @@ class CompiledStepper(Stepper):
         key = form, settings, numeric.light_key, signals.structure, terms is None
 
         def make() -> tuple[CompiledIntegrator, Any]:
-            made = self._native(method, terms) or CompiledIntegrator(self._system(form, terms), method)
+            made = self._native(method, terms) or CompiledIntegrator(self._system(form, terms), self._careful(method))
             # the expression is kept beside it: a hash in the structure is unique only while the node lives
             return made, signals.parametrised
 
@@ -105,6 +105,12 @@ class CompiledStepper(Stepper):
         borrowed[0].restart_counting()
         self._borrowed.append((key, borrowed))
         return borrowed[0]
+
+    def _careful(self, method: Integrator) -> Integrator:
+        """A method with tolerances at which its steps follow what switches."""
+        if method.error_at_switches == 1.0 or not switching_of(self.numeric.eom, self.signals, with_gaps=True).numel_out(0):
+            return method
+        return method.for_switches()
 
     def _native(self, method: Integrator, terms: WatchedTerms | None) -> NativeIntegrator | None:
         """A method that runs in code of this package."""
