@@ -25,6 +25,8 @@ from .nearest_problem import NearestProblem, residuals_by_element
 
 #: Largest turn of a body in one step of the continuation, rad.
 LARGEST_TURN = 0.3
+#: Miss of a condition, rad, from which whole turns are made at once, and rounding of rows after them by radian turned.
+MANY_TURNS, TURNED = 1000.0, 1e-12
 #: Residual from which a row counts as open in a message, rad or characteristic lengths.
 GAP_TOLERANCE = 1e-6
 #: Displacement of an estimate out of a singular pose, rad and characteristic lengths.
@@ -144,10 +146,26 @@ class PoseProblem(NearestProblem):
         """Nearest pose at which the conditions hold as equalities, on the branch of the start."""
         q: np.ndarray | None = start
         if conditions:
-            q = self._continue_to(conditions, start)
+            q = self._continue_to(conditions, self._many_turns_on(conditions, start))
         if q is None:
             q = self._without_continuation(conditions, start, estimate)
         return self._nearest(self.rows_with(conditions), q, estimate)
+
+    def _many_turns_on(self, conditions: list[Condition], start: np.ndarray) -> np.ndarray:
+        """The pose after as many whole turns as conditions on angles are away from it; itself if these are few.
+
+        Constraints hold after whole turns as before, unless gears or racks count them: then the way is followed.
+        """
+        angles, (values, slope) = self.numeric.eom.angles, self.rows_with(conditions)(start)
+        rows = self.numeric.eom.position_rows.size
+        if not MANY_TURNS < largest(values[rows:]) < np.inf or not np.isfinite(slope).all():
+            return start
+        turns = np.zeros(start.size)
+        turns[angles] = np.round(np.linalg.lstsq(slope[rows:, angles], -values[rows:], rcond=None)[0] / (2 * np.pi))
+        there = start + 2 * np.pi * turns
+        change = self.rows_with(conditions)(there)[0] - values
+        change[rows:] -= 2 * np.pi * slope[rows:] @ turns
+        return there if largest(change) <= TURNED * (1 + largest(there)) else start
 
     def _continue_to(self, conditions: list[Condition], start: np.ndarray) -> np.ndarray | None:
         """Move the conditions from their value at the start to their target, in steps that turn no body far."""

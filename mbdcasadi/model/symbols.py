@@ -88,7 +88,7 @@ def number(value: Any, what: str, quantity: str, *, infinite: bool = False) -> f
         raise ModelError(f"{what}: {quantity} must be a number, got {value!r}") from None
     if math.isnan(result):
         raise ModelError(
-            f"{what}: {quantity} must be finite, got nan (the result of Python's math.sin and float for an expression: "
+            f"{what}: {quantity} must be finite, got nan (if it comes from math.sin or float of an expression, "
             "use mbd.sin, …)"
         )
     if math.isinf(result) and not infinite:

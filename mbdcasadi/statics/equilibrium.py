@@ -70,7 +70,8 @@ class Equilibrium(State):
         least = self.stiffness.least
         held = "nothing is free to move" if np.isinf(least) else f"least reduced stiffness {least:.6g} N/m"
         growth = f"; small motions grow by {self.small_motions.growth:.6g} 1/s" if self.small_motions.grow else ""
-        return f"{super().__repr__()}\n  {'stable' if self.stable else 'not stable'} at rest; {held}{growth}"
+        unstable = "not stable" if self.small_motions.grow or self.stiffness.pushes_away else "neutral"
+        return f"{super().__repr__()}\n  {'stable' if self.stable else unstable} at rest; {held}{growth}"
 
 
 def equilibrium(

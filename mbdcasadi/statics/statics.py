@@ -32,6 +32,8 @@ NEUTRAL = 1e-11
 BALANCED = 1e-12
 #: A row of forces counts as no softer than this share of the stiffness that is typical of the mechanism.
 SOFTEST = 1e-3
+#: Sizes of loads, N, between which their squares are numbers.
+SQUARED = 1e-150, 1e150
 #: Imaginary parts above this share of the same belong to forces without potential, not to rounding.
 CIRCULATORY = 1e-7
 
@@ -75,6 +77,11 @@ class Stiffness:
         If forces have no potential (a load that follows a rod) eigenvalues may be complex; small motions decide.
         """
         return not np.any(self._real <= NEUTRAL * self.scale)
+
+    @property
+    def pushes_away(self) -> bool:
+        """True if a free direction is pushed away from the pose: a real eigenvalue is below zero."""
+        return bool(np.any(self._real < -NEUTRAL * self.scale))
 
     @property
     def least(self) -> float:
@@ -198,7 +205,7 @@ class Statics:
         size[: self.n] = np.maximum(size[: self.n], least / c)
         size[self.n :] = np.maximum(size[self.n :], 1.0)
         # the largest would make columns so large beside soft springs that these were taken for none
-        force = float(np.min(size[: self.n], initial=np.inf))
+        force = float(np.clip(np.min(size[: self.n], initial=np.inf), *SQUARED))
 
         def equations(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             values, slope = self.rows(x)

@@ -137,6 +137,30 @@ def test_an_angle_of_many_turns_is_as_exact():
     assert abs(state[arm.phi] - 40 * np.pi) < np.pi
 
 
+@pytest.mark.parametrize("turns", [1e3, -1e6])
+def test_many_turns_are_made_at_once(turns):
+    """A four-bar is after whole turns of its crank where it was, and no warning of another branch is due."""
+    model = mbd.library.four_bar()
+    poses = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for angle in (1.0, 1.0 + 2 * np.pi * turns):
+            state = mbd.assemble(model.mechanism, [model.crank.phi == angle])
+            assert state[model.crank.phi] == pytest.approx(angle, rel=1e-14)
+            poses.append(state[model.rocker.position])
+    assert poses[1] == pytest.approx(poses[0], abs=1e-8)
+
+
+@pytest.mark.slow
+def test_gears_count_turns():
+    """The way is followed: at once, whole turns of one wheel alone would be found to break the mesh."""
+    wheels = [mbd.Body(f"wheel {k}", mass=1.0, inertia=0.1, pose=(0.3 * k, 0, 0)) for k in range(2)]
+    pins = [mbd.Revolute(f"pin {k}", mbd.ground.at(0.3 * k, 0), wheel.at(0, 0)) for k, wheel in enumerate(wheels)]
+    mesh = mbd.Gear("mesh", wheels[0].at(0, 0), wheels[1].at(0, 0), 0.1, 0.2)
+    state = mbd.assemble(mbd.Mechanism(wheels, joints=[*pins, mesh]), [pins[0].angle == 1001.0])
+    assert state[pins[1].angle] == pytest.approx(-500.5, rel=1e-12)
+
+
 def test_the_same_call_gives_the_same_state():
     """Nothing random is left in the answer."""
     first, second = (mbd.assemble(four_bar(np.full((3, 3), 0.4))) for _ in range(2))

@@ -19,7 +19,7 @@ from ...integrators.compiled import IntegrationFailure
 from ...numerics.lazy import cached_property
 from ...numerics.real import stretches
 from ..contact.gap_closings import Closing, GapClosings
-from ..contact.watched_terms import watched_terms
+from ..contact.watched_terms import SHALLOW, watched_terms
 from ..path import Path
 from ..stepper import Stepper
 
@@ -224,7 +224,7 @@ class Resolution:
         """
         if not self._owner or path.times.size < 2:
             return np.inf
-        met = (self._closed(path) > 0) & (self._course(path).gaps[:-1] > 0)
+        met = (self._closed(path) > 0) & (self._course(path).gaps[:-1] > -SHALLOW)
         shortest, length = np.inf, float(np.max(np.diff(path.times)))
         for k in np.flatnonzero(np.any(met, axis=1))[:MOST_CONTACTS]:
             closings = self._without_contact(path, int(k), 2 * length)[1]

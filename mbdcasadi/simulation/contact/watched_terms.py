@@ -119,9 +119,9 @@ class WatchedTerms:
         parts = batch.parts
         # while a condition is broken, the integral of its speed is twice the excess
         excess = ca.if_else(parts[MARGINS] < 0, ca.fabs(batch.rate(parts[REPORTED])), 0)
-        # what is closed without a load, as outlines that part fast, leaves no trace in the motion
-        loaded = parts[COURSES][: parts[GAP].numel()] != 0
-        closed = ca.if_else(ca.logic_and(parts[GAP] < -SHALLOW, loaded), 1.0, 0.0)
+        closed = parts[GAP]
+        if closed.numel():  # what is closed without a load, as outlines that part fast, leaves no trace in the motion
+            closed = ca.if_else(ca.logic_and(closed < -SHALLOW, parts[COURSES][0] != 0), 1.0, 0.0)
         rates = ca.vertcat(batch.rate(parts[COURSES]), ca.fabs(batch.rate(parts[SCALES])), closed, excess)
         return batch.function("rates", rates)
 

@@ -108,9 +108,10 @@ class CompiledStepper(Stepper):
 
     def _careful(self, method: Integrator) -> Integrator:
         """A method with tolerances at which its steps follow what switches."""
-        if method.error_at_switches == 1.0 or not switching_of(self.numeric.eom, self.signals, with_gaps=True).numel_out(0):
+        if method.error_at_switches == 1.0:
             return method
-        return method.for_switches()
+        switching = switching_of(self.numeric.eom, self.signals, with_gaps=True)
+        return method.for_switches() if switching.numel_out(0) else method
 
     def _native(self, method: Integrator, terms: WatchedTerms | None) -> NativeIntegrator | None:
         """A method that runs in code of this package."""
