@@ -1,10 +1,13 @@
 """A transcription of the user's own: implicit midpoint, written in full, beside the scheme of one Gauss point."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from motions import crank_rocker, half_turn
 
 import mbdcasadi as mbd
+from mbdcasadi.optimal_control.transcription.points import Interval
 
 
 class Midpoint(mbd.Transcription):
@@ -54,6 +57,19 @@ class Midpoint(mbd.Transcription):
             self.state_continuity_rows(last["z"] - end.z, 1.0, scales),
             *self.constraint_rows(last["q"], last["v"], end.t, p, 1.0, scales),
         ]
+
+
+class Chained(Midpoint):
+    """A row that sees a point of an interval which begins at a point of another one."""
+
+    name = "chained"
+
+    def equations(self, interval, scales):
+        first, *others = super().equations(interval, scales)
+        middle = self.at(interval, 0.5)
+        other = replace(interval, points={}, first=interval.first * (1 + 1e-3 * middle.v[0]))
+        seen = self.at(other, 0.25)
+        return [replace(first, expression=first.expression + 1e-3 * seen.q[0] * seen.v[0]), *others]
 
 
 @pytest.fixture(scope="module")
@@ -155,3 +171,14 @@ def test_a_class_that_takes_no_degree(turn):
     with pytest.raises(mbd.ModelError, match="Stubborn does not take the degree.*give an object"):
         mbd.optimize(turn, intervals=8, transcription=Stubborn)
     assert mbd.optimize(turn, intervals=8, transcription=Stubborn()).cost > 0
+
+
+@pytest.mark.filterwarnings("ignore::mbdcasadi.MechanismWarning")
+def test_points_of_intervals_that_begin_at_points(monkeypatch):
+    """The optimum is that of rows in which no symbols stand for the values at points."""
+    problem = half_turn(crank_rocker())
+    chained = mbd.optimize(problem, intervals=6, transcription=Chained)
+    monkeypatch.setattr(Interval, "with_symbols", lambda interval: interval)
+    whole = mbd.optimize(half_turn(crank_rocker()), intervals=6, transcription=Chained)
+    assert chained.cost == pytest.approx(whole.cost, rel=1e-8)
+    assert chained.cost != pytest.approx(mbd.optimize(problem, intervals=6, transcription=Midpoint).cost, rel=1e-6)

@@ -84,6 +84,9 @@ class Interval:
         """The symbol that stands for a value; numbers and symbols stand for themselves."""
         if self.symbols is None or value.is_constant() or value.is_valid_input():
             return value
+        if self.symbols:  # an interval of a scheme's own may begin at a point of another one
+            known = [ca.vertcat(*part) for part in zip(*self.symbols, strict=True)]
+            value = ca.substitute(value, *known) if ca.depends_on(value, known[0]) else value
         symbol = ca.SX.sym("y", value.numel())
         self.symbols.append((symbol, value))
         return symbol
