@@ -8,6 +8,7 @@ from motions import crank_rocker, guided_block, half_turn, pendulum, rest_to_res
 
 import mbdcasadi as mbd
 from mbdcasadi.optimal_control.guess import multistart
+from mbdcasadi.optimal_control.nlp.problem_solver import ProblemSolver
 from mbdcasadi.optimal_control.refinement import coarse_mesh, slow_first
 from mbdcasadi.optimal_control.refinement.mesh import Mesh
 from mbdcasadi.optimal_control.refinement.refine import adapted
@@ -323,7 +324,7 @@ def test_a_length_that_the_first_state_does_not_suit_is_named():
     assert solution.simulate(parameters={length: 0.5}, initial=start).final[bob.phi] > 0
 
 
-@pytest.mark.parametrize("multiples, cost", [((1.0,), 8 * 1.25**2 / (3 * 0.3)), ((1.0, np.inf), 12)])
+@pytest.mark.parametrize("multiples, cost", [((), 8 * 1.25**2 / (3 * 0.3)), ((np.inf,), 12)])
 def test_a_solution_that_is_no_motion_is_found_again_slowly(monkeypatch, multiples, cost):
     """On a mesh twice as fine, with limits of the speeds that are gone in the end.
 
@@ -339,8 +340,30 @@ def test_a_solution_that_is_no_motion_is_found_again_slowly(monkeypatch, multipl
     solution = mbd.optimize(problem)
     assert solution.mesh.size - 1 == 80
     at_mesh = solution.trajectory.at(solution.mesh)
-    assert np.max(at_mesh[block.vx]) == pytest.approx(1.25 if len(multiples) == 1 else 1.5, rel=1e-6)
+    assert np.max(at_mesh[block.vx]) == pytest.approx(1.5 if multiples else 1.25, rel=1e-6)
     assert solution.cost == pytest.approx(cost, rel=1e-3)
+
+
+def test_limits_of_slow_motions_rise_in_smaller_steps_if_a_solve_fails(monkeypatch):
+    """Without limits it fails as long as the last ones were below four times the first: twice and four times follow."""
+    for module in (multistart, slow_first):
+        monkeypatch.setattr(module, "is_lost", lambda solution: solution.meshes[0].count < 80)
+    monkeypatch.setattr(slow_first, "MULTIPLES", (np.inf,))
+    paces, solve = [], ProblemSolver.solve
+
+    def failing(solver, meshes, guess, **how):
+        if solver.pace is None:
+            return solve(solver, meshes, guess, **how)
+        paces.append(solver.pace[0][0, 0])
+        solution = solve(solver, meshes, guess, **how)
+        if np.isinf(paces[-1]) and max(pace for pace in paces if np.isfinite(pace)) < 4 * paces[0]:
+            raise mbd.OptimizationError("made up", partial=solution)
+        return solution
+
+    monkeypatch.setattr(ProblemSolver, "solve", failing)
+    problem, *_ = rest_to_rest()
+    assert mbd.optimize(problem).cost == pytest.approx(12, rel=1e-8)
+    np.testing.assert_allclose(np.array(paces) / paces[0], [1, np.inf, 2, np.inf, 4, np.inf])
 
 
 def test_a_guess_that_leads_to_a_slow_motion_that_is_known_is_left(monkeypatch):

@@ -26,8 +26,9 @@ from .mesh import Mesh
 RESOLVED_STEP, GUESSED = 0.4, 2.0
 #: Pieces into which the intervals of the first mesh are split, more of them if no guess leads to a solution.
 PIECES = (2, 4)
-#: Multiples of these speeds and accelerations that are allowed in turn, and iterations with the first ones.
-MULTIPLES, ITERATIONS = (1.0, 2.0, 4.0, np.inf), 200
+#: Multiples of these speeds and accelerations that are allowed in turn after them, number of others in between that are
+#: tried if a step is too large, and iterations with each.
+MULTIPLES, INSERTED, ITERATIONS = (2.0, 4.0, np.inf), 3, 200
 #: Work, in iterations times intervals, after which no further solve is begun, unless those before took more: a minute
 #: for a four-bar. The best speed of a crank with a weak motor, which differs from mesh to mesh, took several.
 WORK = 600_000
@@ -67,28 +68,41 @@ def solve_slowly_first(
         The solution without these limits, and whether its mesh is fine enough; None if the motion is lost on the way
         or is that of another guess, or the work of the search is more than is allowed.
     """
-    pace, slow = _resolved_pace(solver, meshes, guess), copy(solver)
-    solution, holds = None, False
-    for multiple in MULTIPLES:
+    slow = copy(solver)
+    slow.pace = _resolved_pace(solver, meshes, guess)
+    solver.best.new_stage()
+    try:
+        found = slow.solve(meshes, guess, limit=ITERATIONS)
+    except OptimizationError:
+        return None
+    solution, holds = refine_if_coarse(slow, found)
+    if is_lost(solution) or solver.best.work > allowed or any(same_cost(solution.cost, cost) for cost in seen):
+        return None
+    seen.append(solution.cost)
+    return _released(slow, solution, holds, allowed)
+
+
+def _released(slow: ProblemSolver, solution: Solution, holds: bool, allowed: float) -> tuple[Solution, bool] | None:
+    """The solution without limits of speeds and accelerations, from one with them; as :func:`solve_slowly_first`."""
+    assert slow.pace is not None
+    pace, reached, multiples, inserted = slow.pace, 1.0, [*MULTIPLES], 0
+    while multiples:
+        multiple = multiples.pop(0)
         slow.pace = [multiple * of_phase for of_phase in pace]
-        solver.best.new_stage()
+        slow.best.new_stage()
+        near = replace(solution.as_guess(slow.problem), iterate=None)
         try:
-            if solution is None:
-                found = slow.solve(meshes, guess, limit=ITERATIONS)
-            else:
-                near = replace(solution.as_guess(solver.problem), iterate=None)
-                found = slow.solve(solution.meshes, near, warm=True)
-                found.statistics = found.statistics.after(solution.statistics)
+            found = slow.solve(solution.meshes, near, warm=True, limit=ITERATIONS)
         except OptimizationError:
-            return None
-        solution, holds = refine_if_coarse(slow, found)
-        if is_lost(solution) or (solver.best.work > allowed and multiple < MULTIPLES[-1]):
-            return None
-        if multiple == MULTIPLES[0]:
-            if any(same_cost(solution.cost, cost) for cost in seen):
+            if inserted == INSERTED or slow.best.work > allowed:
                 return None
-            seen.append(solution.cost)
-    assert solution is not None
+            multiples[:0], inserted = [reached * min((multiple / reached) ** 0.5, 2.0), multiple], inserted + 1
+            continue
+        found.statistics = found.statistics.after(solution.statistics)
+        solution, holds = refine_if_coarse(slow, found)
+        reached = multiple
+        if is_lost(solution) or (slow.best.work > allowed and multiples):
+            return None
     return solution, holds
 
 
