@@ -255,7 +255,9 @@ def _result(begin: Beginning, built: float, answer: dict[str, Any], stats: dict[
     # CasADi leaves the count open if the solver refuses to begin
     iterations, status = max(int(stats["iter_count"]), 0), str(stats["return_status"])
     sizes = begin.program.size, begin.program.lower.size
-    statistics = SolveStatistics(iterations, status, seconds, built - begin.began, *sizes)
+    added = stats.get("iterations", {}).get("regularization_size", [0.0])
+    at_saddle = bool(stats["success"]) and added[-1] > 0
+    statistics = SolveStatistics(iterations, status, seconds, built - begin.began, *sizes, at_saddle=at_saddle)
     return Result(answer, statistics, bool(stats["success"]), interrupted)
 
 
