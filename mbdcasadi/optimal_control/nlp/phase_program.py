@@ -243,7 +243,7 @@ class PhaseProgram:
             free = np.tile(free_index[:, None], (1, len(intervals)))
             index = np.vstack([self.interval_index(intervals), free])
             variables = ca.vertcat(unknowns.variables, unknowns.free)
-            states = tuple(ca.vertcat(*part) for part in zip(*(unknowns.interval.symbols or []), strict=True))
+            states = unknowns.interval.states()
             piece = MappedBlock(variables, unknowns.data, p, stack(groups), cost / cost_scale, index, *states)
             copies = tuple(((self.number, i),) for i in intervals)
             return Block(piece, [g for g in groups if g.labels], copies, **more)

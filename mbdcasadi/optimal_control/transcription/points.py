@@ -84,9 +84,16 @@ class Interval:
         """The symbol that stands for a value; numbers and symbols stand for themselves."""
         if self.symbols is None or value.is_constant() or value.is_valid_input():
             return value
-        if self.symbols:  # an interval of a scheme's own may begin at a point of another one
-            known = [ca.vertcat(*part) for part in zip(*self.symbols, strict=True)]
-            value = ca.substitute(value, *known) if ca.depends_on(value, known[0]) else value
         symbol = ca.SX.sym("y", value.numel())
         self.symbols.append((symbol, value))
         return symbol
+
+    def states(self) -> tuple[ca.SX, ca.SX]:
+        """Return the symbols that stand for values, and these values in the unknowns alone."""
+        if not self.symbols:
+            return ca.SX(0, 1), ca.SX(0, 1)
+        symbols, values = map(list, zip(*self.symbols, strict=True))
+        if ca.depends_on(ca.vertcat(*values), ca.vertcat(*symbols)):
+            # an interval of a scheme's own may begin at a point of another one
+            values = ca.substitute_inplace(symbols, values, [], False)[0]
+        return ca.vertcat(*symbols), ca.vertcat(*values)
