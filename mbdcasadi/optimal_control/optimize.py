@@ -33,6 +33,7 @@ from .nlp.held_limits import warn_of_passed_limits
 from .nlp.setup import Settings
 from .problem import OptimalControlProblem
 from .refinement.local_error import warn_of_coarse_mesh, warn_of_growth
+from .refinement.saddle import warn_of_saddle
 from .refinement.singularity import warn_of_folding_poses
 from .search import Search
 from .solution import Shifted, Solution
@@ -135,7 +136,8 @@ def optimize(
         between the points at which it is held, or as much of the integral of a :func:`positive_part` or
         :func:`absolute` is missing in the cost; if the mesh is too coarse for the motion that was found, or this is so
         unstable that a simulation with its inputs does not follow it (not checked if ``guess=`` is a solution of the
-        same problem); if inputs, limits or switches do not meet the `tolerance`, though the local errors do.
+        same problem); if the solution is a saddle, near which the cost falls, and no lower one was found from there; if
+        inputs, limits or switches do not meet the `tolerance`, though the local errors do.
     """
     if not isinstance(problem, OptimalControlProblem):
         raise ModelError(f"optimize takes an OptimalControlProblem, got {problem!r}")
@@ -157,6 +159,7 @@ def optimize(
             if not search.is_known(guess):
                 warn_of_growth(solution)
                 warn_of_folding_poses(solution)
+                warn_of_saddle(solution)
             warn_of_passed_limits(solution)
             warn_of_closings(solution)
             _warn_of_validity(solution)

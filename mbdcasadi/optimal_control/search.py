@@ -12,7 +12,9 @@ Before them it is looked whether the linkage reaches the waypoints and the end a
    :mod:`slow_first`.
 3. If all of this fails: without limits, with limits that close in, from detours, and with least violation, see
    :mod:`closing_limits`; for a fine mesh on a coarse one first.
-4. With a tolerance the mesh is refined, see :func:`refine`; else a solution that jumps to another branch of the
+4. A saddle is left along the direction in which the cost falls: :mod:`saddle`; so is the neighbourhood of one in which
+   the first solve got stuck.
+5. With a tolerance the mesh is refined, see :func:`refine`; else a solution that jumps to another branch of the
    linkage is solved again from other guesses, see :func:`as_motion`.
 
 Each single solve adds points at which path limits are held, see :meth:`ProblemSolver.solve`. In a continuation,
@@ -47,6 +49,7 @@ from .refinement.coarse_first import coarse_meshes
 from .refinement.coarse_mesh import is_lost, refine_if_coarse
 from .refinement.mesh import Mesh
 from .refinement.refine import refine
+from .refinement.saddle import leave_saddle, solve_past_saddle
 from .refinement.second_try import as_motion
 from .refinement.slow_first import refine_or_begin_anew
 from .solution import Shifted, Solution
@@ -122,6 +125,8 @@ class Search:
             if not goes_on or not may_go_on(failure, attempt.solver.settings.options):
                 raise failure
             solution = attempt.go_on(failure)
+        if checked:
+            solution = attempt.past_saddle(solution)
         if tolerance is not None:
             return refine(attempt.solver, solution, tolerance)
         return attempt.as_motion(solution) if checked else solution
@@ -180,12 +185,21 @@ class _Attempt:
         return self._on_fine_mesh(best) if self.refined else best
 
     def go_on(self, failure: OptimizationError) -> Solution:
-        """Return a solution found by limits that close in, or raise the failure with the result of the search."""
+        """Return a solution past a saddle, or one found by limits that close in, or raise the failure with the result.
+
+        A saddle is looked for where the first solve got stuck while it met all demands.
+        """
+        past = None if failure.largest_violations else solve_past_saddle(self.solver, failure.partial)
+        if past is not None:
+            return self._refined(past)
         coarse = coarse_meshes(self.meshes)
         fine = None if coarse is None else self._from_coarse(coarse, failure)
         if fine is not None:
             return fine
-        solution = self._searched(self.meshes, failure)
+        return self._refined(self._searched(self.meshes, failure))
+
+    def _refined(self, solution: Solution) -> Solution:
+        """The solution on a mesh that is as fine as the motion needs, if no mesh was asked for."""
         if not self.refined:
             return solution
         return self._on_fine_mesh(solution if is_lost(solution) else refine_if_coarse(self.solver, solution)[0])
@@ -211,6 +225,11 @@ class _Attempt:
         second = at_rest(self.solver)
         search = LimitSearch(self.solver, meshes, self.candidates[0], second, self._detour, refined=self.refined)
         return search.run(failure)
+
+    def past_saddle(self, solution: Solution) -> Solution:
+        """Return a solution of lower cost if this one is a saddle, on a mesh that is as fine as the motion needs."""
+        lower = leave_saddle(self.solver, solution)
+        return lower if lower is solution else self._refined(lower)
 
     def as_motion(self, solution: Solution) -> Solution:
         """Return a solution that is a motion, solved again if this one jumps to another branch of the linkage."""

@@ -153,29 +153,3 @@ def test_a_solution_of_other_bodies_is_refused(solved):
     for stranger in (other, twin):
         with pytest.raises(mbd.ModelError):
             mbd.optimize(problem, intervals=6, guess=stranger)
-
-
-@pytest.mark.parametrize(
-    ("running", "terminal", "least"), [(0, lambda x: -(x.x**2), -1 / 4), (lambda x: -(x.vx**2), 0, -1 / 3)]
-)
-def test_a_saddle_is_left(running, terminal, least):
-    """A block of 1 kg that begins at rest is pushed as far, or as fast, as 1 N does in 1 s.
-
-    At rest the cost has no slope, and is the greatest of all.
-    """
-    force = mbd.Input("force", lower=-1, upper=1)
-    block = mbd.Body("block", mass=1.0, inertia=1.0)
-    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
-    push = mbd.Force("push", block.at(0, 0), (force, 0))
-    problem = mbd.OptimalControlProblem(
-        mbd.Mechanism([block], [guide], forces=[push], inputs=[force]),
-        duration=1.0,
-        initial=[block.x == 0, block.vx == 0],
-        running_cost=running(block) if running else 0,
-        terminal_cost=terminal(block) if terminal else 0,
-    )
-    alone = mbd.optimize(problem, starts=1)
-    assert alone.statistics.at_saddle and alone.cost == pytest.approx(0, abs=1e-9)
-    solution = mbd.optimize(problem)
-    assert solution.cost == pytest.approx(least, rel=1e-6) and not solution.statistics.at_saddle
-    assert solution.statistics.starts[0].cost == pytest.approx(0, abs=1e-9)

@@ -50,8 +50,6 @@ MOVED = 1e-9
 #: Largest number of iterations from a detour, as a multiple of those from the usual guesses: those that take more
 #: seldom end at lower costs. And number of solutions of the same lowest cost after which no further one is sought.
 DETOURED, AGREEING = 2.0, 4
-#: Further guesses if a solution may be a saddle.
-SADDLE_STARTS = 2
 #: Multiple of the lowest cost so far above which a solve from a detour is given up: none of 128 of acrobots and
 #: pendubots that were above it after 20 iterations ended at a lower cost.
 HOPELESS = 5.0
@@ -365,8 +363,8 @@ def best_of(
     them. `warm` if the guesses are solutions of nearly the same problem. `settle` returns a solution on a finer mesh,
     and whether this holds: the cost on a coarse mesh may be false, and the best is chosen by what it is on a mesh that
     holds. Each solve takes at most `limit` iterations. With `further` the last guess is the first to be solved from,
-    and once one has succeeded the others take at most so many; those of :func:`swings` follow, and others if the best
-    solution may be a saddle. If none succeeds, the error of the last is raised.
+    and once one has succeeded the others take at most so many; those of :func:`swings` follow. If none succeeds, the
+    error of the last is raised.
     """
     solver.best.new_stage()
     tries = partial(_tried, meshes=meshes, warm=warm)
@@ -385,8 +383,6 @@ def best_of(
         while others and _agreeing(outcomes) < AGREEING:
             rival = _rival(solver, _solutions(outcomes)[0].cost)
             outcomes.append(tries(rival, others.pop(0), limit=_least(limit, most)))
-        for guess in _away_from_saddle(solver, meshes, _solutions(outcomes)[0]):
-            outcomes.append(tries(solver, guess, limit=_least(limit, further)))
     best = _settled(outcomes, settle)
     solution, reports = _solutions(outcomes)[0] if best is None else best[0], _reports(outcomes)
     if len(reports) > 1:
@@ -421,19 +417,6 @@ def _from_last_to_first(
             limit = _least(limit, further)
         outcomes.append(tries(guess, limit=limit))
     return outcomes[::-1]
-
-
-def _away_from_saddle(solver: ProblemSolver, meshes: Sequence[Mesh], solution: Solution) -> list[Guess]:
-    """Return further guesses if a solution may be a saddle: the solver stays where the cost has no slope.
-
-    A pendulum that hangs at rest does so if it is to get as high as it can. Guesses are motions under random inputs,
-    since a detour that ends where the path does may have no slope either.
-    """
-    statistics, random = solution.statistics, np.random.default_rng(0)
-    if statistics.iterations and not statistics.at_saddle:
-        return []
-    motions = random_motions(solver, meshes, solver.setups[0].scales.u, random)[:SADDLE_STARTS]
-    return motions or [random_detour(solver, random) for _ in range(SADDLE_STARTS)]
 
 
 def _rival(solver: ProblemSolver, cost: float) -> ProblemSolver:

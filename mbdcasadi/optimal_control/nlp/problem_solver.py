@@ -181,6 +181,10 @@ class ProblemSolver(ProblemSetup):
         return solution
 
     # --- before and after a run -------------------------------------------------------------
+    def beginning_at(self, solution: Solution) -> Beginning:
+        """Return the start of a solve at a solution, with its multipliers."""
+        return self._beginning(solution.meshes, solution.as_guess(self.problem))
+
     def _beginning(self, meshes: Sequence[Mesh], guess: Guess) -> Beginning:
         began = clock.perf_counter()
         program = self.transcribe(meshes, self.held)

@@ -71,9 +71,9 @@ class SolveStatistics:
         Stages of a search with limits that close in, if the solver failed at first, and runs of fatrop that failed.
     solver : {"ipopt", "fatrop"}
         Solver that found the solution.
-    at_saddle : bool
-        True if IPOPT had to add curvature in its last iteration: the cost does not rise in all directions that the rows
-        leave, as at a saddle, or where inputs are not decided.
+    at_saddle : bool or None
+        True if the cost falls to second order in a direction that rows and limits leave; None if this was not looked
+        for, as of a solve from a solution of the same problem. It is False if IPOPT had no curvature to add.
     """
 
     iterations: int
@@ -87,7 +87,7 @@ class SolveStatistics:
     steps: list[Attempt] = field(default_factory=list)
     stages: list[Attempt] = field(default_factory=list)
     solver: str = "ipopt"
-    at_saddle: bool = False
+    at_saddle: bool | None = None
 
     def after(self, first: SolveStatistics) -> SolveStatistics:
         """Return the statistics of a solve that went on from another one."""

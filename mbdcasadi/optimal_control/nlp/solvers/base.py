@@ -255,8 +255,8 @@ def _result(begin: Beginning, built: float, answer: dict[str, Any], stats: dict[
     # CasADi leaves the count open if the solver refuses to begin
     iterations, status = max(int(stats["iter_count"]), 0), str(stats["return_status"])
     sizes = begin.program.size, begin.program.lower.size
-    added = stats.get("iterations", {}).get("regularization_size", [0.0])
-    at_saddle = bool(stats["success"]) and added[-1] > 0
+    added = stats.get("iterations", {}).get("regularization_size", [])[1:]
+    at_saddle = False if added and added[-1] == 0 else None
     statistics = SolveStatistics(iterations, status, seconds, built - begin.began, *sizes, at_saddle=at_saddle)
     return Result(answer, statistics, bool(stats["success"]), interrupted)
 
@@ -266,7 +266,8 @@ def run_packed(solver: Packed, arguments: dict[str, Any]) -> tuple[dict[str, np.
     with LOCK:  # a function is made of expressions
         function = solver.unpacked()
     answer, stats = _answer(function, arguments), function.stats()
-    return answer, {name: stats[name] for name in ("iter_count", "return_status", "success")}
+    told = ("iter_count", "return_status", "success", "iterations")
+    return answer, {name: stats[name] for name in told if name in stats}
 
 
 def _answer(function: ca.Function, arguments: dict[str, Any]) -> dict[str, np.ndarray]:
