@@ -17,6 +17,9 @@ from ..numerics.newton import Equations, refine_root
 from ..numerics.rank import analyse_rank
 from .nearest_problem import NearestProblem, residuals_by_element
 
+#: Random velocities beside the first one, from which one that meets the conditions is looked for.
+ELSEWHERE = 4
+
 
 class VelocityProblem(NearestProblem):
     """Velocity constraints and conditions of a mechanism in one pose.
@@ -96,6 +99,11 @@ class VelocityProblem(NearestProblem):
         """Nearest velocity at which the conditions hold as equalities."""
         rows = self.rows_with(conditions)
         outcome = self._solve(rows, start)
+        if not outcome.converged:  # a speed has no slope at rest
+            free, random = analyse_rank(self._jacobian).null_columns, np.random.default_rng(0)
+            moved = (start + free @ random.normal(size=free.shape[1]) for _ in range(ELSEWHERE))
+            others = (self._solve(rows, velocity) for velocity in moved)
+            outcome = next((other for other in others if other.converged), outcome)
         if not outcome.converged:
             raise self._refused(conditions, outcome.residual[self._nu.size :])
         return refine_root(rows, self._nearest(rows, outcome.x, estimate), self.numeric.weights)

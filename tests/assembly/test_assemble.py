@@ -863,3 +863,20 @@ def test_a_state_that_breaks_the_constraints_is_refused_at_any_size():
         apart = mbd.assemble(loose, [arm.x == 1.02 * size])
         with pytest.raises(mbd.SimulationError, match=r"breaks the constraint hinge\.x at position level"):
             mbd.simulate(model, [0, 0.1], initial=apart)
+
+
+@pytest.mark.parametrize("relation", ["equal", "at least"])
+def test_a_speed_is_met_from_rest(relation):
+    """At rest the speed has no slope; a body, and the tip of a double pendulum, leave it in some direction."""
+    free = mbd.Body("free", mass=1.0, inertia=1.0)
+    upper, lower = (mbd.Body(name, mass=1.0, inertia=0.1, pose=(0, y, 0)) for name, y in (("up", -0.5), ("low", -1.5)))
+    pins = [
+        mbd.Revolute("pin", mbd.ground.at(0, 0), upper.at(0, 0.5)),
+        mbd.Revolute("elbow", upper.at(0, -0.5), lower.at(0, 0.5)),
+    ]
+    for mechanism, body in ((mbd.Mechanism([free]), free), (mbd.Mechanism([upper, lower], pins), lower)):
+        speed = body.vx**2 + body.vy**2
+        state = mbd.assemble(mechanism, [speed == 25 if relation == "equal" else speed >= 25])
+        assert state[body.vx] ** 2 + state[body.vy] ** 2 == pytest.approx(25, rel=1e-7)
+    with pytest.raises(mbd.ConditionError, match="cannot all be met"):
+        mbd.assemble(mechanism, [upper.omega == 0, lower.omega == 0, speed == 25])
