@@ -346,3 +346,23 @@ def test_an_integral_over_the_motion_passes_over_instants():
     solution = mbd.optimize(problem, intervals=4)
     assert solution.cost == pytest.approx(1.0, rel=1e-6)
     assert solution.trajectory.final[block.x] == pytest.approx(1.5, abs=1e-6)
+
+
+@pytest.mark.parametrize("restitution", [0.7, 1.0])
+def test_a_bounce_is_as_high_as_by_hand(restitution):
+    """A block falls 1 m, pushed down by 3 N, bounces, and rises, pushed up.
+
+    Its poses in the rise of the guess differ by rounding alone, which is no size of the motion.
+    """
+    block = mbd.Body("block", mass=1.0, inertia=1.0, pose=(0, 1, 0))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0, angle=np.pi / 2), block.at(0, 0, angle=np.pi / 2))
+    push = mbd.Input("push", lower=-3, upper=3)
+    forces = [mbd.Gravity(), mbd.Force("force", block.at(0, 0), (0, push))]
+    falling = mbd.Mechanism([block], [guide], forces=forces, inputs=[push])
+    floor = mbd.PointOnLine("floor", block.at(0, 0), mbd.ground.at(0, 0))
+    down = mbd.Phase("down", falling, (0.1, 3), initial=[block.y == 1, block.vy == 0])
+    up = mbd.Phase("up", falling.replace(), (0.05, 3), final=[block.vy == 0], restitution={floor: restitution})
+    solution = mbd.optimize(mbd.OptimalControlProblem(phases=[down, up], terminal_cost=-block.y))
+    assert solution.cost == pytest.approx(-(restitution**2) * (9.81 + 3) / (9.81 - 3), rel=1e-7)
+    assert solution.durations[0] == pytest.approx(np.sqrt(2 / (9.81 + 3)), rel=1e-6)
+    assert not solution.statistics.stages

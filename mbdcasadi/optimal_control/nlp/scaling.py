@@ -18,6 +18,8 @@ from ...model.symbols import Parameter
 
 #: Smallest size of a limited quantity, as a share of its changes.
 SMALLEST_SHARE = 1e-3
+#: Share of the size of a mechanism, and of the coordinates of its places, below which distances are rounding.
+ROUNDING = 1e-9
 #: Number of states at which the size of an expression is sampled.
 SAMPLES = 7
 #: Ratio of mean and median of the samples from which an expression is mostly small: a cost in a window of time.
@@ -92,7 +94,9 @@ def _length(numeric: NumericEquations, poses: np.ndarray) -> float:
     bodies = len(eom.mechanism.bodies)
     places = np.vstack([points[fixed], poses[:, : 3 * bodies].reshape(-1, 3)[:, :2]])
     spread = np.ptp(places, axis=0) / 2
-    return float(np.max(np.r_[levers, spread], initial=0.0)) or numeric.scale.length
+    length = float(np.max(np.r_[levers, spread], initial=0.0))
+    rounding = ROUNDING * max(numeric.scale.length, float(np.max(np.abs(places), initial=0.0)))
+    return length if length > rounding else numeric.scale.length
 
 
 def _at_parameters(numeric: NumericEquations, expressions: list[ca.SX]) -> np.ndarray:
