@@ -155,11 +155,11 @@ def newton(
     Parameters
     ----------
     equations : callable
-        ``x -> (residual, jacobian)``, rows scaled.
+        ``x -> (residual, jacobian)``, rows without a unit.
     start : numpy.ndarray
         (n,).
     weights : numpy.ndarray
-        Positive metric (n,).
+        Positive metric (n,), in which unknowns have no unit.
     iterations : int
         Largest number of steps.
     smallest : float
@@ -185,7 +185,7 @@ def newton(
         if accepted is None:
             break
         x, residual, jacobian = accepted
-    return x if largest(residual) <= CONVERGED * (1 + largest(x)) else None
+    return x if largest(residual) <= CONVERGED * (1 + largest(np.sqrt(weights) * x)) else None
 
 
 def refine_root(

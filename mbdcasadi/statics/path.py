@@ -257,9 +257,8 @@ class Follower:
     def _tangent(self, x: np.ndarray, before: np.ndarray | None) -> np.ndarray:
         """Direction of the path in scaled unknowns, in the sense of the direction before."""
         jacobian = self.statics.scaled(x)[0](x)[1]
-        size = np.where(
-            self._size > 0, self._size, largest(jacobian[:, : self._n]) * self.statics.stiffness(x).scale + 1
-        )
+        force = self.statics.stiffness(x).scale * self.statics.lever or 1.0
+        size = np.where(self._size > 0, self._size, force)
         _, values, right = np.linalg.svd(jacobian * size)
         null = right[np.sum(values > 1e-10 * values[0]) :].T
         # multipliers that are not unique have null directions of their own, in which nothing moves
@@ -299,12 +298,11 @@ class Follower:
     ) -> np.ndarray | None:
         """Equilibrium near a guess at an advance along a row from an origin; None if there is none."""
         equations, weights = self.statics.scaled(guess)
-        lever = self.statics.lever  # lengths of displacements, as in the other rows
 
         def with_advance(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             values, slope = equations(x)
-            ahead = lever * (row @ (x - origin) - advance)
-            return np.append(values, ahead), np.vstack([slope, lever * row])
+            ahead = row @ (x - origin) - advance
+            return np.append(values, ahead), np.vstack([slope, row])
 
         return newton(with_advance, guess, weights, iterations=iterations, smallest=SINGULAR)
 

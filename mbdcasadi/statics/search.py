@@ -7,6 +7,7 @@ import numpy as np
 from ..numerics.least_squares import largest
 from ..numerics.newton import backtrack
 from ..numerics.newton import newton as newtons_method
+from ..numerics.tolerances import ACCURACY
 from .statics import Statics, Stiffness
 
 #: Largest turn of a body in a step (rad), and its largest displacement (in levers of the mechanism).
@@ -34,7 +35,7 @@ def downhill(statics: Statics, x: np.ndarray) -> np.ndarray:
     x = statics.follow(x)
     here = statics.stiffness(x)
     for _ in range(STEPS):
-        step = _step(here)
+        step = _step(here, statics.lever)
         size = largest(step)
         if size <= END_OF_DESCENT * statics.lever:
             return x
@@ -58,12 +59,12 @@ def downhill(statics: Statics, x: np.ndarray) -> np.ndarray:
     return x
 
 
-def _step(stiffness: Stiffness) -> np.ndarray:
+def _step(stiffness: Stiffness, lever: float) -> np.ndarray:
     values, vectors = np.linalg.eigh((stiffness.matrix + stiffness.matrix.T) / 2)
     floor = max(1e-9 * stiffness.scale, 1e-6 * largest(stiffness.force), np.finfo(float).tiny)
     along = vectors.T @ stiffness.force
     # without a force nothing is gained in a direction, however soft it is
-    along[np.abs(along) <= 1e-13 * (1 + stiffness.scale)] = 0.0
+    along[np.abs(along) <= ACCURACY * lever * stiffness.scale] = 0.0
     return vectors @ (along / np.maximum(np.abs(values), floor))
 
 
@@ -94,7 +95,7 @@ def to_stable(statics: Statics, x: np.ndarray) -> np.ndarray | None:
     for attempt in range(PERTURBATIONS):
         settled = downhill(statics, x)
         rest = newton(statics, settled)
-        if rest is None or largest((rest - settled)[: statics.n]) > 0.1 * (1 + statics.lever):
+        if rest is None or statics.distance(settled, rest) > LARGEST_STEP:
             return rest if first is None else first
         stiffness = statics.stiffness(rest)
         if stiffness.negative == 0:

@@ -194,7 +194,7 @@ class Statics:
         return values.full().ravel(), jacobian.full()
 
     def scaled(self, x: np.ndarray):
-        """The rows as equations with slopes of size one, and the metric of the unknowns.
+        """The rows as equations with slopes of size one, and the metric of the unknowns, both in levers.
 
         The rows keep the scale they have at `x`.
         """
@@ -206,6 +206,7 @@ class Statics:
         size[self.n :] = np.maximum(size[self.n :], 1.0)
         # the largest would make columns so large beside soft springs that these were taken for none
         force = float(np.clip(np.min(size[: self.n], initial=np.inf), *SQUARED))
+        size *= self.lever
 
         def equations(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             values, slope = self.rows(x)
@@ -217,7 +218,7 @@ class Statics:
             np.full(self.m, 1 / force**2),
             (self.lever / self._size_of_unknowns(x, values, jacobian)) ** 2,
         ]
-        return equations, np.concatenate(weights)
+        return equations, np.concatenate(weights) / self.lever**2
 
     def _typical(self, x: np.ndarray, values: np.ndarray, jacobian: np.ndarray) -> float:
         """Stiffness that slopes are compared with, N/m: of the springs, or of forces over the lever.
@@ -244,7 +245,11 @@ class Statics:
     @property
     def lever(self) -> float:
         """Typical distance on the mechanism: what a displacement is compared with, m."""
-        return 1 / float(np.min(self.numeric.column_scale))
+        return self.numeric.scale.length
+
+    def distance(self, x: np.ndarray, y: np.ndarray) -> float:
+        """Largest displacement or turn from one pose to another, in levers and radians."""
+        return largest((y - x)[: self.n] / (self.lever * self.numeric.column_scale))
 
     def displaced(self, x: np.ndarray, step: np.ndarray) -> np.ndarray | None:
         """Pose displaced by `step` (n,) and brought back onto the constraints; None if the parts come apart."""

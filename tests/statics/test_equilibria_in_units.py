@@ -55,3 +55,40 @@ def test_a_load_that_balances(length, force):
     )
     state = mbd.equilibrium(mechanism, [arm.phi == 0.3], unknowns=[torque])
     assert state[torque] == pytest.approx(0.5 * force * length * np.cos(0.3), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "length, mass, time", [(1e-5, 1e-9, 1e-3), (1e-6, 1e-12, 1e-4), (1e-5, 1e-9, 1.0), (1e5, 1e12, 1.0)]
+)
+def test_a_loop_of_any_size_rests_in_the_same_pose(length, mass, time):
+    """A four-bar that hangs on a spring: angles, stability and reactions of a linkage of one metre, in its units."""
+
+    def resting(length, mass, time):
+        force = mass * length / time**2
+
+        def link(name, size, pose):
+            place = pose[0] * length, pose[1] * length, pose[2]
+            return mbd.Body(name, mass=size * mass, inertia=size**3 / 12 * mass * length**2, pose=place)
+
+        crank, coupler = link("crank", 0.2, (0, 0.1, np.pi / 2)), link("coupler", 0.5, (0.24, 0.25, 0.2))
+        rocker = link("rocker", 0.4, (0.45, 0.15, 1.7))
+        pins = [
+            mbd.Revolute("A", mbd.ground.at(0, 0), crank.at(-0.1 * length, 0)),
+            mbd.Revolute("B", crank.at(0.1 * length, 0), coupler.at(-0.25 * length, 0)),
+            mbd.Revolute("C", coupler.at(0.25 * length, 0), rocker.at(0.2 * length, 0)),
+            mbd.Revolute("D", mbd.ground.at(0.45 * length, 0), rocker.at(-0.2 * length, 0)),
+        ]
+        spring = mbd.TSDA(
+            "spring",
+            mbd.ground.at(0.2 * length, 0.6 * length),
+            coupler.at(0, 0.05 * length),
+            stiffness=40 * force / length,
+            free_length=0.3 * length,
+        )
+        loads = [mbd.Gravity((0, -9.81 * length / time**2)), spring]
+        rest = mbd.equilibrium(mbd.Mechanism([crank, coupler, rocker], joints=pins, forces=loads))
+        assert rest.stable
+        angles = [rest[body.phi] for body in (crank, coupler, rocker)]
+        return np.array([*angles, *(rest[pins[1].reaction_on(coupler).force] / force)])
+
+    assert resting(length, mass, time) == pytest.approx(resting(1.0, 1.0, 1.0), rel=1e-7)

@@ -206,16 +206,14 @@ def test_column_of_ziegler_flutters_under_a_load_that_follows(load, stable):
 
 
 def test_words_for_rest():
-    """A body on a pin at its centre may turn; weights of any size hang down, unless their squares are no numbers."""
+    """A body on a pin at its centre may turn; weights of any size hang down, also if their squares are no numbers."""
     wheel = mbd.Body("wheel", mass=1.0, inertia=0.1)
     axle = mbd.Revolute("axle", mbd.ground.at(0, 0), wheel.at(0, 0))
     assert "neutral at rest" in repr(mbd.equilibrium(mbd.Mechanism([wheel], joints=[axle], forces=[mbd.Gravity()])))
-    for mass in (1.0, 1e200):
+    for mass in (1e-300, 1.0, 1e200):
         rest = mbd.equilibrium(pendulum(mass=mass).mechanism)
         assert rest.q[:2] == pytest.approx([0, -0.5], abs=1e-9)
         assert "  stable at rest" in repr(rest)
-    with pytest.raises(mbd.EquilibriumError, match="not balanced"):
-        mbd.equilibrium(pendulum(mass=1e-300).mechanism)
 
 
 # --- paths ------------------------------------------------------------------------------
