@@ -32,7 +32,7 @@ REGULARISATION = 1e-7
 #: twenty singular poses each, the largest error fell from 3e-3 rad with one to 1e-4 rad with three.
 REFINEMENTS = 3
 #: Newton's method for forces that depend on multipliers.
-NEWTON = {"linear_solver": "csparse", "error_on_fail": False, "max_iter": 60, "line_search": False}
+NEWTON = {"linear_solver": "csparse", "error_on_fail": False, "max_iter": 60, "line_search": False, "abstolStep": 0.0}
 #: Residual of a solution, relative to its size.
 SOLUTION_TOLERANCE = 1e-9
 #: Refinement steps of multipliers that are reported: of these the least-norm solution is wanted to rounding.
@@ -183,13 +183,34 @@ def forward_dynamics(
     residual = ca.vertcat(eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q, eom.Phi_q @ eom.a - eom.gamma)
     if ca.sprank(ca.jacobian_sparsity(residual, unknowns)) < unknowns.numel():
         raise SingularityError(eom.why_not_unique)
-    function = ca.Function("r", [unknowns, *arguments], [residual])
+    sizes_of = ca.Function("sizes", [unknowns, *arguments], [_row_sizes(eom)])
+    sizes = ca.SX.sym("sizes", residual.numel())
+    function = ca.Function("r", [unknowns, *arguments, sizes], [residual / sizes])
     root = ca.rootfinder("newton", "newton", function, NEWTON)
     symbols = [ca.MX.sym(name, *arg.shape) for name, arg in zip(names, arguments, strict=True)]
-    solution = root(ca.MX.zeros(unknowns.numel()), *symbols)
+    without_friction = ca.substitute(eom.Q, unknowns, ca.SX.zeros(unknowns.numel()))
+    bare = ca.vertcat(*saddle_point_solution(eom, without_friction, augmentation=augmentation))
+    bare_sizes = sizes_of(ca.Function("bare", arguments, [ca.densify(bare)])(*symbols), *symbols)
+    solution = root(ca.MX.zeros(unknowns.numel()), *symbols, bare_sizes)
     n = eom.q.numel()
     # the iteration may stop above its own tolerance by rounding; anything else than a solution becomes NaN
-    left_over = ca.mmax(ca.fabs(ca.densify(function(solution, *symbols))))
-    solved = left_over <= SOLUTION_TOLERANCE * (1 + ca.mmax(ca.fabs(solution)))
-    solution = ca.if_else(solved, solution, ca.MX.nan(unknowns.numel()))
+    left_over = ca.mmax(ca.fabs(function(solution, *symbols, sizes_of(solution, *symbols))))
+    solution = ca.if_else(left_over <= SOLUTION_TOLERANCE, solution, ca.MX.nan(unknowns.numel()))
     return ca.Function("forward_dynamics", symbols, [solution[:n], solution[n:]], names, ["a", "lam"])
+
+
+def _row_sizes(eom: Equations) -> ca.SX:
+    """Sizes of the terms of ``M a + Phi_q^T lam = Q`` and ``Phi_q a = gamma``, the largest of each unit (n + m,)."""
+    loads = ca.fabs(eom.Phi_q.T) @ ca.fabs(eom.lam) + ca.fabs(eom.Q)
+    forces = ca.fabs(eom.mass_diagonal * eom.a) + loads
+    # accelerations of a motion that is steady are the differences of what each load alone would bring
+    free = ca.if_else(eom.mass_diagonal > 0, loads / eom.mass_diagonal, 0)
+    rates = ca.fabs(eom.Phi_q) @ (ca.fabs(eom.a) + free) + ca.fabs(eom.gamma)
+    sizes = []
+    for terms, angular in ((forces, eom.angles), (rates, eom.angular_rows)):
+        units = [terms[np.flatnonzero(part).tolist()] for part in (~angular, angular)]
+        largest = [ca.mmax(ca.densify(unit)) if unit.numel() else ca.SX(0) for unit in units]
+        # nothing of a unit acts, or nothing at all
+        known = [ca.if_else(own > 0, own, ca.if_else(other > 0, other, 1)) for own, other in (largest, largest[::-1])]
+        sizes += [known[int(turns)] for turns in angular]
+    return ca.vertcat(*sizes)

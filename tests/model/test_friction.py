@@ -336,3 +336,20 @@ def test_coefficient_as_a_parameter():
         assert motion[guide.speed][-1] == pytest.approx(2 - value * G * 0.2, abs=1e-6)
     with pytest.raises(mbd.ModelError, match="coefficient"):
         mbd.simulate(mechanism, [0, 0.2], initial=start, parameters={mu: -0.1})
+
+
+@pytest.mark.parametrize("length, mass, time", [(1e-5, 1e-9, 1e-3), (1e-6, 1e-12, 1e-4), (1e5, 1e12, 1.0)])
+def test_friction_by_the_load_of_small_pins(length, mass, time):
+    """The friction couple of the pin of a small pendulum: forces of nanonewtons balance as those of newtons do."""
+    arm = mbd.Body("arm", mass=mass, inertia=0.1 * mass * length**2, pose=(0.5 * length, 0, 0))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), arm.at(-0.5 * length, 0))
+    law = mbd.Coulomb(0.3, velocity_tolerance=1e-4 * length / time)
+    rub = mbd.JointFriction("rub", pin, law, radius=0.05 * length)
+    weight = mbd.Gravity((0, -9.81 * length / time**2))
+    mechanism = mbd.Mechanism([arm], joints=[pin], forces=[weight, rub])
+    state = mbd.assemble(mechanism, [pin.angle == 0.4, arm.omega == 2 / time])
+    alpha, load = state[arm.alpha] * time**2, state[mbd.norm(pin.reaction_on(arm).force)] * time**2 / (mass * length)
+    # balance of the arm about the pin, and of its centre, in its own units
+    assert 0.35 * alpha == pytest.approx(-0.5 * 9.81 * np.cos(0.4) - 0.3 * 0.05 * load, rel=1e-12)
+    centre = 0.5 * np.array([-np.sin(0.4) * alpha - 4 * np.cos(0.4), np.cos(0.4) * alpha - 4 * np.sin(0.4)])
+    assert load == pytest.approx(np.hypot(centre[0], centre[1] + 9.81), rel=1e-12)
