@@ -37,8 +37,9 @@ from ..numerics.lazy import cached_property
 from .checks.failure import OptimizationError
 from .checks.reach import check_reach
 from .guess.closing_limits import LimitSearch, may_go_on
+from .guess.detours import random_detour
 from .guess.guess import Guess
-from .guess.multistart import at_rest, best_of, guesses, random_detour
+from .guess.multistart import at_rest, best_of, guesses
 from .guess.parameter_continuation import by_continuation
 from .nlp.best_so_far import BestSoFar
 from .nlp.problem_solver import ProblemSolver

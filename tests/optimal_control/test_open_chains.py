@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.guess.multistart import SWINGS, at_rest
+from mbdcasadi.optimal_control.guess.detours import SWINGS, swings
+from mbdcasadi.optimal_control.guess.multistart import at_rest
 from mbdcasadi.optimal_control.nlp.problem_solver import ProblemSolver
 from mbdcasadi.optimal_control.nlp.setup import Settings
 from mbdcasadi.optimal_control.nlp.solvers.base import GIVEN_UP
+from mbdcasadi.optimal_control.nlp.statistics import Attempt
 from mbdcasadi.optimal_control.refinement.mesh import Mesh
 
 
@@ -49,7 +51,7 @@ def test_swing_ups(driven, duration, known):
         solution = mbd.optimize(problem)
     assert solution.cost < 1.02 * known
     first, second, *detours = [start.description for start in solution.statistics.starts]
-    assert (first, second) == ("kinematic", "kinematic, at rest") and 1 < len(detours) <= SWINGS
+    assert (first, second) == ("kinematic", "kinematic, at rest") and 1 < len(detours) <= len(SWINGS)
     # replayed by forward dynamics from mesh point to mesh point
     assert np.max(solution.verify().defects) < 0.02
     motion = solution.trajectory
@@ -70,6 +72,29 @@ def test_swings_are_found(driven, known):
     solution = mbd.optimize(problem)
     assert solution.cost < 1.001 * known
     assert np.max(solution.verify().defects) < 0.02
+
+
+def test_a_way_down_swings_at_its_end():
+    """The swings of a way from standing to hanging are those of the way up, in reverse."""
+
+    def paths(begin, end):
+        problem, upper, lower, _ = two_links("shoulder", 2.5)
+        rest = [upper.omega == 0, lower.omega == 0]
+        initial, final = ([upper.phi == phi, lower.phi == phi, *rest] for phi in (begin, end))
+        settings = replace(Settings.read("gauss-legendre", 3, "polynomial", None, False, "ipopt"), angles=True)
+        solver = ProblemSolver(problem.replace(initial=initial, final=final), settings)
+        times = np.linspace(0, 2.5, 41)
+        reports = [Attempt("", 1.0, iterations, "", 0.0, 40) for iterations in (30, 40)]
+        guesses = swings(solver, reports)
+        assert len(guesses) == len(SWINGS)
+        return [guess.phases[0].sample(times)["q"][:, [2, 5]] for guess in guesses]
+
+    up, down = paths(-np.pi / 2, np.pi / 2), paths(np.pi / 2, -np.pi / 2)
+    for one, other in zip(up, down, strict=True):
+        np.testing.assert_allclose(one, other[::-1], atol=1e-9)
+    # the late ones have the lower link, or both, still near the lower end at half the time
+    late = [path for path, swing in zip(up, SWINGS, strict=True) if swing.is_late]
+    assert late and all(path[20, 0] < -np.pi / 4 for path in late)
 
 
 def test_a_chain_that_hangs_is_not_solved_from_detours():

@@ -82,6 +82,13 @@ class LeastSquaresLoads:
         _, load = self._evaluate(self._system, t, q[:, places], v[:, places], a[:, places], z)
         return load[:, :, 0] / self._reduced_scales.load
 
+    def work(self, t: np.ndarray, q: np.ndarray, z: np.ndarray) -> float:
+        """Work that inputs have to do on a chain which passes poses (k, n) slowly, J; `z` (n_z,) stays."""
+        still = np.zeros_like(q)
+        loads = self.missing(t, q, still, still, np.tile(z, (t.size, 1))) * self._reduced_scales.load
+        steps = np.diff(q[:, self.eom.independent], axis=0)
+        return -float(np.sum((loads[:-1] + loads[1:]) / 2 * steps))
+
     def loads(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, z: np.ndarray):
         """Multipliers (k, m) and inputs (k, n_u) of least squares; zero for mechanisms of hundreds of bodies.
 

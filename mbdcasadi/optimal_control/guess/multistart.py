@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from copy import copy
 from dataclasses import replace
@@ -17,7 +17,6 @@ from ...model.symbols import Input
 from ...numerics.console import without_warnings
 from ...numerics.least_squares import largest
 from ...numerics.newton import solve
-from ...numerics.rank import analyse_rank
 from ...numerics.symbolic import numeric_work, symbolic
 from ...results.state import State
 from ...results.trajectory import Trajectory
@@ -32,6 +31,7 @@ from ..refinement.coarse_first import solve_coarse_first
 from ..refinement.coarse_mesh import is_lost
 from ..refinement.mesh import Mesh
 from ..solution import SAME_COST, Shifted, Solution, same_cost
+from .detours import guess_of, random_detour, start_of, swings, through_poses
 from .guess import Guess, PhaseGuess, guess_at_rest, guess_from_motion, guess_from_other, kinematic_guess
 from .kinematic_guess import STEPS, KinematicPath, has_free_path
 
@@ -42,17 +42,14 @@ RANDOM_MOTIONS, RANDOM_WAVES, RANDOM_SHARES = 20, 3, (0.3, 1.0)
 #: Random poses from which other ends are assembled, difference from which a pose is another one, rad or sizes of the
 #: mechanism, and number of those that are tried.
 END_STARTS, ANOTHER, OTHER_ENDS = 16, 0.2, 2
-#: Number of detours from which a chain with fewer inputs than angles is solved besides, and iterations of a solve from
-#: which it is: fewer, or as many from each of the usual guesses, show that the program is nearly linear but for limits.
-SWINGS, SWINGING_ITERATIONS = 6, 20
 #: Load, as a share of its typical size, above which a mechanism without inputs does not stay at rest.
 MOVED = 1e-9
 #: Largest number of iterations from a detour, as a multiple of those from the usual guesses: those that take more
 #: seldom end at lower costs. And number of solutions of the same lowest cost after which no further one is sought.
-DETOURED, AGREEING = 2.0, 4
-#: Multiple of the lowest cost so far above which a solve from a detour is given up: none of 128 of acrobots and
-#: pendubots that were above it after 20 iterations ended at a lower cost.
-HOPELESS = 5.0
+DETOURED, AGREEING = 2.0, 3
+#: Multiple of the lowest cost so far above which a solve from a detour is given up: of some 500 of 93 chains that were
+#: above it after 20 iterations one ended at a cost that was lower by more than half a per cent.
+HOPELESS = 4.0
 
 
 def guesses(solver: ProblemSolver, starts: Any, guess: Any) -> list[Guess]:
@@ -95,7 +92,7 @@ def read_guess(solver: ProblemSolver, guess: Any) -> Guess:
     parts, time, description = [], 0.0, "trajectory"
     for phase, setup in zip(phases, solver.setups, strict=True):
         if phase.is_instant:
-            parts.append(PhaseGuess(_through_poses(solver, setup).sample, np.array([time, time])))
+            parts.append(PhaseGuess(through_poses(solver, setup).sample, np.array([time, time])))
             continue
         motion = given.pop(0)
         times = time + phase.segment_times(float(np.clip(motion.t[-1] - motion.t[0], *phase.span)))
@@ -122,24 +119,6 @@ def _value_in(motion: Trajectory, parameter: Any, otherwise: float) -> float:
     return float(np.clip(motion[parameter][-1], parameter.lower, parameter.upper))
 
 
-def _start_of(solver: ProblemSolver, setup: PhaseSetup) -> tuple[State, KinematicPath]:
-    """First state and poses of a phase; the setup of the first one may belong to another start."""
-    return (solver.start, solver.path) if setup is solver.setups[0] else (setup.start, setup.path)
-
-
-def _through_poses(
-    solver: ProblemSolver, setup: PhaseSetup, make: Callable[..., PhaseGuess] = kinematic_guess
-) -> PhaseGuess:
-    """The motion of a phase through its poses."""
-    if setup.phase.is_instant:
-        return PhaseGuess(lambda _times: {}, setup.path.segment_times)
-    return make(setup.loads, *_start_of(solver, setup))
-
-
-def _guess(solver: ProblemSolver, phases: Iterable[PhaseGuess], description: str) -> Guess:
-    return Guess(tuple(phases), solver.free_values, description)
-
-
 def _usual_guesses(solver: ProblemSolver) -> list[Guess]:
     """The usual guess; for a chain in angles, which is solved twice in less time than in all coordinates, two.
 
@@ -158,7 +137,7 @@ def _stays_at_rest(solver: ProblemSolver) -> bool:
     made-up arms of two to five links 11 were not solved from there in 300 iterations, and one at a lower cost.
     """
     setup = solver.setups[0]
-    eom, (start, path) = setup.scheme.eom, _start_of(solver, setup)
+    eom, (start, path) = setup.scheme.eom, start_of(solver, setup)
     if eom.u.numel() < eom.q.numel():
         return False
     still = np.zeros_like(path.poses)
@@ -166,25 +145,10 @@ def _stays_at_rest(solver: ProblemSolver) -> bool:
     return largest(missing) <= MOVED
 
 
-def swings(solver: ProblemSolver, reports: Sequence[Attempt]) -> list[Guess]:
-    """Return further guesses for a chain in angles with fewer inputs than angles, after solves from the usual ones.
-
-    Such a chain gathers speed by swinging, in one of several ways that differ much in their cost, and a path that leads
-    from pose to pose evenly has none of them.
-    """
-    scheme = solver.setups[0].scheme
-    counts = {report.iterations for report in reports}
-    is_nearly_linear = len(counts) == 1 or max(counts) < SWINGING_ITERATIONS
-    if is_nearly_linear or not scheme.eom.is_chain or scheme.eom.u.numel() >= scheme.eom.q.numel():
-        return []
-    random = np.random.default_rng(0)
-    return [random_detour(solver, random) for _ in range(SWINGS)]
-
-
 def at_rest(solver: ProblemSolver) -> Guess:
     """Return the poses of the kinematic motion without speeds."""
-    parts = [_through_poses(solver, setup, guess_at_rest) for setup in solver.setups]
-    return _guess(solver, parts, "kinematic, at rest")
+    parts = [through_poses(solver, setup, guess_at_rest) for setup in solver.setups]
+    return guess_of(solver, parts, "kinematic, at rest")
 
 
 def _usual_guess(solver: ProblemSolver) -> Guess:
@@ -193,8 +157,8 @@ def _usual_guess(solver: ProblemSolver) -> Guess:
     if len(phases) == 1 and has_free_path(solver.problem, phases[0]) and np.any(solver.start.v):
         motion = _free_motion(solver)
         if motion is not None:
-            return _guess(solver, [guess_from_motion(motion, setup.path.segment_times)], "free motion")
-    return _guess(solver, [_through_poses(solver, setup) for setup in solver.setups], "kinematic")
+            return guess_of(solver, [guess_from_motion(motion, setup.path.segment_times)], "free motion")
+    return guess_of(solver, [through_poses(solver, setup) for setup in solver.setups], "kinematic")
 
 
 def _free_motion(solver: ProblemSolver) -> Trajectory | None:
@@ -234,7 +198,7 @@ def random_motions(
     for _ in range(RANDOM_MOTIONS):
         motion = _simulated(solver, _random_inputs(setup, peaks, random))
         if motion is not None:
-            guess = _guess(
+            guess = guess_of(
                 solver, [guess_from_motion(motion, setup.path.segment_times)], "simulated with random inputs"
             )
             found.append((solver.violation(meshes, guess), guess))
@@ -253,57 +217,6 @@ def _random_inputs(setup: PhaseSetup, peaks: np.ndarray, random: np.random.Gener
     return signals
 
 
-def random_detour(solver: ProblemSolver, random: np.random.Generator) -> Guess:
-    """The kinematic motion with a detour in each phase: a few half waves in the free directions of each pose."""
-    parts, waves = [], []
-    for setup in solver.setups:
-        if setup.phase.is_instant:
-            parts.append(_through_poses(solver, setup))
-            continue
-        part, count = _detour(setup, random, *_start_of(solver, setup))
-        parts.append(part)
-        waves.append(f"{count} half wave{'s' if count > 1 else ''}")
-    return _guess(solver, parts, f"kinematic with {'a detour' if len(parts) == 1 else 'detours'} of {', '.join(waves)}")
-
-
-def _detour(
-    setup: PhaseSetup, random: np.random.Generator, start: State, path: KinematicPath
-) -> tuple[PhaseGuess, int]:
-    """The kinematic motion of a phase with a detour, and its number of half waves; the ends stay as they are."""
-    scales, waves = setup.scales, int(random.integers(1, 4))
-    direction = random.normal(size=path.poses.shape[1]) * np.where(scales.angles, 1.0, 0.5 * scales.q)
-    amplitude = random.uniform(0.5, 2.0)
-    times = path.times - path.times[0]
-    along = _along_angles if setup.scheme.eom.is_chain else _along_free_directions
-    poses = along(setup, path, direction, amplitude * np.sin(np.pi * waves * times / times[-1]))
-    return kinematic_guess(setup.loads, start, replace(path, poses=poses)), waves
-
-
-def _along_angles(setup: PhaseSetup, path: KinematicPath, direction: np.ndarray, shares: np.ndarray) -> np.ndarray:
-    """Poses of a path moved by shares (k,) of a direction (n,) in the coordinates of a chain, others left."""
-    chosen, poses = list(setup.scheme.eom.independent), path.poses.copy()
-    sizes = np.where(setup.scales.angles, 1.0, setup.scales.q)[chosen]
-    poses[:, chosen] += shares[:, None] * direction[chosen] / np.linalg.norm(direction[chosen] / sizes)
-    return poses
-
-
-def _along_free_directions(
-    setup: PhaseSetup, path: KinematicPath, direction: np.ndarray, shares: np.ndarray
-) -> np.ndarray:
-    """Poses of a path moved by shares (k,) of a direction (n,) as far as the joints let them."""
-    numeric, moved, before = setup.numeric, [], 0.0
-    q = path.poses[0]
-    for k, (time, pose) in enumerate(zip(path.times.tolist(), path.poses, strict=True)):
-        free = analyse_rank(numeric.velocity(time, q)[0]).null_columns
-        step = (pose - path.poses[max(k - 1, 0)]) + free @ (free.T @ direction) * (shares[k] - before)
-        before = shares[k]
-        rows = partial(numeric.position, time)
-        outcome = solve(rows, q + step, numeric.weights, iterations=30, step_limit=numeric.typical_step)
-        q = outcome.x if outcome.converged else q
-        moved.append(q)
-    return np.array(moved)
-
-
 def other_ends(solver: ProblemSolver) -> list[Guess]:
     """Motions that end in another pose than the usual one: with the other elbow, or on another branch of a loop.
 
@@ -316,7 +229,7 @@ def other_ends(solver: ProblemSolver) -> list[Guess]:
     conditions = [c for c in (*phase.final, *phase.path) if c.equality and on_positions(c.expression)]
     extra = dict(zip(solver.problem.free_parameters, solver.free_values.tolist(), strict=True))
     conditions = with_parameters(conditions, solver.problem.extra_parameters(phase), extra)
-    (start, path), numeric, random = _start_of(solver, setup), setup.numeric, np.random.default_rng(0)
+    (start, path), numeric, random = start_of(solver, setup), setup.numeric, np.random.default_rng(0)
     sizes, place = numeric.scale.coordinates, PoseProblem(numeric, conditions, float(path.times[-1]), start.z)
     ends = [path.poses[-1]]
     for _ in range(END_STARTS):
@@ -331,7 +244,7 @@ def other_ends(solver: ProblemSolver) -> list[Guess]:
             ends.append(q)
     ends[1:] = sorted(ends[1:], key=lambda q: float(np.sum(numeric.weights * (q - start.q) ** 2)))
     parts = [kinematic_guess(setup.loads, start, _straight(setup, path, q)) for q in ends[1 : OTHER_ENDS + 1]]
-    return [_guess(solver, [part], "kinematic, to another pose at the end") for part in parts]
+    return [guess_of(solver, [part], "kinematic, to another pose at the end") for part in parts]
 
 
 def _straight(setup: PhaseSetup, path: KinematicPath, end: np.ndarray) -> KinematicPath:
