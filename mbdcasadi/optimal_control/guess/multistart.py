@@ -31,7 +31,7 @@ from ..refinement.coarse_first import solve_coarse_first
 from ..refinement.coarse_mesh import is_lost
 from ..refinement.mesh import Mesh
 from ..solution import SAME_COST, Shifted, Solution, same_cost
-from .detours import guess_of, random_detour, start_of, swings, through_poses
+from .detours import guess_of, random_detour, start_of, swings, swings_suffice, through_poses
 from .guess import Guess, PhaseGuess, guess_at_rest, guess_from_motion, guess_from_other, kinematic_guess
 from .kinematic_guess import STEPS, KinematicPath, has_free_path
 
@@ -284,7 +284,8 @@ def best_of(
     if executor is not None:
         outcomes = _side_by_side(partial(tries, limit=limit), solver, candidates, executor)
     elif further is not None:
-        outcomes = _from_last_to_first(partial(tries, solver), candidates, limit, further)
+        enough = partial(swings_suffice, solver)
+        outcomes = _from_last_to_first(partial(tries, solver), candidates, limit, further, enough)
     else:
         outcomes = [tries(solver, guess, limit=limit) for guess in candidates]
     if not any(map(_is_solved, outcomes)):
@@ -321,12 +322,21 @@ def _tried(solver: ProblemSolver, guess: Guess, meshes: list[Mesh], warm: bool, 
 
 
 def _from_last_to_first(
-    tries: Callable[..., Outcome], candidates: list[Guess], limit: int | None, further: int
+    tries: Callable[..., Outcome],
+    candidates: list[Guess],
+    limit: int | None,
+    further: int,
+    enough: Callable[[Sequence[Attempt]], bool],
 ) -> list[Outcome]:
-    """Outcomes of all guesses in their order; once one has succeeded, solves take at most `further` iterations."""
+    """Outcomes of the guesses in their order; once one has succeeded, solves take at most `further` iterations.
+
+    The others are left out if `enough` is True of the reports of those before.
+    """
     outcomes: list[Outcome] = []
     for guess in reversed(candidates):
         if any(map(_is_solved, outcomes)):
+            if enough(_reports(outcomes)):
+                break
             limit = _least(limit, further)
         outcomes.append(tries(guess, limit=limit))
     return outcomes[::-1]
