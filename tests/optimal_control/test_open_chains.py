@@ -16,7 +16,7 @@ from mbdcasadi.optimal_control.nlp.statistics import Attempt
 from mbdcasadi.optimal_control.refinement.mesh import Mesh
 
 
-def two_links(driven, duration, length=1.0, inertia=0.083, **changes):
+def two_links(driven, duration, length=1.0, inertia=0.083, *, is_reversed=False, **changes):
     """An acrobot or a pendubot (bars of 1 kg, the upper one of 1 m, uniform) from hanging to standing upright."""
     tau, half = mbd.Input("tau"), length / 2
     upper = mbd.Body("upper", mass=1.0, inertia=0.083, pose=(0, -0.5, -np.pi / 2))
@@ -24,7 +24,8 @@ def two_links(driven, duration, length=1.0, inertia=0.083, **changes):
     shoulder = mbd.Revolute("shoulder", mbd.ground.at(0, 0), upper.at(-0.5, 0))
     elbow = mbd.Revolute("elbow", upper.at(0.5, 0), lower.at(-half, 0))
     motor = mbd.Torque("motor", upper, tau) if driven == "shoulder" else mbd.Torque("motor", lower, tau, upper)
-    mechanism = mbd.Mechanism([upper, lower], [shoulder, elbow], forces=[mbd.Gravity(), motor], inputs=[tau])
+    bodies = [lower, upper] if is_reversed else [upper, lower]
+    mechanism = mbd.Mechanism(bodies, [shoulder, elbow], forces=[mbd.Gravity(), motor], inputs=[tau])
     rest = [upper.omega == 0, lower.omega == 0]
     problem = mbd.OptimalControlProblem(
         mechanism,
@@ -74,27 +75,44 @@ def test_swings_are_found(driven, known):
     assert np.max(solution.verify().defects) < 0.02
 
 
+def swinging_paths(begin=-np.pi / 2, end=np.pi / 2, **changes):
+    """Angles of both links on each of the motions from which a pendubot is solved that swings from pose to pose."""
+    problem, upper, lower, _ = two_links("shoulder", 2.5, **changes)
+    rest = [upper.omega == 0, lower.omega == 0]
+    initial, final = ([upper.phi == phi, lower.phi == phi, *rest] for phi in (begin, end))
+    settings = replace(Settings.read("gauss-legendre", 3, "polynomial", None, False, "ipopt"), angles=True)
+    solver = ProblemSolver(problem.replace(initial=initial, final=final), settings)
+    guesses = swings(solver, [Attempt("", 1.0, iterations, "", 0.0, 40) for iterations in (30, 40)])
+    assert len(guesses) == len(SWINGS)
+    columns = [3 * problem.mechanism.bodies.index(body) + 2 for body in (upper, lower)]
+    return [guess.phases[0].sample(np.linspace(0, 2.5, 41))["q"][:, columns] for guess in guesses]
+
+
 def test_a_way_down_swings_at_its_end():
     """The swings of a way from standing to hanging are those of the way up, in reverse."""
-
-    def paths(begin, end):
-        problem, upper, lower, _ = two_links("shoulder", 2.5)
-        rest = [upper.omega == 0, lower.omega == 0]
-        initial, final = ([upper.phi == phi, lower.phi == phi, *rest] for phi in (begin, end))
-        settings = replace(Settings.read("gauss-legendre", 3, "polynomial", None, False, "ipopt"), angles=True)
-        solver = ProblemSolver(problem.replace(initial=initial, final=final), settings)
-        times = np.linspace(0, 2.5, 41)
-        reports = [Attempt("", 1.0, iterations, "", 0.0, 40) for iterations in (30, 40)]
-        guesses = swings(solver, reports)
-        assert len(guesses) == len(SWINGS)
-        return [guess.phases[0].sample(times)["q"][:, [2, 5]] for guess in guesses]
-
-    up, down = paths(-np.pi / 2, np.pi / 2), paths(np.pi / 2, -np.pi / 2)
+    up, down = swinging_paths(), swinging_paths(np.pi / 2, -np.pi / 2)
     for one, other in zip(up, down, strict=True):
         np.testing.assert_allclose(one, other[::-1], atol=1e-9)
     # the upper link of a late one, whose lower link swings, is still near the lower end at half the time
     (late,) = (path for path, swing in zip(up, SWINGS, strict=True) if swing.is_late)
     assert late[20, 0] == pytest.approx(-np.pi / 2 + np.pi * 0.5**LATENESS)
+
+
+def test_swings_do_not_depend_on_the_order_of_the_bodies():
+    """The last link is the one furthest from the ground."""
+    for one, other in zip(swinging_paths(), swinging_paths(is_reversed=True), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_chain_that_begins_with_a_speed_is_solved_from_its_free_motion():
+    """The lower tip of an acrobot that begins with a speed gets as high as from its free motion, or higher."""
+    problem, upper, lower, _ = two_links("elbow", 2.0)
+    initial = [upper.phi == -np.pi / 2, lower.phi == -np.pi / 2, upper.omega == 6, lower.omega == 6]
+    height = lower.at(0.5, 0).position[1]
+    problem = problem.replace(initial=initial, final=[], terminal_cost=-50 * height)
+    both = mbd.optimize(problem, starts=2)
+    assert mbd.optimize(problem).cost <= both.cost + 1e-3 * abs(both.cost)
 
 
 def test_a_chain_that_hangs_is_not_solved_from_detours():

@@ -18,39 +18,38 @@ from .guess import Guess, PhaseGuess, kinematic_guess
 from .kinematic_guess import KinematicPath
 
 #: Iterations of a solve from the usual guesses from which a chain with fewer inputs than angles is solved from swings
-#: besides: fewer, or as many from each guess, show that the program is nearly linear but for limits.
+#: besides: fewer, or the same number from each guess, show that the program is nearly linear but for limits.
 SWINGING_ITERATIONS = 20
 #: Power of the time in which a late motion goes on to its higher end.
 LATENESS = 2.5
-#: Least and largest number of further guesses for such a chain, and those for each angle beyond the first one: the more
-#: angles it has, the more ways there are to swing up.
-LEAST_SWINGS, MOST_SWINGS, SWINGS_PER_ANGLE = 3, 6, 3
-#: Largest number of angles for which the swings take the place of the motion through the poses.
-FEW_ANGLES = 2
+#: Number of angles up to which the swings take the place of the motion through the poses, and are all further guesses;
+#: with more angles there are more ways to swing up, and so many guesses in all.
+FEW_ANGLES, MANY_GUESSES = 2, 6
+#: Turn of an angle between the ends from which it has a direction, rad.
+TURNED = 1e-9
 
 
 @dataclass(frozen=True)
 class _Swing:
-    """A way in which a chain swings before it rises.
+    """A way in which a chain swings before it rises."""
 
-    On 28 acrobots and pendubots the cheapest solution from the poses at rest and these three was 7 % above the best one
-    from 98 guesses, that from the usual guesses and six random detours 19 %; on 24 other chains, some on carts, 8 and
-    10 %. It takes less than half of the time.
-    """
-
-    #: signs with which the angles move, from the first one to the last, to the direction in which they rise
-    signs: Callable[[int], np.ndarray]
-    #: half waves, and their amplitude, rad
+    description: str
+    #: number of angles to the share of each in the wave, from the ground on; positive in the direction of the way up
+    shares: Callable[[int], np.ndarray]
+    #: half waves, and their amplitude as the root of the sum of squares over the angles, rad
     waves: int
     amplitude: float
     #: True if most of the time is spent at the lower end
     is_late: bool
 
 
+#: On 28 acrobots and pendubots the cheapest solution from the poses at rest and these three was 7 % above the best one
+#: from 98 guesses, that from the usual guesses and six random detours 19 %; on 24 other chains, some on carts, 8 and
+#: 10 %. They take less than half of the time of the others.
 SWINGS = (
-    _Swing(lambda count: np.eye(count)[-1], 3, -2.0, is_late=True),
-    _Swing(np.ones, 3, 1.0, is_late=False),
-    _Swing(np.ones, 1, -2.0, is_late=False),
+    _Swing("swinging its last link before it rises", lambda count: np.eye(count)[-1], 3, -2.0, is_late=True),
+    _Swing("swinging as it rises", np.ones, 3, 1.0, is_late=False),
+    _Swing("swinging back first", np.ones, 1, -2.0, is_late=False),
 )
 
 
@@ -79,50 +78,47 @@ def swings(solver: ProblemSolver, reports: Sequence[Attempt]) -> list[Guess]:
     Such a chain gathers speed by swinging, in one of several ways that differ much in their cost, and a path that leads
     from pose to pose evenly has none of them.
     """
-    angles = _swinging_angles(solver)
+    angles = len(_swinging_angles(solver))
     counts = [report.iterations for report in reports]
     is_nearly_linear = max(counts) < SWINGING_ITERATIONS or (len(counts) > 1 and len(set(counts)) == 1)
     if not angles or is_nearly_linear:
         return []
-    count = int(np.clip(SWINGS_PER_ANGLE * (angles - 1), LEAST_SWINGS, MOST_SWINGS))
     random = np.random.default_rng(0)
-    others = [random_detour(solver, random) for _ in range(count - len(SWINGS))]
-    return [*(_through_detours(solver, partial(_swing, swing)) for swing in SWINGS), *others]
+    others = 0 if angles <= FEW_ANGLES else MANY_GUESSES - len(SWINGS)
+    return [*(_swinging(solver, swing) for swing in SWINGS), *(random_detour(solver, random) for _ in range(others))]
 
 
 def swings_suffice(solver: ProblemSolver, reports: Sequence[Attempt]) -> bool:
-    """Return True if a chain need not be solved from the motion through its poses after the one at rest.
+    """Return True if a chain need not be solved from the motion through its poses after the poses at rest.
 
     Of 32 chains of two angles the lowest cost of the poses at rest and of the swings was lowered by that motion in one.
+    Swings do not know of waypoints, and of the speed with which a motion begins.
     """
-    return 0 < _swinging_angles(solver) <= FEW_ANGLES and reports[0].iterations >= SWINGING_ITERATIONS
+    angles, (start, path) = _swinging_angles(solver), start_of(solver, solver.setups[0])
+    is_from_end_to_end = path.segment_times.size == 2 and not np.any(start.v)
+    return 0 < len(angles) <= FEW_ANGLES and is_from_end_to_end and reports[0].iterations >= SWINGING_ITERATIONS
 
 
-def _swinging_angles(solver: ProblemSolver) -> int:
-    """Number of angles of a chain in angles with fewer inputs than coordinates; none otherwise."""
+def _swinging_angles(solver: ProblemSolver) -> list[int]:
+    """Angles of a chain in angles, of one phase, with fewer inputs than coordinates, from the ground on; else none."""
     setup = solver.setups[0]
     eom = setup.scheme.eom
     if not eom.is_chain or eom.u.numel() >= eom.q.numel():
-        return 0
-    return int(np.count_nonzero(setup.scales.angles[list(eom.independent)]))
+        return []
+    moved = np.bincount(eom.expansion.jac_sparsity(0, 1).get_triplet()[1], minlength=eom.q.numel())
+    places = [k for k, place in enumerate(eom.independent) if setup.scales.angles[place]]
+    return [eom.independent[k] for k in sorted(places, key=lambda k: -moved[k])]
 
 
 def random_detour(solver: ProblemSolver, random: np.random.Generator) -> Guess:
     """The kinematic motion with a detour in each phase: a few half waves in the free directions of each pose."""
-    return _through_detours(solver, partial(_random_detour, random))
-
-
-def _through_detours(
-    solver: ProblemSolver, detour: Callable[[PhaseSetup, KinematicPath], tuple[KinematicPath, int]]
-) -> Guess:
-    """The kinematic motion with a detour in each phase: a function of its path returns another and its half waves."""
     parts, waves = [], []
     for setup in solver.setups:
         if setup.phase.is_instant:
             parts.append(through_poses(solver, setup))
             continue
         start, path = start_of(solver, setup)
-        path, count = detour(setup, path)
+        path, count = _random_detour(random, setup, path)
         parts.append(kinematic_guess(setup.loads, start, path))
         waves.append(f"{count} half wave{'s' if count > 1 else ''}")
     detours = "a detour" if len(parts) == 1 else "detours"
@@ -135,29 +131,30 @@ def _random_detour(random: np.random.Generator, setup: PhaseSetup, path: Kinemat
     direction = random.normal(size=path.poses.shape[1]) * np.where(scales.angles, 1.0, 0.5 * scales.q)
     amplitude = random.uniform(0.5, 2.0)
     along = _along_angles if setup.scheme.eom.is_chain else _along_free_directions
-    return replace(
-        path, poses=along(setup, path, direction, amplitude * _half_waves(waves, _shares_of_time(path)))
-    ), waves
+    poses = along(setup, path, direction, amplitude * _half_waves(waves, _shares_of_time(path)))
+    return replace(path, poses=poses), waves
 
 
-def _swing(swing: _Swing, setup: PhaseSetup, path: KinematicPath) -> tuple[KinematicPath, int]:
-    """A path on which the angles of a chain swing, and the number of half waves.
+def _swinging(solver: ProblemSolver, swing: _Swing) -> Guess:
+    """The motion of a chain along its path, on which its angles swing.
 
-    A motion from the higher end to the lower one is that of the way up in reverse. Waypoints keep their times.
+    A motion from the higher end to the lower one is that of the way up in reverse. Only the ends stay where they are,
+    and waypoints keep their times.
     """
-    angles, ways, shares = setup.scales.angles, path.poses[-1] - path.poses[0], _shares_of_time(path)
-    is_up = setup.loads.work(path.times, path.poses, setup.start.z) >= 0
+    setup, chosen = solver.setups[0], _swinging_angles(solver)
+    start, path = start_of(solver, setup)
+    ways, shares = path.poses[-1] - path.poses[0], _shares_of_time(path)
+    is_up = setup.loads.work(path.times, path.poses, start.z) >= 0
     if not is_up:
         ways, shares = -ways, 1 - shares
-    chosen = [k for k in setup.scheme.eom.independent if angles[k]]
-    direction = np.zeros(angles.size)
-    direction[chosen] = swing.signs(len(chosen)) * np.where(ways[chosen] < 0, -1.0, 1.0)
+    direction = np.zeros(ways.size)
+    direction[chosen] = swing.shares(len(chosen)) * np.where(ways[chosen] < -TURNED, -1.0, 1.0)
     if swing.is_late and path.segment_times.size == 2:
         late = shares**LATENESS
         path = _at_shares(path, late if is_up else 1 - late)
-    return replace(
-        path, poses=_along_angles(setup, path, direction, swing.amplitude * _half_waves(swing.waves, shares))
-    ), swing.waves
+    poses = _along_angles(setup, path, direction, swing.amplitude * _half_waves(swing.waves, shares))
+    motion = kinematic_guess(setup.loads, start, replace(path, poses=poses))
+    return guess_of(solver, [motion], f"kinematic, {swing.description}")
 
 
 def _shares_of_time(path: KinematicPath) -> np.ndarray:

@@ -12,6 +12,9 @@ from ...numerics.evaluation import Evaluator
 from ...numerics.lazy import cached_property
 from ..nlp.scaling import Scales
 
+#: Share of its terms from which a sum is not rounding.
+ROUNDING = 1e-12
+
 
 class LeastSquaresLoads:
     """Completion of a guess: states on the constraints, accelerations, multipliers and inputs to match.
@@ -78,16 +81,23 @@ class LeastSquaresLoads:
 
     def missing(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Loads that a motion needs of inputs and of the multipliers that are left (k, n), by their typical sizes."""
+        return self._missing(t, q, v, a, z) / self._reduced_scales.load
+
+    def _missing(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, z: np.ndarray) -> np.ndarray:
         places = self.eom.independent
         _, load = self._evaluate(self._system, t, q[:, places], v[:, places], a[:, places], z)
-        return load[:, :, 0] / self._reduced_scales.load
+        return load[:, :, 0]
 
     def work(self, t: np.ndarray, q: np.ndarray, z: np.ndarray) -> float:
-        """Work that inputs have to do on a chain which passes poses (k, n) slowly, J; `z` (n_z,) stays."""
+        """Work that inputs have to do on a chain which passes poses (k, n) slowly, J; `z` (n_z,) stays.
+
+        Zero if the terms of the sum cancel but for rounding.
+        """
         still = np.zeros_like(q)
-        loads = self.missing(t, q, still, still, np.tile(z, (t.size, 1))) * self._reduced_scales.load
-        steps = np.diff(q[:, self.eom.independent], axis=0)
-        return -float(np.sum((loads[:-1] + loads[1:]) / 2 * steps))
+        loads = self._missing(t, q, still, still, np.tile(z, (t.size, 1)))
+        terms = -(loads[:-1] + loads[1:]) / 2 * np.diff(q[:, self.eom.independent], axis=0)
+        total = float(np.sum(terms))
+        return total if abs(total) > ROUNDING * np.sum(np.abs(terms)) else 0.0
 
     def loads(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, z: np.ndarray):
         """Multipliers (k, m) and inputs (k, n_u) of least squares; zero for mechanisms of hundreds of bodies.

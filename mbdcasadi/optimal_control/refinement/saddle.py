@@ -26,7 +26,7 @@ from .mesh import Mesh
 FALLING, LANCZOS, ROUNDING = 1e-5, 100, 1e-10
 #: Squared size at which a combination of rows counts as none, and share of a direction that the rows have to leave.
 SINGULAR, LEFT = 1e-14, 0.9
-#: Stiffness of a limit, multiplier by slack and scaled, from which it is held in any direction, and least slack.
+#: Stiffness of a limit, multiplier over slack and scaled, from which it is held in any direction, and least slack.
 HELD, CLOSEST = 1.0, 1e-12
 #: Largest step of a scaled variable from a saddle to a guess, and number of saddles that are left one after another.
 STEP, SADDLES = 0.5, 3
@@ -132,7 +132,10 @@ def _falling_direction(begin: Beginning) -> np.ndarray | None:
     def projected(vector: np.ndarray) -> np.ndarray:
         return factors.solve(np.concatenate([vector, np.zeros(slopes.shape[0])]))[:n]
 
-    direction, largest = _least_curved(lambda v: projected(whole @ v), projected(random))
+    first = projected(random)
+    if not np.linalg.norm(first) > ROUNDING * np.linalg.norm(random):  # the rows leave nothing
+        return None
+    direction, largest = _least_curved(lambda v: projected(whole @ v), first)
     # of a direction in which rows that nearly depend on each other change nothing is left
     within = projected(direction)
     if within @ (whole @ within) >= -FALLING * largest or np.linalg.norm(within) < LEFT:
@@ -162,6 +165,6 @@ def _least_curved(times: Callable[[np.ndarray], np.ndarray], start: np.ndarray) 
 
 
 def _stiffness(values: np.ndarray, lower: np.ndarray, upper: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-    """Stiffnesses of limits, infinite if both are the same: multiplier by the slack of the limit that it belongs to."""
+    """Stiffnesses of limits, multiplier over slack of the one it belongs to; infinite if both are the same."""
     slack = np.maximum(np.where(multipliers < 0, values - lower, upper - values), CLOSEST)
     return np.where(lower == upper, np.inf, np.abs(multipliers) / slack)
