@@ -92,7 +92,7 @@ def swings_suffice(solver: ProblemSolver, reports: Sequence[Attempt]) -> bool:
     """Return True if a chain need not be solved from the motion through its poses after the poses at rest.
 
     Of 32 chains of two angles the lowest cost of the poses at rest and of the swings was lowered by that motion in one.
-    Swings do not know of waypoints, and of the speed with which a motion begins.
+    Swings take no account of waypoints, or of the speed with which a motion begins.
     """
     angles, (start, path) = _swinging_angles(solver), start_of(solver, solver.setups[0])
     is_from_end_to_end = path.segment_times.size == 2 and not np.any(start.v)

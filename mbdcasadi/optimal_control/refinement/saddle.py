@@ -1,7 +1,7 @@
 """Saddles: solutions at which the cost has no slope, but falls to second order.
 
-A solver stays there, as at rest if the greatest speed is sought. The program at the solution tells in which direction
-the cost falls, and from a little further along it the solver finds its way.
+A solver stays there, as at rest if the greatest speed is sought. The second derivatives of the program show in which
+direction the cost falls, and from a little further along it the solver finds its way.
 """
 
 from __future__ import annotations

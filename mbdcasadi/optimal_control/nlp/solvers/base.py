@@ -266,8 +266,8 @@ def run_packed(solver: Packed, arguments: dict[str, Any]) -> tuple[dict[str, np.
     with LOCK:  # a function is made of expressions
         function = solver.unpacked()
     answer, stats = _answer(function, arguments), function.stats()
-    told = ("iter_count", "return_status", "success", "iterations")
-    return answer, {name: stats[name] for name in told if name in stats}
+    kept = ("iter_count", "return_status", "success", "iterations")
+    return answer, {name: stats[name] for name in kept if name in stats}
 
 
 def _answer(function: ca.Function, arguments: dict[str, Any]) -> dict[str, np.ndarray]:
