@@ -115,18 +115,69 @@ def saddle_point_solver(
 
 
 def shifted(matrix: ca.SX, angular: np.ndarray, sizes: np.ndarray | None = None) -> tuple[ca.SX, ca.SX, list[int]]:
-    """LDL factors of ``S + epsilon D``.
+    """LDL factors of ``S + epsilon D``, with D as :func:`row_sizes` gives it."""
+    return ca.ldl(matrix + ca.diag(REGULARISATION * row_sizes(ca.diag(matrix), angular, sizes)))
 
-    D holds the sizes of the diagonal if they are known, else its means, in m and in rad apart.
+
+def row_sizes(diagonal: ca.SX, angular: np.ndarray, sizes: np.ndarray | None = None) -> ca.SX:
+    """Diagonal D in which multipliers of redundant rows have the least norm (m,).
+
+    It holds the sizes of the diagonal of S if they are known, else its means, in m and in rad apart.
     """
-    diagonal, shift = ca.diag(matrix), ca.SX(matrix.size1(), 1)
     if sizes is not None:
-        shift = ca.SX(ca.DM(REGULARISATION * sizes))
-    for unit in (angular, ~angular) if sizes is None else ():
+        return ca.SX(ca.DM(sizes))
+    found = ca.SX(diagonal.numel(), 1)
+    for unit in (angular, ~angular):
         rows = np.flatnonzero(unit).tolist()
         if rows:
-            shift[rows] = REGULARISATION * ca.sum1(diagonal[rows]) / len(rows)
-    return ca.ldl(matrix + ca.diag(shift))
+            found[rows] = ca.sum1(diagonal[rows]) / len(rows)
+    return found
+
+
+class ImpliedRows:
+    """Multipliers of equations of which some rows imply the others.
+
+    Parameters
+    ----------
+    rows : list of int
+        Independent rows that imply all others.
+    weights : numpy.ndarray
+        Sizes of the columns: a metric of the coordinates (n,).
+    """
+
+    def __init__(self, eom: Equations, rows: list[int], weights: np.ndarray):
+        self._eom, self._rows = eom, rows
+        self._implied = [k for k in range(eom.lam.numel()) if k not in set(rows)]
+        over = ca.diag(ca.DM(1 / weights)) @ eom.Phi_q.T
+        right = eom.Phi_q[rows, :] @ over[:, self._implied]
+        #: loads of the independent rows that equal those of each implied row, by column
+        self._shares = ca.ldl_solve(ca.densify(right), *ca.ldl(eom.Phi_q[rows, :] @ over[:, rows]))
+
+    def independent(self) -> ca.Function:
+        """Compile ``(t, q, lam, p) -> lam``: multipliers with the same loads that are zero for implied rows."""
+        lam = ca.SX(self._eom.lam.numel(), 1)
+        lam[self._rows] = self._eom.lam[self._rows] + self._shares @ self._eom.lam[self._implied]
+        return self._function("independent", lam)
+
+    def least_norm(self, augmentation: np.ndarray | None) -> ca.Function:
+        """Compile ``(t, q, lam, p) -> lam``: multipliers with the same loads, of least norm.
+
+        They are those of :func:`saddle_point_solution`, without its regularisation, so that they may be differentiated
+        twice.
+        """
+        eom, count = self._eom, len(self._implied)
+        internal = ca.SX(eom.lam.numel(), count)  # multipliers without loads, by column
+        internal[self._rows, :], internal[self._implied, :] = -self._shares, ca.SX.eye(count)
+        if augmentation is None:
+            sizes = row_sizes(ca.sum2(eom.Phi_q**2 @ ca.diag(1 / eom.mass_diagonal)), eom.angular_rows)
+        else:
+            sizes = ca.SX(ca.DM(1 / augmentation))
+        weighted = internal.T @ ca.diag(sizes)
+        return self._function("least_norm", eom.lam - internal @ ca.solve(weighted @ internal, weighted @ eom.lam))
+
+    def _function(self, name: str, lam: ca.SX) -> ca.Function:
+        eom = self._eom
+        return ca.Function(name, [eom.t, eom.q, eom.lam, eom.p], ca.cse([ca.densify(lam)]))
 
 
 def solve_redundant(

@@ -27,14 +27,15 @@ def parallelogram(cranks):
     return mechanism, arms, beam, tau
 
 
-def swing(mechanism, crank, tau, **settings):
+def swing(mechanism, crank, tau, running_cost=None, path=(), **settings):
     """From 0.6 rad off the vertical on one side to the other, rest to rest."""
     problem = mbd.OptimalControlProblem(
         mechanism,
         duration=1.2,
         initial=[crank.phi == np.pi / 2 - 0.6, crank.omega == 0],
         final=[crank.phi == np.pi / 2 + 0.6, crank.omega == 0],
-        running_cost=tau**2,
+        running_cost=tau**2 if running_cost is None else running_cost,
+        path=path,
     )
     return mbd.optimize(problem, **({"intervals": 20} | settings))
 
@@ -110,6 +111,69 @@ def test_parallel_guides(transcription):
     assert solution.cost == pytest.approx(4 * 13.5, rel=1e-9) and solution.redundant
 
 
+@pytest.mark.parametrize("transcription", SCHEMES)
+def test_each_guide_bears_half_of_the_weight(transcription):
+    """Reactions of redundant joints are those of least norm in costs and limits, too, as in a simulation."""
+    u = mbd.Input("u")
+    block, mechanism = guided_block(2.0, u)
+    first = mechanism.joints[0]
+    second = mbd.Translational("second guide", mbd.ground.at(0, 1), block.at(0, 1))
+    load = first.reaction_on(block).force[1]
+    problem = mbd.OptimalControlProblem(
+        mechanism.replace(joints=[first, second], forces=[*mechanism.forces, mbd.Gravity()]),
+        duration=2.0,
+        initial=[block.x == 0, block.vx == 0],
+        final=[block.x == 3, block.vx == 0],
+        running_cost=u**2 + load**2,
+        path=[load <= 9.82],
+    )
+    solution = mbd.optimize(problem, intervals=10, transcription=transcription)
+    assert solution.cost == pytest.approx(4 * 13.5 + 2.0 * 9.81**2, rel=1e-9)
+    simulated = solution.simulate()
+    assert np.allclose(simulated[load], 9.81, rtol=1e-9)
+    again = mbd.optimize(problem, intervals=10, transcription=transcription, guess=simulated)
+    assert again.cost == pytest.approx(solution.cost) and again.statistics.iterations <= 12
+
+
+def test_a_simulation_with_redundant_rows_is_a_guess():
+    """Its multipliers, of least norm, load the bodies as those of the independent rows do."""
+    mechanism, arms, _, tau = parallelogram(3)
+    load = mechanism.joints[1].reaction_on(arms[1]).force[0]
+    solution = swing(mechanism, arms[0], tau, running_cost=tau**2 + load**2, path=[load <= 100])
+    again = swing(mechanism, arms[0], tau, running_cost=tau**2 + load**2, path=[load <= 100], guess=solution.simulate())
+    assert again.cost == pytest.approx(solution.cost) and again.statistics.iterations <= 6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mass", [1.0, 0.0])
+def test_a_peak_of_a_reaction_that_is_not_unique(mass):
+    """Three cranks of which the middle one, which may have no mass, is to bear as little as possible."""
+    mechanism, arms, _, tau = parallelogram(3)
+    joints = mechanism.joints
+    peak = mbd.Parameter("peak", 10.0, lower=0)
+    middle = mbd.Body("middle", mass=mass, inertia=mass / 12, pose=(1, 0.5, np.pi / 2))
+    foot = mbd.Revolute("middle foot", mbd.ground.at(1, 0), middle.at(-0.5, 0))
+    head = mbd.Revolute("middle head", middle.at(0.5, 0), mechanism.bodies[-1].at(0, 0))
+    bodies = [arms[0], middle, *mechanism.bodies[2:]]
+    mechanism = mechanism.replace(bodies=bodies, joints=[joints[0], foot, joints[2], joints[3], head, joints[5]])
+    load = foot.reaction_on(middle).force
+    problem = mbd.OptimalControlProblem(
+        mechanism,
+        duration=1.2,
+        initial=[arms[0].phi == np.pi / 2 - 0.6, arms[0].omega == 0],
+        final=[arms[0].phi == np.pi / 2 + 0.6, arms[0].omega == 0],
+        path=[mbd.norm(load) <= peak],
+        running_cost=1e-3 * tau**2,
+        terminal_cost=peak,
+        free_parameters=[peak],
+    )
+    solution = mbd.optimize(problem, intervals=20)
+    simulated = np.hypot(*solution.simulate()[load].T)
+    assert np.max(simulated) == pytest.approx(solution.parameters[peak], rel=2e-3)
+    plain = mbd.optimize(problem.replace(path=[], terminal_cost=0, free_parameters=[]), intervals=20)
+    assert solution.parameters[peak] < 0.99 * np.max(np.hypot(*plain.trajectory[load].T))
+
+
 # --- massless bodies -------------------------------------------------------------------------------
 @pytest.mark.parametrize("transcription", SCHEMES)
 def test_a_massless_rod_between_bodies(transcription):
@@ -153,6 +217,23 @@ def test_a_point_mass_on_a_massless_rod(transcription):
         )
         costs.append(mbd.optimize(problem, intervals=20, transcription=transcription).cost)
     assert costs[0] == pytest.approx(costs[1], rel=1e-6 if transcription == "gauss-legendre" else 1e-3)
+
+
+def test_a_body_without_mass_that_nothing_holds():
+    """A spring pulls a body without mass, as in a simulation: it has no acceleration."""
+    u = mbd.Input("u")
+    block, mechanism = guided_block(1.0, u)
+    slip = mbd.Body("slip", mass=0.0, inertia=0.0, pose=(1, 0, 0))
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), slip.at(0, 0))
+    spring = mbd.TSDA("spring", block.at(0, 0), slip.at(0, 0), stiffness=40, free_length=1)
+    mechanism = mechanism.replace(
+        bodies=[block, slip], joints=[*mechanism.joints, rail], forces=[*mechanism.forces, spring]
+    )
+    problem = mbd.OptimalControlProblem(
+        mechanism, duration=1.0, initial=[block.x == 0, block.vx == 0], final=[block.x == 1], running_cost=u**2
+    )
+    with pytest.raises(mbd.SingularityError, match=r"'slip' has no mass or inertia in slip\.x, and no joint holds"):
+        mbd.optimize(problem)
 
 
 def _rotor(inertia, weight, mass=1.0):

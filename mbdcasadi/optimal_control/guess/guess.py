@@ -69,8 +69,13 @@ class PhaseGuess:
         for name, taus in inner.items():
             if name not in sampled:  # a variable of the scheme alone begins with zero
                 continue
-            values = sampled[name][within[taus.tobytes()]]
-            values = _input_unknowns(scheme.inputs, values) if name == "u" else values
+            part = within[taus.tobytes()]
+            values = sampled[name][part]
+            if name == "u":
+                values = _input_unknowns(scheme.inputs, values)
+            elif name == "lam" and scheme.redundant:
+                place = points[taus.tobytes()].reshape(-1, 1), sampled["q"][part]
+                values = scheme.constraints.independent.rows(*place, values, program.setup.numeric.p)[0]
             columns = scheme.unknown_columns(name, values).reshape(intervals.size, -1)
             x[program.inner_index(intervals)[:, scheme.interval_slice(name)]] = columns
         x[program.time_index] = times[mesh.knots][: program.time_count]

@@ -130,7 +130,7 @@ class Change:
 
     def _rows(self, begin: Edge, end: Edge, impulses: ca.SX) -> list[Rows]:
         eom, scheme, scales = self.after.phase.equations, self.after.scheme, self.after.scales
-        old = self.before.scheme.expanded(begin.at, begin.unknowns.interval.p)
+        old = self.before.scheme.expanded(begin.at, begin.unknowns.interval.p, loads=False)
         p = end.unknowns.interval.p
         new = scheme.expanded(end.at, p)
         name = f"change into phase '{self.after.phase.name}'"

@@ -18,7 +18,7 @@ from ..checks.consistency import own_limits
 from ..placeholders import Placeholder
 from ..problem import OptimalControlProblem
 from ..refinement.mesh import Mesh
-from ..transcription.points import CollocationPoint, Interval
+from ..transcription.points import MULTIPLIERS, CollocationPoint, Interval
 from .blocks import Block, Edge, Unknowns
 from .rows import Rows, condition_rows, stack
 from .scaling import Sizes
@@ -182,7 +182,8 @@ class PhaseProgram:
         return self._applied(ca.Function("e", self.arguments, [expression]), at, unknowns)
 
     def _applied(self, function: ca.Function, at: CollocationPoint, unknowns: Unknowns) -> ca.SX:
-        at = self.scheme.expanded(at, unknowns.interval.p)
+        loads = self.scheme.redundant and function.jac_sparsity(0, MULTIPLIERS).nnz() > 0
+        at = self.scheme.expanded(at, unknowns.interval.p, loads=loads)
         return function(*at.values, unknowns.interval.p, unknowns.extra)
 
     def _integral(self, expression: ca.SX, unknowns: Unknowns) -> ca.SX:

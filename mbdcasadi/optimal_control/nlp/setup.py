@@ -127,6 +127,7 @@ class PhaseSetup:
         time: float | None = None,
         kept: Cache | None = None,
     ):
+        numeric.refuse_missing_mass(start.t, start.q)
         self.phase, self.numeric, self.start = phase, numeric, start
         self.kept = Cache() if kept is None else kept
         self.path = self.kept.get_or_create_quietly("path", lambda: self._path(problem)) if path is None else path
@@ -189,10 +190,11 @@ class PhaseSetup:
         basis = input_basis(settings.control, inner, joined, rates=rates, limited=limited)
         rows, weights = self._independent_rows(eom), self.numeric.weights[eom.independent]
         place = problem.phases.index(self.phase)
-        key = "scheme", place, settings.key, curved, tuple(rows), basis, weights.tobytes()
+        sizes = self.numeric.weights.tobytes(), self.numeric.light_key
+        key = "scheme", place, settings.key, curved, tuple(rows), basis, *sizes
         kept = problem.shared.get_or_create(key, Cache, bounded=True) if settings.are_known else Cache()
         path_constraints = problem.differentiated_path_constraints(self.phase)
-        constraints = MotionConstraints(eom, self.numeric.p, rows, path_constraints, kept)
+        constraints = MotionConstraints(eom, self.numeric, rows, path_constraints, kept)
         return settings.transcription.bound_to(constraints, weights, basis)
 
     def _independent_rows(self, eom: ReducedEquations) -> list[int]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, ClassVar, TypeVar
 
 import casadi as ca
@@ -285,12 +286,17 @@ class Transcription(ABC):
         ends = [self.split_point(end)["u"] for end in (interval.first, interval.last)]
         return ca.horzcat(ends[0], inner, ends[1])
 
-    def expanded(self, at: CollocationPoint, p: ca.SX) -> CollocationPoint:
-        """The same point with all coordinates of the mechanism and the multipliers of all rows."""
-        if not self.eom.explicit:
-            return at
-        q, v, a, lam = self.eom.expansion(*at.values[:-1], p)
-        return CollocationPoint(at.t, q, v, a, at.z, lam, at.u, at.u_rate)
+    def expanded(self, at: CollocationPoint, p: ca.SX, *, loads: bool = True) -> CollocationPoint:
+        """The same point with all coordinates of the mechanism and the multipliers of all rows.
+
+        If rows are redundant the multipliers are those of least norm, as in all analyses; `loads` = False spares this.
+        """
+        if self.eom.explicit:
+            q, v, a, lam = self.eom.expansion(*at.values[:-1], p)
+            at = CollocationPoint(at.t, q, v, a, at.z, lam, at.u, at.u_rate)
+        if loads and self.redundant:
+            at = replace(at, lam=self.constraints.least_norm(at.t, at.q, at.lam, p))
+        return at
 
     def full_multipliers(self, lam: ca.SX) -> ca.SX:
         """Multipliers of all rows of ``eom`` from those of :attr:`rows`; those of implied rows are zero."""

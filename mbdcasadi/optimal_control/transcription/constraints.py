@@ -7,9 +7,12 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
+from ...equations.numeric import NumericEquations
 from ...equations.reduced import ReducedEquations
+from ...equations.saddle import ImpliedRows
 from ...model.cache import Cache
 from ...model.conditions import Condition, stacked
+from ...numerics.evaluation import Evaluator
 from ...numerics.lazy import cached_property
 from ..nlp.rows import Rows
 from ..nlp.scaling import Scales
@@ -20,19 +23,20 @@ class MotionConstraints:
 
     `rows` are the independent ones of the joints, of those that the equations have; `path_constraints` are path
     conditions that prescribe the motion, in parameters of the mechanism, see
-    :meth:`ProblemStatement.differentiated_path_constraints`. The parameters p give the sizes of the rows. Compiled
-    functions of these choices, and of a scheme that works with them, are in `kept`.
+    :meth:`ProblemStatement.differentiated_path_constraints`. The equations at the parameters that are given, `numeric`,
+    give the sizes of the rows. Compiled functions of these choices, and of a scheme that works with them, are in
+    `kept`.
     """
 
     def __init__(
         self,
         eom: ReducedEquations,
-        p: np.ndarray,
+        numeric: NumericEquations,
         rows: Sequence[int],
         path_constraints: Sequence[Condition],
         kept: Cache,
     ):
-        self.eom, self.rows, self.kept = eom, [int(k) for k in rows], kept
+        self.eom, self.rows, self.kept, self._numeric = eom, [int(k) for k in rows], kept, numeric
         place = {int(k): i for i, k in enumerate(eom.position_rows)}
         positions = [c for c in path_constraints if not c.depends_on("velocity")]
         velocities = [c for c in path_constraints if c.depends_on("velocity")]
@@ -42,7 +46,7 @@ class MotionConstraints:
         #: numbers of rows at the level of positions, and of velocities and accelerations
         self.position_count = len(self._joint_positions) + len(positions)
         self.velocity_count = len(self.rows) + len(self.path_constraints)
-        slopes = self.function(0.0, eom.estimate, p)
+        slopes = self.function(0.0, eom.estimate, numeric.p)
         self._position_slopes, self._slopes = np.abs(slopes[1].full()), np.abs(slopes[2].full())
 
     @cached_property
@@ -67,6 +71,23 @@ class MotionConstraints:
         return self.kept.get_or_create(
             "constraints", lambda: ca.Function("constraints", [eom.t, eom.q, eom.p], self._terms[:4])
         )
+
+    @cached_property
+    def _implied_rows(self) -> ImpliedRows:
+        eom = self.eom
+        rows = sorted([*eom.explicit, *(eom.rows[k] for k in self.rows)])
+        return ImpliedRows(eom.whole, rows, self._numeric.weights)
+
+    @property
+    def least_norm(self) -> ca.Function:
+        """``(t, q, lam, p) -> lam``, of all coordinates: multipliers of least norm that load the bodies alike."""
+        augmentation = self._numeric.augmentation
+        return self.kept.get_or_create("least norm", lambda: self._implied_rows.least_norm(augmentation))
+
+    @property
+    def independent(self) -> Evaluator:
+        """``(t, q, lam, p) -> lam``, of all coordinates: multipliers of independent rows that load the bodies alike."""
+        return self.kept.get_or_create("independent", lambda: Evaluator(self._implied_rows.independent()))
 
     @property
     def acceleration_residual(self) -> ca.SX:

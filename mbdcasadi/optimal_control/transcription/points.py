@@ -6,6 +6,9 @@ from dataclasses import dataclass, field, replace
 
 import casadi as ca
 
+#: Place of the multipliers among the values of a point.
+MULTIPLIERS = 5
+
 
 @dataclass(frozen=True)
 class CollocationPoint:
