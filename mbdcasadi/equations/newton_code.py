@@ -9,12 +9,14 @@ import numpy as np
 
 from ..numerics.c_code import SIGNATURE, Tape
 from .derivation import Equations
-from .saddle import saddle_point_solution
+from .saddle import row_sizes, saddle_point_solution
 
 #: Steps of Newton's method, at most; those after which a change that does not shrink below rounding is accepted.
 STEPS, MANY = 60, 8
 #: Largest change in the last step, relative to the unknowns, and the one that is accepted after many.
 CONVERGED, NEARLY = 1e-13, 1e-10
+#: What the loads before the last step leave over, relative to their size: reactions of small mechanisms are far below one.
+BALANCED = 1e-12
 
 
 def linearised(eom: Equations, force: ca.SX, gamma: ca.SX, augmentation: np.ndarray | None) -> tuple[ca.SX, ca.SX]:
@@ -24,12 +26,16 @@ def linearised(eom: Equations, force: ca.SX, gamma: ca.SX, augmentation: np.ndar
 
 
 def newton_step(eom: Equations, name: str, augmentation: np.ndarray | None) -> ca.Function:
-    """Return ``(t, q, v, z, u, p, [a; lam]) -> [a; lam]``: one step of Newton's method."""
-    force = eom.Q - eom.mass_diagonal * eom.a - eom.Phi_q.T @ eom.lam
-    changes = linearised(eom, force, eom.gamma - eom.Phi_q @ eom.a, augmentation)
+    """Return ``(t, q, v, z, u, p, [a; lam]) -> ([a; lam], left over)``: one step of Newton's method.
+
+    What the unknowns before the step leave over of the equations is relative to the size of their terms.
+    """
+    force, rate = eom.Q - eom.mass_diagonal * eom.a - eom.Phi_q.T @ eom.lam, eom.gamma - eom.Phi_q @ eom.a
+    left_over = ca.mmax(ca.densify(ca.fabs(ca.vertcat(force, rate)) / row_sizes(eom)))
     unknown = ca.vertcat(eom.a, eom.lam)
+    stepped = ca.densify(unknown + ca.vertcat(*linearised(eom, force, rate, augmentation)))
     known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
-    return ca.Function(name, [*known, unknown], [ca.densify(unknown + ca.vertcat(*changes))])
+    return ca.Function(name, [*known, unknown], [stepped, left_over])
 
 
 @dataclass(frozen=True)
@@ -43,7 +49,7 @@ class NewtonLoop:
     name : str
         The function.
     step : Tape
-        ``(t, q, v, z, u, p, [a; lam]) -> [a; lam]``, see :func:`newton_step`.
+        ``(t, q, v, z, u, p, [a; lam]) -> ([a; lam], left over)``, see :func:`newton_step`.
     results : Tape
         ``(t, q, v, z, u, p, [a; lam]) -> results``.
     """
@@ -73,7 +79,8 @@ class NewtonLoop:
         return f"""int {self.name}({SIGNATURE}) {{
   double *found = w, *next = w + {self._unknowns}, *work = next + {self._unknowns};
   const double* known[] = {{arg[0], arg[1], arg[2], arg[3], arg[4], arg[5], found}};
-  double* given[] = {{next}};
+  double off = 0.0;
+  double* given[] = {{next, &off}};
   int solved = 0, i, k;
   for (i = 0; i < {self._unknowns}; ++i) found[i] = 0.0;
   for (k = 0; k < {STEPS} && !solved; ++k) {{
@@ -85,7 +92,8 @@ class NewtonLoop:
       size = fmax(size, fabs(next[i]));
       found[i] = next[i];
     }}
-    solved = change <= {CONVERGED} * size || (k > {MANY} && change <= {NEARLY} * size);
+    solved = (change <= {CONVERGED} * size && off <= {BALANCED})
+      || (k > {MANY} && change <= {NEARLY} * size && off <= {NEARLY});
   }}
   for (i = 0; i < {self._unknowns} && !solved; ++i) found[i] = NAN;
   {self.results.name}(known, res, iw, work, mem);

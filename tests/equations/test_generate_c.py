@@ -141,6 +141,20 @@ def test_forces_that_depend_on_reactions(tmp_path):
 
 
 @needs_gcc
+def test_friction_of_a_driven_grain(tmp_path):
+    """A steady drive has no acceleration to be found: its friction is μ m g at 1e-14 N too."""
+    mass = 1e-15
+    grain = mbd.Body("grain", mass=mass, inertia=1e-28, velocity=(1e-6, 0, 0))
+    plane = mbd.Translational("plane", mbd.ground.at(0, 0), grain.at(0, 0))
+    drive = mbd.Driver("drive", plane.displacement, 1e-6 * mbd.t)
+    rub = mbd.JointFriction("rub", plane, mbd.Coulomb(0.3, velocity_tolerance=1e-10))
+    model = mbd.Mechanism([grain], joints=[plane], drivers=[drive], forces=[mbd.Gravity(), rub])
+    source, _ = mbd.equations(model).generate_c(tmp_path / "grain.c")
+    _, lam = load(tmp_path, source, "forward_dynamics")(0, np.zeros(3), [1e-6, 0, 0], [], [], [])
+    assert lam.full().ravel() / (mass * 9.81) == pytest.approx([-1, 0, -0.3], abs=1e-12)
+
+
+@needs_gcc
 def test_other_programs_find_arguments_by_the_convention_of_casadi(tmp_path):
     """Names, sizes and patterns, in C and in C++, as declared in the header."""
     source, header = mbd.equations(pendulum().mechanism).generate_c(tmp_path / "rod.c")
