@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.linalg import matrix_balance
 
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
@@ -271,16 +272,25 @@ class Mode:
 def _rigid_motions(a: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, set[int]]:
     """Null space of A, and the eigenvalues that belong to it.
 
-    A rigid-body motion is a double eigenvalue zero with one vector, which
-    rounding splits into two of the size of its square root.
+    A rigid-body motion is a double eigenvalue zero with one vector, which rounding splits into two of the size of its
+    square root. It is a single one if something slows the motion: no state moves towards that vector then.
     """
-    # columns of displacements and rates differ in size by the frequencies
-    scale = max(float(np.max(np.abs(values))), np.finfo(float).tiny)
-    size = np.maximum(np.max(np.abs(a), axis=1, keepdims=True), np.finfo(float).tiny)
-    _, singular, right = np.linalg.svd(a / size)
+    balanced, (sizes, _) = matrix_balance(a, permute=False, separate=True)
+    # rates of stiff and of soft parts differ in size
+    largest = np.max(np.abs(balanced), axis=1)
+    weights = 1 / np.where(largest > 0, largest, 1.0)
+    left, singular, right = np.linalg.svd(weights[:, None] * balanced)
     count = int(np.sum(singular <= 1e-11 * singular[0])) if singular[0] > 0 else len(a)
-    small = [int(k) for k in np.argsort(np.abs(values)) if abs(values[k]) <= RIGID * scale]
-    return right[len(a) - count :].T, set(small[: 2 * count]) if count else set()
+    vectors = right[len(a) - count :].T
+    single = np.linalg.matrix_rank(left[:, len(a) - count :].T @ _unit(weights[:, None] * vectors), tol=1e-12)
+    near = RIGID * max(float(np.max(np.abs(values))), np.finfo(float).tiny)
+    small = [int(k) for k in np.argsort(np.abs(values)) if abs(values[k]) <= near]
+    return _unit(sizes[:, None] * vectors), set(small[: 2 * count - single])
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    """Columns of length one."""
+    return vectors / np.linalg.norm(vectors, axis=0)
 
 
 def _mode(model: LinearModel, value: complex, vector: np.ndarray) -> Mode:

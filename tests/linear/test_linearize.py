@@ -394,3 +394,17 @@ def test_a_small_slider_off_its_equilibrium_is_reported():
     off = mbd.linearize(model, mbd.assemble(model, [slider.x == 1e-6]))
     with pytest.warns(mbd.MechanismWarning, match="neither an equilibrium"):
         off.modes()
+
+
+def test_a_slowed_rigid_motion_beside_a_stiff_spring():
+    """A stage that drag slows, with a stiff part on it: the drift is one mode, its decay at -c/m another."""
+    stage = mbd.Body("stage", mass=1, inertia=1)
+    head = mbd.Body("head", mass=1e-3, inertia=1, pose=(1, 0, 0))
+    guides = [mbd.Translational(f"guide of {b.name}", mbd.ground.at(0, 0), b.at(0, 0)) for b in (stage, head)]
+    spring = mbd.TSDA("spring", stage.at(0, 0), head.at(0, 0), stiffness=1e6, free_length=1)
+    drag = mbd.Force("drag", stage.at(0, 0), (-0.01 * stage.vx, 0))
+    stages = mbd.Mechanism([stage, head], joints=guides, forces=[spring, drag])
+    drift, decay, ringing = mbd.linearize(stages, mbd.assemble(stages)).modes()
+    assert drift.eigenvalue == 0
+    assert decay.eigenvalue == pytest.approx(-0.01 / 1.001, rel=1e-5)
+    assert ringing.frequency == pytest.approx(np.sqrt(1e6 * (1 + 1e3)) / (2 * np.pi), rel=1e-9)
