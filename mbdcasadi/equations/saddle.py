@@ -35,6 +35,8 @@ REFINEMENTS = 3
 NEWTON = {"linear_solver": "csparse", "error_on_fail": False, "max_iter": 60, "line_search": False, "abstolStep": 0.0}
 #: Residual of a solution, relative to its size.
 SOLUTION_TOLERANCE = 1e-9
+#: Size of loads and accelerations, N and m/s² or N m and rad/s², at which nothing acts.
+NOTHING = 1e-150
 #: Refinement steps of multipliers that are reported: of these the least-norm solution is wanted to rounding.
 REPORT_REFINEMENTS = 4
 
@@ -262,6 +264,9 @@ def row_sizes(eom: Equations) -> ca.SX:
         units = [terms[np.flatnonzero(part).tolist()] for part in (~angular, angular)]
         largest = [ca.mmax(ca.densify(unit)) if unit.numel() else ca.SX(0) for unit in units]
         # nothing of a unit acts, or nothing at all
-        known = [ca.if_else(own > 0, own, ca.if_else(other > 0, other, 1)) for own, other in (largest, largest[::-1])]
+        known = [
+            ca.if_else(own > NOTHING, own, ca.if_else(other > NOTHING, other, 1))
+            for own, other in (largest, largest[::-1])
+        ]
         sizes += [known[int(turns)] for turns in angular]
     return ca.vertcat(*sizes)

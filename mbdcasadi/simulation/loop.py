@@ -431,7 +431,7 @@ class Run:
         system = SteppedSystem(
             numeric, self.setup.signals, self.modes.levels, self.integrator, self._span, self.redundant, self._max_step
         )
-        watch = EventWatch(numeric.eom, (*own, *self.events), self.instant, self.transitions.resting)
+        watch = EventWatch(numeric.eom, self.events, self.instant, self.transitions.resting, own)
         return Arc(mode, state, system, watch, own)
 
     def _occurrence(self, crossing: Crossing) -> EventOccurrence:

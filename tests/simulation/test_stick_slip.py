@@ -493,3 +493,47 @@ def test_friction_in_a_mechanism_that_is_driven_in_every_freedom(law):
     rests = motion.t < 1
     np.testing.assert_allclose(motion[swing.effort][rests], 2 * G * 0.5, atol=1e-9)
     assert moves.sum() > 120 and rests.sum() == 40
+
+
+@pytest.mark.parametrize(
+    "push, press, way",
+    [
+        (lambda t: mbd.sin(t), lambda t: 0 * t, 2 - np.sin(2)),
+        (lambda t: -2 * t, lambda t: t, -(2 - 0.3) * 8 / 6),
+        (lambda t: 2 * t**2, lambda t: t**2, (2 - 0.3) * 16 / 12),
+        (lambda t: 0.3 * 5 + mbd.sin(t), lambda t: 5 + 0 * t, 2 - np.sin(2)),
+        (lambda t: 0.3 * 5 - mbd.sin(t), lambda t: 5 + 0 * t, 0.0),
+    ],
+)
+def test_breaks_away_from_the_limit_at_the_start(push, press, way):
+    """Friction whose load is zero at the start, or that is at its limit there, holds no push that grows from there on."""
+    block = mbd.Body("block", mass=1, inertia=1)
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
+    rub = mbd.JointFriction("rub", guide, mbd.DryFriction(0.3))
+    pushed = mbd.Force("push", block.at(0, 0), (push(mbd.t), -press(mbd.t)))
+    motion = mbd.simulate(mbd.Mechanism([block], joints=[guide], forces=[pushed, rub]), np.linspace(0, 2, 11))
+    assert motion[block.x][-1] == pytest.approx(way, abs=1e-7)
+    assert [event.t for event in motion.events] == pytest.approx([0.0] if way else [], abs=1e-8)
+
+
+@pytest.mark.parametrize("method", ["idas", "dop853"])
+def test_brake_that_closes_from_nothing(method):
+    """The load of a brake and the push grow from zero together: the wheel slips from the start."""
+    wheel = mbd.Body("wheel", mass=1, inertia=0.5)
+    hub = mbd.Revolute("hub", mbd.ground.at(0, 0), wheel.at(0, 0))
+    brake = mbd.LoadIndependentFriction("brake", hub, mbd.DryFriction(0.4), load=10 * mbd.t, radius=0.1)
+    torque = mbd.Torque("torque", wheel, mbd.t)
+    motion = mbd.simulate(mbd.Mechanism([wheel], [hub], forces=[torque, brake]), np.linspace(0, 1, 6), method=method)
+    assert motion[wheel.omega][-1] == pytest.approx((1 - 0.4) / 0.5 / 2, abs=1e-7)
+
+
+def test_unloaded_friction_does_not_switch_by_rounding():
+    """A guide that weight does not load, on a machine that is loaded: no event for two seconds."""
+    table = mbd.Body("table", mass=5, inertia=1)
+    part = mbd.Body("part", mass=1, inertia=0.1, pose=(0.3, 0.1, 0))
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), table.at(0, 0))
+    column = mbd.Translational("column", table.at(0.3, 0.1, np.pi / 2), part.at(0, 0, np.pi / 2))
+    rubs = [mbd.JointFriction(f"rub of {j.name}", j, mbd.DryFriction(0.3)) for j in (rail, column)]
+    crane = mbd.Force("crane", part.at(0, 0), (0, G))
+    motion = mbd.simulate(mbd.Mechanism([table, part], [rail, column], forces=[mbd.Gravity(), *rubs, crane]), [0, 1, 2])
+    assert motion.events == () and motion[part.y][-1] == pytest.approx(0.1, abs=1e-12)

@@ -30,6 +30,8 @@ AWAY = 1e-9
 LOCATED = 1e-6
 #: Acceleration through the zero of an event, relative to the accelerations, that counts as none.
 NO_PRESSURE = 1e-9
+#: Change of an expression, relative to the velocities or reactions, that may be rounding.
+ROUNDING = 1e-11
 #: Points at which an interval is looked at, inside which an expression may have touched zero between two outputs.
 CLOSER_POINTS = 16
 _NONE = np.zeros(0)
@@ -128,15 +130,24 @@ class EventWatch:
         Events with a reset that stand still at their zero, and the values of their expressions
         there; several watches of a run share it. Such an event takes place again once its
         expression has moved away by more than rounding.
+    own : sequence of Event, optional
+        Events at which the equations cease to hold: a piece of motion starts on the side on which they do.
     """
 
     def __init__(
-        self, eom: Equations, events: Sequence[Event], instant: float, resting: dict[Event, float] | None = None
+        self,
+        eom: Equations,
+        events: Sequence[Event],
+        instant: float,
+        resting: dict[Event, float] | None = None,
+        own: Sequence[Event] = (),
     ):
-        self.events, self.instant = tuple(events), instant
+        self.events, self.instant = (*own, *events), instant
+        self._own = range(len(own))
         self.resting = {} if resting is None else resting
         self._side: dict[int, float] = {}
         self._offset: dict[int, float] = {}
+        self._band: dict[int, float] = {}
         self._left: dict[int, int] = {}
         self._not_a_number: set[int] = set()
         self._state: State | None = None
@@ -225,7 +236,7 @@ class EventWatch:
         located : sequence of Event
             Events that have just taken place: their expressions begin at zero, whatever the error of that place is.
         """
-        self._side, self._offset = {}, {}
+        self._side, self._offset, self._band = {}, {}, {}
         if not self.events:
             return
         rates, seconds, rests = self.rates(state), self.accelerations(state), self.rests(state)
@@ -248,6 +259,14 @@ class EventWatch:
             if value != 0 or rests[index]:
                 self._side[index] = value
                 self._offset[index] = float(state[self.events[index].expression])
+        for index in self._own:
+            event, value = self.events[index], float(state[self.events[index].expression])
+            size = largest(state.v) if self._terms.rate_is_known[index] else largest(state.lam)
+            band = ROUNDING * max(size, abs(value)) + np.finfo(float).tiny
+            if event.direction * self._side.get(index, value) >= -band:
+                # it begins at its zero, as friction without load: it takes place once it leaves by more than rounding
+                self._band[index], self._side[index] = band, -event.direction * band
+                self._offset[index] = value + event.direction * band
 
     def moves_through(self, state: State) -> list[bool]:
         """True for each expression at zero that passes it in the direction in which the event counts.
@@ -339,7 +358,8 @@ class EventWatch:
                 crossings.append(crossing)
         # projection may move them by rounding before the next piece
         self._side = {i: float(value) for i, value in enumerate(values[-1]) if value != 0 and np.isfinite(value)}
-        self._offset = {}
+        self._band = {i: band for i, band in self._band.items() if abs(values[-1, i]) <= 2 * band}
+        self._offset = {i: self._offset[i] for i in self._band}
         return crossings
 
     def _wake(self, x: np.ndarray, values: np.ndarray) -> None:
