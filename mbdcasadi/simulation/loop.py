@@ -116,7 +116,7 @@ class Run:
         entry : State, optional
             State of the mechanism at which the run goes on, in place of the start.
         passed : sequence of Event
-            Events that led there: they are at their zeros, and have taken place.
+            Events that led there, or took place just before: they are at their zeros, and have taken place.
 
         Raises
         ------
@@ -198,7 +198,7 @@ class Run:
         if self._schedule.samples_at(self._index - 1) and self._schedule.times[self._index - 1] >= state.t:
             state = self.transitions.by_controller(state)
         self._enter(state, passed, first=True)
-        self._reset_at(state, [])
+        self._reset_at(state, [], passed)
 
     def _set_out_from(self, state: State) -> None:
         """Look at the rows at the first state, in the mode in which nothing is held."""
@@ -471,11 +471,11 @@ class Run:
                 self._pass_jump(just_after)
         return False
 
-    def _reset_at(self, state: State, located: Sequence[Event]) -> None:
+    def _reset_at(self, state: State, located: Sequence[Event], passed: Sequence[Event] = ()) -> None:
         """Go on from the resets at a state, if any take place."""
         if not any(event.reset for event in self.events):
             return
-        state, occurrences = self.transitions.by_resets(state, located)
+        state, occurrences = self.transitions.by_resets(state, located, passed)
         self._builder.events += occurrences
         if occurrences:
             self._enter(state, located)

@@ -214,7 +214,9 @@ class PhasedRun:
             self._carry_levels(run.modes, following.modes)
         entry, impulses = self._entry(chain, before, following)
         ended = run.stops or any(event.terminal for event in chain)
-        part = following.only_start(entry) if ended else following.run(entry, chain)
+        just_before = {event.name for event in self._parts[-1].events if abs(event.t - before.t) <= run.instant}
+        passed = [*chain, *(event for event in self.events if event.name in just_before)]
+        part = following.only_start(entry) if ended else following.run(entry, passed)
         first = part.initial
         after = in_whole(State(target, *first.arguments, first.obstacle, impulses), self.whole, self._p)
         self._occurrences += [EventOccurrence(event.name, before.t, before, after) for event in chain]

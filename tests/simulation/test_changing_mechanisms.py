@@ -475,3 +475,33 @@ def test_event_that_leads_to_the_only_mechanism_asks_for_during():
     bounce = mbd.Event("bounce", ball.y, direction=-1, becomes=falling)
     with pytest.raises(mbd.ModelError, match="the one to which the event leads, which during= has to name"):
         mbd.simulate(falling, duration=1.0, events=[bounce])
+
+
+@pytest.mark.parametrize("method", ["idas", "dop853"])
+@pytest.mark.parametrize(
+    "lift, height", [(lambda t: mbd.sin(t), 2 - np.sin(2)), (lambda t: t**2, 16 / 12), (lambda t: -mbd.sin(t), 0.0)]
+)
+def test_a_reaction_that_grows_from_zero_lets_go(method, lift, height):
+    """A floor without load at the start does not hold what is pulled off it."""
+    block = mbd.Body("block", mass=1, inertia=1)
+    guides = [mbd.AbsoluteX("x", block.at(0, 0)), mbd.AbsoluteAngle("angle", block.at(0, 0))]
+    floor = mbd.AbsoluteY("floor", block.at(0, 0))
+    free = mbd.Mechanism([block], guides, forces=[mbd.Force("lift", block.at(0, 0), (0, lift(mbd.t)))])
+    lifts = mbd.Event("lifts off", floor.reaction_on(block).force[1], direction=-1, becomes=free)
+    standing = free.replace(joints=[*guides, floor])
+    motion = mbd.simulate(standing, np.linspace(0, 2, 11), events=[lifts], method=method)
+    assert motion.final[block.y] == pytest.approx(height, abs=1e-7)
+
+
+def test_a_reaction_that_jumps_below_zero_lets_go():
+    """A force that a reset switches on lifts the block, and the event of the reset takes place once."""
+    block, runner = mbd.Body("block", mass=1, inertia=1), mbd.Body("runner", mass=1, inertia=1, velocity=(1, 0, 0))
+    guides = [mbd.AbsoluteX("x", block.at(0, 0)), mbd.AbsoluteAngle("angle", block.at(0, 0))]
+    floor, on = mbd.AbsoluteY("floor", block.at(0, 0)), mbd.StateVariable("on")
+    lift = mbd.Force("lift", block.at(0, 0), (0, 3 * on - 1))
+    free = mbd.Mechanism([block, runner], guides, forces=[lift], states={on: 0 * mbd.t})
+    lifts = mbd.Event("lifts off", floor.reaction_on(block).force[1], direction=-1, becomes=free)
+    switch = mbd.Event("switch", runner.x - 0.5, direction=1, reset={on: on + 1})
+    motion = mbd.simulate(free.replace(joints=[*guides, floor]), np.linspace(0, 2, 11), events=[lifts, switch])
+    assert [event.name for event in motion.events] == ["switch", "lifts off"]
+    assert motion.final[block.y] == pytest.approx(2 * 1.5**2 / 2, abs=1e-7)

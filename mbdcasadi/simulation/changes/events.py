@@ -259,14 +259,29 @@ class EventWatch:
             if value != 0 or rests[index]:
                 self._side[index] = value
                 self._offset[index] = float(state[self.events[index].expression])
-        for index in self._own:
-            event, value = self.events[index], float(state[self.events[index].expression])
-            size = largest(state.v) if self._terms.rate_is_known[index] else largest(state.lam)
-            band = ROUNDING * max(size, abs(value)) + np.finfo(float).tiny
-            if event.direction * self._side.get(index, value) >= -band:
-                # it begins at its zero, as friction without load: it takes place once it leaves by more than rounding
-                self._band[index], self._side[index] = band, -event.direction * band
-                self._offset[index] = value + event.direction * band
+        for index, event in enumerate(self.events):
+            if index in self._own or event not in located and self._is_of_reactions(index):
+                self._begin_before(index, state)
+
+    def _is_of_reactions(self, index: int) -> bool:
+        """True for an event that changes the motion in one direction of an expression whose rate is not known."""
+        event = self.events[index]
+        changes = event.reset or event.becomes is not None
+        return bool(changes and event.direction) and not self._terms.rate_is_known[index]
+
+    def _begin_before(self, index: int, state: State) -> None:
+        """Let an event that is at its zero at a start, as friction without load, take place once it goes beyond it."""
+        event, value = self.events[index], float(state[self.events[index].expression])
+        size = largest(state.v) if self._terms.rate_is_known[index] else largest(state.lam)
+        band = ROUNDING * max(size, abs(value)) + np.finfo(float).tiny
+        beyond = event.direction * self._side.get(index, value)
+        if beyond < -band:
+            return
+        if beyond <= band or index in self._own:  # rounding, also of what decided that the equations hold
+            self._band[index], self._side[index] = band, -event.direction * band
+            self._offset[index] = value + event.direction * band
+        elif event.becomes is not None:  # a jump has led there: at once
+            self._side[index] = -event.direction * band
 
     def moves_through(self, state: State) -> list[bool]:
         """True for each expression at zero that passes it in the direction in which the event counts.

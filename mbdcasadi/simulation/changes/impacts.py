@@ -80,7 +80,7 @@ class Impacts:
                 except ExpressionError as error:
                     raise ExpressionError(f"event '{event.name}', reset: {error}") from None
 
-    def resolved(self, state: State, located: Sequence[Event] = ()) -> list[Impact]:
+    def resolved(self, state: State, located: Sequence[Event] = (), passed: Sequence[Event] = ()) -> list[Impact]:
         """Impacts of one instant, in the rounds in which they follow each other.
 
         All events that are at their zero and driven through it are resolved
@@ -93,6 +93,8 @@ class Impacts:
             Just before; complete with accelerations.
         located : sequence of Event
             Events that were found to take place at this instant.
+        passed : sequence of Event
+            Events that took place at this instant already, in another mechanism.
 
         Returns
         -------
@@ -105,7 +107,7 @@ class Impacts:
             If a reset contradicts the constraints or another one, and if events accumulate.
         """
         impacts: list[Impact] = []
-        passing: set[Event] = set()
+        passing = set(passed)
         for _ in range(ROUNDS):
             active = self._active(state, () if impacts else located, passing)
             if not active:

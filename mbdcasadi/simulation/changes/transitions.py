@@ -81,13 +81,15 @@ class Transitions:
             )
         return state, [EventOccurrence(event.name, state.t, before, after) for event in events]
 
-    def by_resets(self, state: State, located: Sequence[Event]) -> tuple[State, list[EventOccurrence]]:
+    def by_resets(
+        self, state: State, located: Sequence[Event], passed: Sequence[Event] = ()
+    ) -> tuple[State, list[EventOccurrence]]:
         """Return the state after the resets that take place at a state, and these; itself if there are none."""
         modes, before = self._modes, self.whole(state)
         moving = modes.at(modes.free, state.t, state.q, state.v, state.z)
         occurrences: list[EventOccurrence] = []
         fired: list[Event] = []
-        for impact in self.impacts.resolved(moving, located):
+        for impact in self.impacts.resolved(moving, located, passed):
             moving = modes.at(modes.free, state.t, state.q, impact.v, impact.z)
             state = self.decided(moving)
             impulses = by_element(modes.numeric(modes.free).eom, impact.impulses)
