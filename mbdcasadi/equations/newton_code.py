@@ -9,13 +9,13 @@ import numpy as np
 
 from ..numerics.c_code import SIGNATURE, Tape
 from .derivation import Equations
-from .saddle import row_sizes, saddle_point_solution
+from .saddle import saddle_point_solution, term_sizes
 
 #: Steps of Newton's method, at most; those after which a change that does not shrink below rounding is accepted.
 STEPS, MANY = 60, 8
 #: Largest change in the last step, relative to the unknowns, and the one that is accepted after many.
 CONVERGED, NEARLY = 1e-13, 1e-10
-#: What the loads before the last step leave over, relative to their size: reactions of small mechanisms are far below one.
+#: What the equations leave over before the last step, relative to their terms: small mechanisms have small reactions.
 BALANCED = 1e-12
 
 
@@ -31,7 +31,7 @@ def newton_step(eom: Equations, name: str, augmentation: np.ndarray | None) -> c
     What the unknowns before the step leave over of the equations is relative to the size of their terms.
     """
     force, rate = eom.Q - eom.mass_diagonal * eom.a - eom.Phi_q.T @ eom.lam, eom.gamma - eom.Phi_q @ eom.a
-    left_over = ca.mmax(ca.densify(ca.fabs(ca.vertcat(force, rate)) / row_sizes(eom)))
+    left_over = ca.mmax(ca.densify(ca.fabs(ca.vertcat(force, rate)) / term_sizes(eom)))
     unknown = ca.vertcat(eom.a, eom.lam)
     stepped = ca.densify(unknown + ca.vertcat(*linearised(eom, force, rate, augmentation)))
     known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]

@@ -236,7 +236,7 @@ def forward_dynamics(
     residual = ca.vertcat(eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q, eom.Phi_q @ eom.a - eom.gamma)
     if ca.sprank(ca.jacobian_sparsity(residual, unknowns)) < unknowns.numel():
         raise SingularityError(eom.why_not_unique)
-    sizes_of = ca.Function("sizes", [unknowns, *arguments], [row_sizes(eom)])
+    sizes_of = ca.Function("sizes", [unknowns, *arguments], [term_sizes(eom)])
     sizes = ca.SX.sym("sizes", residual.numel())
     function = ca.Function("r", [unknowns, *arguments, sizes], [residual / sizes])
     root = ca.rootfinder("newton", "newton", function, NEWTON)
@@ -252,7 +252,7 @@ def forward_dynamics(
     return ca.Function("forward_dynamics", symbols, [solution[:n], solution[n:]], names, ["a", "lam"])
 
 
-def row_sizes(eom: Equations) -> ca.SX:
+def term_sizes(eom: Equations) -> ca.SX:
     """Sizes of the terms of ``M a + Phi_q^T lam = Q`` and ``Phi_q a = gamma``, the largest of each unit (n + m,)."""
     loads = ca.fabs(eom.Phi_q.T) @ ca.fabs(eom.lam) + ca.fabs(eom.Q)
     forces = ca.fabs(eom.mass_diagonal * eom.a) + loads

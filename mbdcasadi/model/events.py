@@ -58,8 +58,8 @@ class Event(Immutable, HoldsSymbols):
     At the start an event with a reset and a direction that is at its zero and moves through it takes place at once. One
     without a direction is taken to have been passed, with a warning: whether the motion comes to its zero or has just
     left it cannot be seen there. Events without a reset that are at their zero at the start are taken to have been
-    passed, so that a run can continue from the state at which one has ended it; one that changes the mechanism or resets,
-    and has a direction, takes place once its reaction or acceleration goes beyond zero.
+    passed, so that a run can continue from the state at which one has ended it. Those of reactions and accelerations
+    with a direction, and a reset or a change of the mechanism, take place once they go beyond zero.
 
     A reset does not keep at rest what it has stopped: a ball whose bounces die out ends in an
     error. For rest on a surface use a :class:`Contact`.

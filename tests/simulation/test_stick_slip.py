@@ -506,7 +506,7 @@ def test_friction_in_a_mechanism_that_is_driven_in_every_freedom(law):
     ],
 )
 def test_breaks_away_from_the_limit_at_the_start(push, press, way):
-    """Friction whose load is zero at the start, or that is at its limit there, holds no push that grows from there on."""
+    """Friction that has no load at the start, or is at its limit there, does not hold a push that grows."""
     block = mbd.Body("block", mass=1, inertia=1)
     guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
     rub = mbd.JointFriction("rub", guide, mbd.DryFriction(0.3))

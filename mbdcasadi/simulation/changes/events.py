@@ -260,7 +260,7 @@ class EventWatch:
                 self._side[index] = value
                 self._offset[index] = float(state[self.events[index].expression])
         for index, event in enumerate(self.events):
-            if index in self._own or event not in located and self._is_of_reactions(index):
+            if index in self._own or (event not in located and self._is_of_reactions(index)):
                 self._begin_before(index, state)
 
     def _is_of_reactions(self, index: int) -> bool:
