@@ -15,8 +15,8 @@ from ..numerics.least_squares import largest
 from ..numerics.nearest import multipliers_at, nearest, project_with_inequalities
 from ..numerics.newton import Equations, Outcome, solve
 
-#: Value of an inequality that counts as held: of a position, by what a displacement of characteristic size changes it;
-#: of a velocity m/s or rad/s.
+#: Value of an inequality that counts as held, by what a displacement of characteristic size changes it, or such a
+#: displacement in one second.
 HELD_TOLERANCE = 1e-6
 #: Violation of an inequality up to which it counts as met, in the same units.
 INEQUALITY_TOLERANCE = 1e-7

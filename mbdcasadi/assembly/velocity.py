@@ -15,10 +15,12 @@ from ..numerics.least_squares import largest, project_velocity
 from ..numerics.nearest import nearest_by_ipopt
 from ..numerics.newton import Equations, refine_root
 from ..numerics.rank import analyse_rank
+from ..numerics.scattered import scattered
+from ..numerics.tolerances import EPSILON
 from .nearest_problem import NearestProblem, residuals_by_element
 
-#: Random velocities beside the first one, from which one that meets the conditions is looked for.
-ELSEWHERE = 4
+#: Random velocities beside the first one, in typical sizes, from which one that meets the conditions is looked for.
+ELSEWHERE = (1.0, 1.0, 1e-3, 1e-6)
 
 
 class VelocityProblem(NearestProblem):
@@ -41,6 +43,7 @@ class VelocityProblem(NearestProblem):
         self._jacobian, self._nu = numeric.velocity(t, q)
         eom = numeric.eom
         self._known = ca.vertcat(eom.q, eom.z, eom.t, eom.p), ca.vertcat(q, z, t, numeric.p)
+        self.sizes = numeric.scale.coordinates  # in one second
 
     def solve(self, estimate: np.ndarray) -> np.ndarray:
         """Return the velocity (n,), or raise with what stays open."""
@@ -55,7 +58,8 @@ class VelocityProblem(NearestProblem):
         jacobian, nu = self._jacobian, self._nu
         v = project_velocity(jacobian, nu, estimate, self.numeric.weights)
         left_over = jacobian @ v - nu
-        if largest(left_over) > 1e-8 * (1 + largest(nu) + largest(v)):
+        sizes = np.abs(nu) + np.abs(jacobian) @ self.sizes * (1 + largest(v / self.sizes))
+        if np.any(np.abs(left_over) > 1e-8 * sizes):
             eom = self.numeric.eom
             names = [eom.row_names[k] for k in np.argsort(-np.abs(left_over))[:4]]
             raise AssemblyError(
@@ -83,15 +87,30 @@ class VelocityProblem(NearestProblem):
         return Evaluator(ca.Function("conditions", [v], [values, ca.jacobian(values, v)]))
 
     def _relative(self, conditions: Sequence[Condition], v: np.ndarray) -> np.ndarray:
-        return self._function(conditions)(v)[0].ravel()
+        """Values by their typical sizes (k,)."""
+        function = self._function(conditions)
+        return function(v)[0].ravel() / self._typical(function)
+
+    def _typical(self, function: Evaluator) -> np.ndarray:
+        """Typical sizes of conditions (k,): by what speeds of typical sizes change them, or less as their own values.
+
+        The value at rest is that of the number in a condition: a speed of micrometres per second, whose square has no
+        slope at rest, is one that has to be met.
+        """
+        with np.errstate(all="ignore"):
+            at_rest = np.abs(function(np.zeros(self.sizes.size))[0].ravel())
+            change = np.abs(function(self.sizes * scattered(self.sizes.size))[1]) @ self.sizes
+        change = np.where(np.isfinite(change) & (change > 0), change, 1.0)
+        return np.where(at_rest > 0, np.clip(at_rest, EPSILON * change, change), change)
 
     def rows_with(self, conditions: Sequence[Condition]) -> Equations:
         function = self._function(conditions)
+        sizes = self._typical(function)
 
         def rows(v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             values, slope = function(v)
-            residual = np.concatenate([self._jacobian @ v - self._nu, values.ravel()])
-            return residual, np.vstack([self._jacobian, slope])
+            residual = np.concatenate([self._jacobian @ v - self._nu, values.ravel() / sizes])
+            return residual, np.vstack([self._jacobian, slope / sizes[:, None]])
 
         return rows
 
@@ -101,7 +120,8 @@ class VelocityProblem(NearestProblem):
         outcome = self._solve(rows, start)
         if not outcome.converged:  # a speed has no slope at rest
             free, random = analyse_rank(self._jacobian).null_columns, np.random.default_rng(0)
-            moved = (start + free @ random.normal(size=free.shape[1]) for _ in range(ELSEWHERE))
+            velocities = (share * self.sizes * random.normal(size=start.size) for share in ELSEWHERE)
+            moved = (start + free @ (free.T @ velocity) for velocity in velocities)
             others = (self._solve(rows, velocity) for velocity in moved)
             outcome = next((other for other in others if other.converged), outcome)
         if not outcome.converged:

@@ -39,6 +39,8 @@ SMALLEST_WEIGHT, SMALLEST_PROJECTION_WEIGHT = 1e-5, 1e-2
 FARTHEST = 3.0
 #: Left over of ``Phi_q a = gamma``, relative to its terms, from which no acceleration meets the constraints.
 ACCELERATION_TOLERANCE = 1e-5
+#: Share of the accelerations that reactions alone would give below which their sum is rounding, over that tolerance.
+BALANCED = 1e-6
 #: Square of the share of a free motion in coordinates with mass below which it moves none.
 WITHOUT_MASS = 1e-12
 
@@ -346,7 +348,7 @@ class NumericEquations:
             )
         jacobian, gamma = self.acceleration(t, q, v)
         left_over = jacobian @ a - gamma if a.size else np.zeros(0)
-        missed = left_over / self._acceleration_terms(jacobian, gamma, a)
+        missed = left_over / self._acceleration_terms(jacobian, gamma, a, lam)
         broken = [] if finite else self.forces_not_finite(t, q, v, z, u)
         if broken:
             raise SingularityError(
@@ -365,9 +367,15 @@ class NumericEquations:
             )
         return a, lam
 
-    def _acceleration_terms(self, jacobian: np.ndarray, gamma: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Size of the terms of ``Phi_q a - gamma`` (m,): the largest of all rows, 1 rad/s² and its lever at least."""
-        terms = np.abs(jacobian) @ np.abs(a) + np.abs(gamma) if a.size else np.zeros(gamma.size)
+    def _acceleration_terms(
+        self, jacobian: np.ndarray, gamma: np.ndarray, a: np.ndarray, lam: np.ndarray
+    ) -> np.ndarray:
+        """Size of the terms of ``Phi_q a - gamma`` (m,): the largest of all rows, 1 rad/s² and its lever at least.
+
+        Accelerations are what is left of forces that balance each other, and have a share of what these would give.
+        """
+        balanced = BALANCED * (np.abs(jacobian).T @ np.abs(np.nan_to_num(lam))) / self.weights
+        terms = np.abs(jacobian) @ (np.abs(a) + balanced) + np.abs(gamma) if a.size else np.zeros(gamma.size)
         size: np.ndarray = max(largest(terms * self._levers), self.scale.length) / self._levers
         return size
 

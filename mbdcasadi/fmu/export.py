@@ -14,7 +14,7 @@ from ..arguments.inputs import SampledController
 from ..arguments.values import position_in
 from ..assembly.setup import Setup
 from ..errors import FileError, ModelError, warn
-from ..integrators.base import ABSTOL, RELTOL
+from ..integrators.base import RELTOL
 from ..integrators.native.build import no_compiler
 from ..model.conditions import read_conditions
 from ..model.mechanism import Mechanism
@@ -23,6 +23,7 @@ from ..model.symbols import Input, Parameter, number, positive
 from ..numerics.console import keyboard_interrupts
 from ..numerics.writing import writable
 from ..results.state import State
+from ..simulation.tolerances import default_abstol
 from .archive import binary_of, write_archive
 from .description import KINDS, Unit
 from .functions import Model
@@ -49,7 +50,7 @@ def export_fmu(
     stop: float | None = None,
     step: float | None = None,
     reltol: float = RELTOL,
-    abstol: float = ABSTOL,
+    abstol: float | None = None,
     drift_rate: float = DRIFT_RATE,
     binary: bool | None = None,
 ) -> Path:
@@ -86,7 +87,8 @@ def export_fmu(
     stop, step : float, optional
         End and communication step of the default experiment, s.
     reltol, abstol : float, default 1e-8
-        Tolerances in co-simulation, if the importer gives none; the absolute one follows the relative one.
+        Tolerances in co-simulation, if the importer gives none; the absolute one follows the relative one. It is a
+        millionth of the size of a mechanism that is smaller than 1 cm.
     drift_rate : float, default 10
         Rate with which drift from the constraints decays in model exchange, 1/s.
     binary : bool, optional
@@ -135,11 +137,10 @@ def export_fmu(
     shown_inputs = _listed(inputs, mechanism.inputs, Input, "inputs=")
     shown_parameters = _listed(parameters, mechanism.parameters, Parameter, "parameters=")
     stop, step = _experiment(number(t, "export_fmu", "t"), stop, step)
-    reltol, abstol, drift = (
-        positive(x, "export_fmu", name)
-        for name, x in (("reltol", reltol), ("abstol", abstol), ("drift_rate", drift_rate))
-    )
+    reltol, drift = (positive(x, "export_fmu", name) for name, x in (("reltol", reltol), ("drift_rate", drift_rate)))
+    given = None if abstol is None else positive(abstol, "export_fmu", "abstol")
     setup = Setup(mechanism, "export_fmu", t=t, initial=initial)
+    abstol = default_abstol(setup.numeric) if given is None else given
     model = _model(setup, initial, outputs, drift)
     variables = variables_of(model, shown_inputs, shown_parameters, _units(units))
     unit = Unit(model, variables, mechanism.name or target.stem, version, kinds, reltol, abstol, stop, step)

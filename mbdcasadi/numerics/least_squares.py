@@ -66,7 +66,8 @@ def project_velocity(
     missing = right - jacobian @ v
     if largest(missing) <= 4 * EPSILON * (1 + largest(v)):
         return v.copy()
-    return v + least_norm(jacobian, missing, weights)
+    scale = row_scale(jacobian, np.ones(v.size) if weights is None else weights)
+    return v + least_norm(jacobian * scale[:, None], missing * scale, weights)
 
 
 def row_scale(jacobian: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -8,8 +8,8 @@ Before them it is looked whether the linkage reaches the waypoints and the end a
    solution on a coarse one, see :func:`solve_coarse_first`.
 2. If neither mesh nor tolerance was given, intervals that are too coarse are split before costs are compared, since a
    coarse mesh may promise a cost that no motion has: :func:`refine_if_coarse`. The best one of those that all stay
-   coarse is refined once more; if that does not help, or all are no motions, the problem is solved slowly first:
-   :mod:`slow_first`.
+   coarse is refined once more; if that does not help, or all are no motions, the problem is solved slowly first, and
+   at last with limits that close in from a solution without: :mod:`slow_first`.
 3. If all of this fails: without limits, with limits that close in, from detours, and with least violation, see
    :mod:`closing_limits`; for a fine mesh on a coarse one first.
 4. A saddle is left along the direction in which the cost falls: :mod:`saddle`; so is the neighbourhood of one in which
@@ -42,6 +42,7 @@ from .guess.guess import Guess
 from .guess.multistart import at_rest, best_of, guesses
 from .guess.parameter_continuation import by_continuation
 from .nlp.best_so_far import BestSoFar
+from .nlp.limit_sides import LimitSides
 from .nlp.problem_solver import ProblemSolver
 from .nlp.setup import PhaseSetup, Settings, is_open_chain
 from .nlp.solvers.ipopt import sharp_options
@@ -207,7 +208,18 @@ class _Attempt:
 
     def _on_fine_mesh(self, solution: Solution) -> Solution:
         """The solution on a finer mesh, or another one if that does not hold."""
-        return refine_or_begin_anew(self.solver, solution, self.meshes, self._candidates_and_detours)
+        free = partial(self._without_limits, solution)
+        return refine_or_begin_anew(self.solver, solution, self.meshes, self._candidates_and_detours, free)
+
+    def _without_limits(self, limited: Solution) -> Solution | None:
+        """The solution of the problem without its limits; None if it has none, or that is not found either."""
+        if self.solver.is_unlimited or not LimitSides(limited.program).sides:
+            return None
+        attempt = replace(self, solver=self.solver.unlimited())
+        try:
+            return attempt.solve(warm=False, executor=None, limit=FIRST_ITERATIONS)
+        except OptimizationError:
+            return None
 
     def _candidates_and_detours(self) -> list[Guess]:
         return [*self.candidates, *(self._detour() for _ in range(DETOURS))]

@@ -34,7 +34,7 @@ from .checks.accuracy import (
 from .contact.compiled_elements import has_many_contacts
 from .loop import Run
 from .phases import PhasedRun
-from .tolerances import absolute_tolerance
+from .tolerances import absolute_tolerance, default_abstol
 
 #: Explicit steps that stability may ask for in one output chunk before the motion counts as stiff.
 EXPLICIT_STEPS = 2000
@@ -90,7 +90,8 @@ def simulate(
         such contacts if there is a C compiler, DOP853 if the motion at the start is not
         stiff, no rows are redundant and no force depends on reactions, else "erk" or "idas".
     reltol, abstol : float, default 1e-8
-        Tolerances of the integrator. A motion that stays within so small a range that the default `abstol` does not
+        Tolerances of the integrator; `abstol` is a millionth of the size of a mechanism that is smaller than 1 cm. A
+        motion that stays within so small a range that the default `abstol` does not
         resolve it is run again with one that does. If friction has a velocity tolerance (or bristles), the
         absolute one is a thousandth of it (of their largest deflection) at most.
     jit : bool, default False
@@ -237,6 +238,8 @@ def chosen_integrator(
         in_c = in_c and not options and not setup.has_redundant_rows
         method = "idas" if stiff else "dop853" if in_c else "erk"
         method = "bdf" if in_c and has_many_contacts(numeric) else method
+    if settings.get("abstol") is None and isinstance(method, str):
+        settings["abstol"] = default_abstol(modes.numeric(modes.free))
     return as_integrator(method, **settings, options=options, besides=("auto",))
 
 

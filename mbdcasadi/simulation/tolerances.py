@@ -1,4 +1,4 @@
-"""Tolerances of an integrator that smoothed friction asks for."""
+"""Tolerances of an integrator that the size of a mechanism and smoothed friction ask for."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ import numpy as np
 from ..equations import Equations
 from ..equations.numeric import NumericEquations
 from ..errors import SimulationError
+from ..integrators.base import ABSTOL
 
+#: Largest absolute tolerance that is not given, as a share of the characteristic length, and smallest one.
+SIZE_SHARE, SMALLEST_FOR_SIZE = 1e-6, 1e-15
 #: Quantity over which friction is spread, by attribute, in words.
 NARROW = {
     "velocity_tolerance": "the velocity tolerance {:.3g} m/s",
@@ -56,6 +59,11 @@ def _widths(eom: Equations) -> _Widths | None:
         return None
     function = ca.Function("widths", [eom.p], [ca.densify(ca.vertcat(*[width for width, _, _ in known]))])
     return _Widths(function, [(element, words) for _, element, words in known])
+
+
+def default_abstol(numeric: NumericEquations) -> float:
+    """The absolute tolerance of a run for which none is given: less than usual for a mechanism of less than 1 cm."""
+    return max(min(ABSTOL, SIZE_SHARE * numeric.scale.length), SMALLEST_FOR_SIZE)
 
 
 def absolute_tolerance(numeric: NumericEquations, asked: float) -> float:

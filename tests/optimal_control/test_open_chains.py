@@ -75,6 +75,48 @@ def test_swings_are_found(driven, known):
     assert np.max(solution.verify().defects) < 0.02
 
 
+def chain(links, driven, duration):
+    """Bars, each with its length and its mass per length, from hanging to standing, with motors in some joints."""
+    motors, forces, joints, bodies, end = [mbd.Input(f"tau {k}") for k in driven], [mbd.Gravity()], [], [], 0.0
+    for k, (length, density) in enumerate(links):
+        mass, pose = density * length, (0, end - length / 2, -np.pi / 2)
+        bodies.append(mbd.Body(f"link {k}", mass=mass, inertia=mass * length**2 / 12, pose=pose))
+        before = bodies[-2].at(links[k - 1][0] / 2, 0) if k else mbd.ground.at(0, 0)
+        joints.append(mbd.Revolute(f"joint {k}", before, bodies[-1].at(-length / 2, 0)))
+        if k in driven:
+            forces.append(mbd.Torque(f"motor {k}", bodies[-1], motors[driven.index(k)], *bodies[-2:-1]))
+        end -= length
+    initial, final = (
+        [c for body in bodies for c in (body.phi == phi, body.omega == 0)] for phi in (-np.pi / 2, np.pi / 2)
+    )
+    mechanism = mbd.Mechanism(bodies, joints, forces=forces, inputs=motors)
+    cost = mbd.sumsqr(mbd.vertcat(*motors))
+    return mbd.OptimalControlProblem(mechanism, duration=duration, initial=initial, final=final, running_cost=cost)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("links", "driven", "duration"),
+    [
+        ([(1.11, 1.70), (0.846, 1.93)], (1,), 3.64),  # closed in from a swing
+        ([(0.465, 1.40), (0.722, 0.718)], (1,), 1.90),  # from a swing with all limits
+        ([(1.106, 1.17), (0.583, 1.66), (0.729, 0.829)], (0, 1), 4.07),  # from the solution without limits
+    ],
+)
+def test_limits_of_a_swing_up(links, driven, duration):
+    """Under 0.7 of the torques of the free optimum the cost is that of limits that close in by hand, or lower."""
+    problem = chain(links, driven, duration)
+    free = mbd.optimize(problem)
+    largest = 0.7 * np.max(np.abs(free.trajectory.inputs), axis=0)
+    motors = problem.mechanism.inputs
+    limited = problem.replace(path=[mbd.bounded(-limit, u, limit) for limit, u in zip(largest, motors, strict=True)])
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", message=".*too coarse")
+        solution = mbd.optimize(limited)
+    assert free.cost < solution.cost < 1.01 * mbd.optimize(limited, guess=free).cost
+    assert np.max(solution.verify().defects) < 0.02
+
+
 def swinging_paths(begin=-np.pi / 2, end=np.pi / 2, **changes):
     """Angles of both links on each of the motions from which a pendubot is solved that swings from pose to pose."""
     problem, upper, lower, _ = two_links("shoulder", 2.5, **changes)

@@ -5,7 +5,8 @@ else. So the search goes on, until a solution is found:
 
 1. if the solver ran out of iterations, on a mesh of other intervals, and from there on the mesh itself: that it lost
    its way may be an accident of the mesh,
-2. without limits, and from there with all of them, on a mesh twice as fine if it is coarse for that motion,
+2. without limits, and from there with all of them, on a mesh twice as fine if it is coarse for that motion; a chain
+   with fewer inputs than angles also from motions on which it swings,
 3. with violations of limits and conditions at a price beside the cost, from the motion without limits, from the first
    guess, from simulated motions under random inputs, and from motions to other poses at the end; and with all demands
    from motions that come near to them, to other poses at the end also from a solution without limits,
@@ -43,6 +44,7 @@ from ..refinement.mesh import Mesh, interval_count
 from ..refinement.singularity import folding_pose_of
 from ..refinement.slow_first import solve_slowly_first
 from ..solution import Solution
+from .detours import SWINGS, swings
 from .guess import Guess
 from .multistart import other_ends, random_motions
 
@@ -162,13 +164,15 @@ class LimitSearch:
             self._refuse_out_of_time(failure, free)
         searches: list[Callable[[], Solution | None]] = [
             partial(self._close_in, free),
+            *([self._by_swings] if has_limits else []),
             partial(self._by_random_motions, free),
             self._by_other_ends,
             partial(self._by_more_iterations, failure),
             self._by_detours,
         ]
         # without a solution without limits, what is said to be in conflict comes before detours and more iterations
-        searches.insert(3 if free is None else 5, partial(self._by_violation, failure, free))
+        place = len(searches) - (2 if free is None else 0)
+        searches.insert(place, partial(self._by_violation, failure, free))
         solutions = (search() for search in searches)
         closed = next((solution for solution in solutions if solution is not None), None)
         if closed is None:
@@ -239,6 +243,11 @@ class LimitSearch:
             if solved is not None:
                 return solved
         return None
+
+    def _by_swings(self) -> Solution | None:
+        """The cheapest solution from motions on which a chain swings; None if there is none."""
+        closed = [self._closed_in_from(guess) for guess in swings(self._solver, [])[: len(SWINGS)]]
+        return min(filter(None, closed), key=lambda solution: solution.cost, default=None)
 
     @cached_property
     def _other_ends(self) -> list[Guess]:

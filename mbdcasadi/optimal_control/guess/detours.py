@@ -75,12 +75,16 @@ def guess_of(solver: ProblemSolver, phases: Iterable[PhaseGuess], description: s
 def swings(solver: ProblemSolver, reports: Sequence[Attempt]) -> list[Guess]:
     """Return further guesses for a chain in angles with fewer inputs than angles, after solves from the usual ones.
 
+    `reports` are those of the solves, none if all of them failed.
+
     Such a chain gathers speed by swinging, in one of several ways that differ much in their cost, and a path that leads
     from pose to pose evenly has none of them.
     """
     angles = len(_swinging_angles(solver))
     counts = [report.iterations for report in reports]
-    is_nearly_linear = max(counts) < SWINGING_ITERATIONS or (len(counts) > 1 and len(set(counts)) == 1)
+    is_nearly_linear = bool(counts) and (
+        max(counts) < SWINGING_ITERATIONS or (len(counts) > 1 and len(set(counts)) == 1)
+    )
     if not angles or is_nearly_linear:
         return []
     random = np.random.default_rng(0)

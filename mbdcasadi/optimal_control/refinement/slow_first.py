@@ -35,12 +35,16 @@ WORK = 600_000
 
 
 def refine_or_begin_anew(
-    solver: ProblemSolver, solution: Solution, meshes: Sequence[Mesh], guesses: Callable[[], list[Guess]]
+    solver: ProblemSolver,
+    solution: Solution,
+    meshes: Sequence[Mesh],
+    guesses: Callable[[], list[Guess]],
+    without_limits: Callable[[], Solution | None],
 ) -> Solution:
     """Refine the best solution of all starts; if its mesh does not become fine enough, solve from guesses anew.
 
     A solution that owes its cost to the errors of a coarse mesh is a poor guess for a finer one, and ranks behind any
-    on a mesh that holds.
+    on a mesh that holds. If no guess leads to one either, limits close in from a solution without them.
     """
     lost = is_lost(solution)
     refined, holds = (solution, False) if lost else refine_further(solver, solution)
@@ -52,7 +56,24 @@ def refine_or_begin_anew(
         if found is not None and found[1]:
             found[0].statistics = found[0].statistics.after(solution.statistics)
             return found[0]
+    closed = _closed_in(solver, None if holds or solver.best.work > allowed else without_limits())
+    if closed is not None:
+        closed.statistics = closed.statistics.after(solution.statistics)
+        return closed
     return refine_if_coarse(solver, solution)[0] if lost else refined
+
+
+def _closed_in(solver: ProblemSolver, free: Solution | None) -> Solution | None:
+    """Solution on a mesh that holds, from one without limits; None if there is none."""
+    if free is None or is_lost(free):
+        return None
+    solver.best.new_stage()
+    try:
+        found = solver.solve(free.meshes, replace(free.as_guess(solver.problem), iterate=None), limit=ITERATIONS)
+    except OptimizationError:
+        return None
+    settled, holds = refine_if_coarse(solver, found)
+    return settled if holds else None
 
 
 def solve_slowly_first(

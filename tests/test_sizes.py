@@ -1,0 +1,106 @@
+"""A mechanism in other sizes, from micrometres to a giant, is the same mechanism in other units."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import mbdcasadi as mbd
+
+
+@dataclass(frozen=True)
+class Units:
+    """Length, mass and time that count as one, in m, kg and s."""
+
+    length: float = 1.0
+    mass: float = 1.0
+    time: float = 1.0
+
+    @property
+    def speed(self):
+        return self.length / self.time
+
+    @property
+    def force(self):
+        return self.mass * self.length / self.time**2
+
+    @property
+    def inertia(self):
+        return self.mass * self.length**2
+
+    def gravity(self):
+        return mbd.Gravity((0.0, -9.81 * self.length / self.time**2))
+
+
+ONE, MICRO, GIANT = Units(), Units(1e-6, 1e-12, 1e-3), Units(1e3, 1e9, 60.0)
+
+
+def bouncing_ball(units):
+    ball = mbd.Body("ball", mass=0.6 * units.mass, inertia=2.4e-3 * units.inertia, pose=(0, 1.1 * units.length, 0))
+    law = mbd.HuntCrossley(2e5 * units.force / units.length**1.5, damping=0.3 / units.speed)
+    outlines = mbd.Circle(ball.at(0, 0), 0.1 * units.length), mbd.HalfPlane(mbd.ground.at(0, 0))
+    floor = mbd.Contact("floor", *outlines, law, mbd.Coulomb(0.4, 1e-2 * units.speed))
+    return mbd.Mechanism([ball], forces=[units.gravity(), floor]), ball
+
+
+def bouncing(units, **settings):
+    """Heights and turning speeds of a ball that bounces and begins to roll, in these units."""
+    drop, ball = bouncing_ball(units)
+    times = np.linspace(0, 1, 41) * units.time
+    motion = mbd.simulate(drop, times, initial=[ball.vx == units.speed], **settings)
+    return np.column_stack([motion[ball.y] / units.length, motion[ball.omega] * units.time])
+
+
+@pytest.mark.parametrize("units", [MICRO, GIANT, Units(1e-4, 1e-8, 1e-2)])
+@pytest.mark.parametrize("method", ["idas", "rosenbrock"])
+def test_bouncing(units, method):
+    """A ball of a tenth of a micrometre turns by radians and falls by a micrometre: both are resolved."""
+    exact = bouncing(ONE, reltol=1e-12, abstol=1e-14)
+    assert np.max(np.abs(bouncing(units, method=method) - exact)) < 2e-5
+
+
+def four_bar(units, stiffness):
+    m, i, size = units.mass, units.inertia, units.length
+    crank = mbd.Body("crank", mass=m, inertia=0.02 * i, pose=(0, 0.25 * size, np.pi / 2))
+    coupler = mbd.Body("coupler", mass=1.5 * m, inertia=0.1 * i, pose=(0.5 * size, 0.7 * size, 0.3))
+    rocker = mbd.Body("rocker", mass=1.2 * m, inertia=0.08 * i, pose=(size, 0.4 * size, 1.4))
+    joints = [
+        mbd.Revolute("A", mbd.ground.at(0, 0), crank.at(-0.25 * size, 0)),
+        mbd.Revolute("B", crank.at(0.25 * size, 0), coupler.at(-0.6 * size, 0)),
+        mbd.Revolute("C", coupler.at(0.6 * size, 0), rocker.at(0.5 * size, 0)),
+        mbd.Revolute("D", mbd.ground.at(1.1 * size, 0), rocker.at(-0.5 * size, 0)),
+    ]
+    ends = crank.at(0.25 * size, 0), mbd.ground.at(1.1 * size, 0)
+    rate = stiffness * units.force / units.length
+    spring = mbd.TSDA("spring", *ends, stiffness=rate, damping=0.0, free_length=0.8 * size)
+    return mbd.Mechanism([crank, coupler, rocker], joints, forces=[units.gravity(), spring]), coupler
+
+
+@pytest.mark.parametrize("units", [MICRO, GIANT, Units(time=1e-6)])
+def test_rest_of_a_linkage(units):
+    """Poses and frequencies at rest; with microseconds the reactions are of 1e13 N, and what they leave is rounding."""
+    found = []
+    for own in (ONE, units):
+        linkage, coupler = four_bar(own, 40.0)
+        rest = mbd.equilibrium(linkage)
+        rates = [mode.frequency * own.time for mode in mbd.linearize(linkage, rest).modes()]
+        found.append([rest[coupler.x] / own.length, rest[coupler.phi], *rates])
+    assert found[1] == pytest.approx(found[0], rel=1e-7)
+
+
+@pytest.mark.parametrize("units", [ONE, MICRO, GIANT, Units(1e-6, 1e-12, 1.0), Units(time=1e6)])
+def test_speeds_at_the_start(units):
+    """The square of a speed has no slope at rest, and rest does not meet it, however small it is."""
+    linkage, coupler = four_bar(units, 40.0)
+    speed, squared = 0.1 * units.speed, coupler.vx**2 + coupler.vy**2
+    for condition in (squared == speed**2, mbd.sqrt(squared) == speed):
+        assert np.sqrt(mbd.assemble(linkage, [condition])[squared]) == pytest.approx(speed, rel=1e-9)
+
+
+def test_speeds_that_contradict_each_other():
+    """Two drivers of one crank at unlike speeds of micrometres per second are refused."""
+    crank = mbd.Body("crank", mass=1e-9, inertia=1e-21, pose=(1e-6, 0, 0))
+    hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), crank.at(-1e-6, 0))
+    drivers = [mbd.Driver("turn", hinge.angle, mbd.t), mbd.Driver("lift", crank.y, 1.1e-6 * mbd.t)]
+    with pytest.raises(mbd.MechanismError, match="lift"):
+        mbd.simulate(mbd.Mechanism([crank], [hinge], drivers=drivers), duration=1e-3)
