@@ -6,6 +6,7 @@ differentiation. No closed formula of a joint is written twice.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Hashable, Sequence
 from functools import partial
 from pathlib import Path
@@ -240,23 +241,27 @@ class Equations:
         )
 
     @cached_property
+    def rows_of_trees(self) -> tuple[int, ...]:
+        """Rows that are regular in every pose: of pins, slides and welds by which bodies hang on the others in trees."""
+        left = list(self.mechanism.constraints)
+        while True:
+            counts = Counter(body for element in left for body in element.bodies if not body.is_ground)
+            hanging = [
+                element
+                for element in left
+                if getattr(element, "is_lower_pair", False)
+                and len(element.bodies) == 2
+                and any(counts[body] == 1 for body in element.bodies)
+            ]
+            if not hanging:
+                break
+            left = [element for element in left if element not in hanging]
+        return tuple(k for k, element in enumerate(self.row_elements) if element not in left)
+
+    @property
     def has_loops(self) -> bool:
         """True if constraints close loops: a tree of pins, slides and welds is regular in every pose."""
-        parent: dict[int, int] = {}
-
-        def root(key: int) -> int:
-            while parent.setdefault(key, key) != key:
-                key = parent[key]
-            return key
-
-        for element in self.mechanism.constraints:
-            if not getattr(element, "is_lower_pair", False) or len(element.bodies) != 2:
-                return True
-            a, b = (root(id(body)) for body in element.bodies)
-            if a == b:
-                return True
-            parent[a] = b
-        return False
+        return len(self.rows_of_trees) < len(self.row_elements)
 
     @cached_property
     def estimate(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -243,3 +243,26 @@ def test_no_output_is_left_out(method, outputs):
         )
         np.testing.assert_array_equal(motion.t, times)
         np.testing.assert_allclose(motion[slider.x], 2 * np.cos(motion[crank.phi]), atol=1e-8)
+
+
+@pytest.mark.parametrize("method", ["idas", "dop853"])
+def test_a_part_that_slides_far_is_no_singular_pose(method):
+    """A slider on a driven carriage and on the coupler of a parallelogram: it leaves as fast as it was pushed."""
+    carriage = mbd.Body("carriage", mass=2, inertia=1)
+    slider = mbd.Body("slider", mass=1, inertia=1)
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), carriage.at(0, 0))
+    rail = mbd.Translational("rail", carriage.at(0, 0), slider.at(0, 0))
+    drive = mbd.Driver("drive", carriage.x, mbd.sin(mbd.t))
+    driven = mbd.Mechanism([carriage, slider], [guide, rail], drivers=[drive], forces=[mbd.Gravity()])
+    motion = mbd.simulate(driven, np.linspace(0, 2, 11), initial=[slider.vx == 100], method=method)
+    assert motion[slider.x][-1] == pytest.approx(200, abs=1e-6) and not any("singular" in note for note in motion.statistics.notes)
+    cranks = [mbd.Body(f"crank {k}", mass=1, inertia=0.1, pose=(k, 0.1, np.pi / 2)) for k in (0, 1)]
+    coupler = mbd.Body("coupler", mass=1, inertia=0.1, pose=(0.5, 0.2, 0))
+    part = mbd.Body("part", mass=1, inertia=0.1, pose=(0.5, 0.2, 0))
+    pins = [mbd.Revolute(f"root {k}", mbd.ground.at(k, 0), cranks[k].at(-0.1, 0)) for k in (0, 1)]
+    pins += [mbd.Revolute(f"tip {k}", cranks[k].at(0.1, 0), coupler.at(k - 0.5, 0)) for k in (0, 1)]
+    slot = mbd.Translational("slot", coupler.at(0, 0), part.at(0, 0))
+    lift = mbd.Mechanism([*cranks, coupler, part], [*pins, slot], forces=[mbd.Gravity()])
+    motion = mbd.simulate(lift, [0, 1], initial=[slot.speed == 100, cranks[0].omega == 0], method=method)
+    # in the guide the part is free along x
+    assert motion[part.x][-1] == pytest.approx(100.5, abs=1e-6)

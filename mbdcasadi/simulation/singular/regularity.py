@@ -51,9 +51,10 @@ class Regularity:
         self.is_needed = eom.has_loops
         if not self.is_needed:
             return
-        left_out: tuple[int, ...] = ()
+        left_out = eom.rows_of_trees  # a part that slides far has rows of long levers, which say nothing of a loop
         if numeric.has_redundant_rows(t, q):
-            left_out = tuple(dependent_rows(numeric.scale.scaled(numeric.velocity(t, q)[0])))
+            dependent = dependent_rows(numeric.scale.scaled(numeric.velocity(t, q)[0]))
+            left_out = tuple(sorted({*left_out, *dependent}))
         self._function = eom.mechanism.cache.get_or_create(
             ("regularity", left_out), lambda: Evaluator(_regularity(eom, left_out))
         )
