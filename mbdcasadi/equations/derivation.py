@@ -242,7 +242,7 @@ class Equations:
 
     @cached_property
     def rows_of_trees(self) -> tuple[int, ...]:
-        """Rows that are regular in every pose: of pins, slides and welds by which bodies hang on the others in trees."""
+        """Rows that are regular in every pose: of pins, slides and welds by which bodies hang on others in trees."""
         left = list(self.mechanism.constraints)
         while True:
             counts = Counter(body for element in left for body in element.bodies if not body.is_ground)
