@@ -13,10 +13,9 @@ from .saddle import saddle_point_solution, term_sizes
 
 #: Steps of Newton's method, at most; those after which a change that does not shrink below rounding is accepted.
 STEPS, MANY = 60, 8
-#: Largest change in the last step, relative to the unknowns, and the one that is accepted after many.
+#: Largest change in the last step, relative to the unknowns, and the one that is accepted after many. What the
+#: equations leave over before it, relative to their terms, is below the latter: small mechanisms have small reactions.
 CONVERGED, NEARLY = 1e-13, 1e-10
-#: What the equations leave over before the last step, relative to their terms: small mechanisms have small reactions.
-BALANCED = 1e-12
 
 
 def linearised(eom: Equations, force: ca.SX, gamma: ca.SX, augmentation: np.ndarray | None) -> tuple[ca.SX, ca.SX]:
@@ -92,8 +91,7 @@ class NewtonLoop:
       size = fmax(size, fabs(next[i]));
       found[i] = next[i];
     }}
-    solved = (change <= {CONVERGED} * size && off <= {BALANCED})
-      || (k > {MANY} && change <= {NEARLY} * size && off <= {NEARLY});
+    solved = off <= {NEARLY} && (change <= {CONVERGED} * size || (k > {MANY} && change <= {NEARLY} * size));
   }}
   for (i = 0; i < {self._unknowns} && !solved; ++i) found[i] = NAN;
   {self.results.name}(known, res, iw, work, mem);

@@ -35,6 +35,8 @@ REFINEMENTS = 3
 NEWTON = {"linear_solver": "csparse", "error_on_fail": False, "max_iter": 60, "line_search": False, "abstolStep": 0.0}
 #: Residual of a solution, relative to its size.
 SOLUTION_TOLERANCE = 1e-9
+#: Share of the terms of one unit, by the longest lever, below which those of the other may be rounding.
+ROUNDED = 1e-3
 #: Size of loads and accelerations, N and m/s² or N m and rad/s², at which nothing acts.
 NOTHING = 1e-150
 #: Refinement steps of multipliers that are reported: of these the least-norm solution is wanted to rounding.
@@ -259,14 +261,17 @@ def term_sizes(eom: Equations) -> ca.SX:
     # accelerations of a motion that is steady are the differences of what each load alone would bring
     free = ca.if_else(eom.mass_diagonal > 0, loads / eom.mass_diagonal, 0)
     rates = ca.fabs(eom.Phi_q) @ (ca.fabs(eom.a) + free) + ca.fabs(eom.gamma)
+    turning, straight = np.flatnonzero(eom.angles).tolist(), np.flatnonzero(~eom.angular_rows).tolist()
+    lever = _largest(ca.fabs(eom.Phi_q[straight, turning]))
+    lever = ca.if_else(lever > NOTHING, lever, 1)
     sizes = []
-    for terms, angular in ((forces, eom.angles), (rates, eom.angular_rows)):
-        units = [terms[np.flatnonzero(part).tolist()] for part in (~angular, angular)]
-        largest = [ca.mmax(ca.densify(unit)) if unit.numel() else ca.SX(0) for unit in units]
-        # nothing of a unit acts, or nothing at all
-        known = [
-            ca.if_else(own > NOTHING, own, ca.if_else(other > NOTHING, other, 1))
-            for own, other in (largest, largest[::-1])
-        ]
-        sizes += [known[int(turns)] for turns in angular]
+    for terms, angular, length in ((forces, eom.angles, lever), (rates, eom.angular_rows, 1 / lever)):
+        straight, turning = (_largest(terms[np.flatnonzero(part).tolist()]) for part in (~angular, angular))
+        # terms of one unit may be the rounding of those of the other, as the couples on a block that only slides
+        known = ca.fmax(straight, ROUNDED * turning / length), ca.fmax(turning, ROUNDED * length * straight)
+        sizes += [ca.if_else(known[int(turns)] > NOTHING, known[int(turns)], 1) for turns in angular]
     return ca.vertcat(*sizes)
+
+
+def _largest(terms: ca.SX) -> ca.SX:
+    return ca.mmax(ca.densify(terms)) if terms.numel() else ca.SX(0)

@@ -537,3 +537,29 @@ def test_unloaded_friction_does_not_switch_by_rounding():
     crane = mbd.Force("crane", part.at(0, 0), (0, G))
     motion = mbd.simulate(mbd.Mechanism([table, part], [rail, column], forces=[mbd.Gravity(), *rubs, crane]), [0, 1, 2])
     assert motion.events == () and motion[part.y][-1] == pytest.approx(0.1, abs=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("push, rate, mu, phase", [(3, 2, 0.3, 0), (6, 4, 0.2, 0), (6, 4, 0.2, 1), (5, 1, 0.4, 0)])
+@pytest.mark.parametrize("in_pin", [False, True])
+def test_a_crank_that_is_pushed_out_of_rest(push, rate, mu, phase, in_pin):
+    """No weight: reactions, couples and accelerations are zero, or rounding, until the push overcomes the friction."""
+    tilt = np.arcsin(np.sin(0.7) / 3)
+    crank = mbd.Body("crank", mass=0.5, inertia=1e-3, pose=(0.05 * np.cos(0.7), 0.05 * np.sin(0.7), 0.7))
+    reach = 0.1 * np.cos(0.7), 0.05 * np.sin(0.7), 0.3 * np.cos(tilt)
+    rod = mbd.Body("rod", mass=0.5, inertia=4e-3, pose=(reach[0] + reach[2] / 2, reach[1], -tilt))
+    slider = mbd.Body("slider", mass=1, inertia=1e-3, pose=(reach[0] + reach[2], 0, 0))
+    main = mbd.Revolute("main", mbd.ground.at(0, 0), crank.at(-0.05, 0))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), slider.at(0, 0))
+    pins = [mbd.Revolute("A", crank.at(0.05, 0), rod.at(-0.15, 0)), mbd.Revolute("B", rod.at(0.15, 0), slider.at(0, 0))]
+    pushed = mbd.Force("push", slider.at(0, 0), (push * mbd.sin(rate * mbd.t + phase), 5))
+
+    def end_with(law):
+        rubs = [mbd.JointFriction("rub", guide, law(mu))]
+        rubs += [mbd.JointFriction("rub of the pin", main, law(0.2), radius=0.01)] if in_pin else []
+        machine = mbd.Mechanism([crank, rod, slider], [main, *pins, guide], forces=[pushed, *rubs])
+        return mbd.simulate(machine, np.linspace(0, 1, 21))[crank.phi][-1]
+
+    smoothed = end_with(lambda mu: mbd.Coulomb(mu, velocity_tolerance=1e-7))
+    assert abs(smoothed - 0.7) > 0.1
+    assert end_with(mbd.DryFriction) == pytest.approx(smoothed, abs=5e-6)

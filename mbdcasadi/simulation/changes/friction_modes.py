@@ -20,10 +20,12 @@ from ...model.events import Event
 from ...model.forces.friction.modes import Senses, switching, variant_in
 from ...model.mechanism import Mechanism
 from ...model.rates import time_derivative
+from ...numerics.least_squares import largest
 from ...numerics.rank import analyse_rank
 from ...numerics.tolerances import AT_REST
 from ...results.state import State
 from ...results.trajectory import Trajectory
+from .events import ROUNDING
 from .impacts import jump_to
 from .modes import Block, Modes
 
@@ -265,15 +267,14 @@ class FrictionModes(Modes):
             if sense == "sticks":
                 pull = abs(trial.lam[self.row(mode, friction)])
                 limit = trial[ca.SX(friction.law.static_coefficient * friction.load)]
-                if not pull <= limit * (1 + FRICTION_TOLERANCE):
+                # without load, reactions that are rounding are no pull
+                if not pull <= limit * (1 + FRICTION_TOLERANCE) + ROUNDING * largest(trial.lam):
                     return False
                 continue
             if sense == "free" or (i in mode.held and i not in by_pose):
                 continue
             onset = SENSE[sense] * trial[time_derivative(friction.sliding_speed)]
-            largest = float(np.max(np.abs(trial.a)))
-            rounding = FRICTION_TOLERANCE
-            slack = rounding * (1 + largest) * (-1 if i in by_pose else 1 if i in broken else 0)
+            slack = FRICTION_TOLERANCE * (1 + largest(trial.a)) * (-1 if i in by_pose else 1 if i in broken else 0)
             if not onset > -slack:
                 return False
         return True

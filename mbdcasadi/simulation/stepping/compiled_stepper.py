@@ -35,8 +35,9 @@ from .explicit_system import explicit_system, switching_of
 DECAY, DECAY_PER_RADIAN = 20.0, 5.0
 #: Message of IDAS where it cannot go on over a stop at which an input bends; started anew there it can.
 KINK = "IDA_ERR_FAIL"
-#: Relative distance from consistent unknowns from which the search of IDAS for them succeeds.
-PERTURBATION = 1e-6
+#: Distance from consistent unknowns from which the search of IDAS for them succeeds, relative and absolute: from 1e-6
+#: of them it still failed under friction that is close to holding, from 1e-5 to 1e-1 it did not.
+PERTURBATION, LEAST_PERTURBATION = 1e-3, 1e-6
 
 
 class NearSingularPose(IntegrationFailure):
@@ -269,4 +270,4 @@ def _path(piece: Piece, x: np.ndarray, states: np.ndarray, since: np.ndarray) ->
 
 def perturbed(z: np.ndarray) -> np.ndarray:
     """Return unknowns near consistent ones; at these themselves the search of IDAS mistakes rounding for a failure."""
-    return z + PERTURBATION * (1 + np.abs(z))
+    return z + LEAST_PERTURBATION + PERTURBATION * np.abs(z)
