@@ -33,6 +33,8 @@ REGULARISATION = 1e-7
 REFINEMENTS = 3
 #: Newton's method for forces that depend on multipliers.
 NEWTON = {"linear_solver": "csparse", "error_on_fail": False, "max_iter": 60, "line_search": False, "abstolStep": 0.0}
+#: Steps after that: they solve for what is light beside the largest loads.
+POLISHING = 3
 #: Residual of a solution, relative to its size.
 SOLUTION_TOLERANCE = 1e-9
 #: Share of the terms of one unit, by the longest lever, below which those of the other may be rounding.
@@ -247,6 +249,8 @@ def forward_dynamics(
     bare = ca.vertcat(*saddle_point_solution(eom, without_friction, augmentation=augmentation))
     bare_sizes = sizes_of(ca.Function("bare", arguments, [ca.densify(bare)])(*symbols), *symbols)
     solution = root(ca.MX.zeros(unknowns.numel()), *symbols, bare_sizes)
+    polish = ca.rootfinder("polish", "newton", function, NEWTON | {"abstol": 0.0, "max_iter": POLISHING})
+    solution = polish(solution, *symbols, bare_sizes)
     n = eom.q.numel()
     # the iteration may stop above its own tolerance by rounding; anything else than a solution becomes NaN
     left_over = ca.mmax(ca.fabs(function(solution, *symbols, sizes_of(solution, *symbols))))

@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 import mbdcasadi as mbd
 
@@ -353,3 +354,21 @@ def test_friction_by_the_load_of_small_pins(length, mass, time):
     assert 0.35 * alpha == pytest.approx(-0.5 * 9.81 * np.cos(0.4) - 0.3 * 0.05 * load, rel=1e-12)
     centre = 0.5 * np.array([-np.sin(0.4) * alpha - 4 * np.cos(0.4), np.cos(0.4) * alpha - 4 * np.sin(0.4)])
     assert load == pytest.approx(np.hypot(centre[0], centre[1] + 9.81), rel=1e-12)
+
+
+def test_friction_of_a_light_part_beside_a_heavy_one():
+    """A gram beside ten thousand tons: its friction is none the less that of its own load."""
+    heavy = mbd.Body("heavy", mass=1e7, inertia=1e7)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), heavy.at(0, 0))
+    part = mbd.Body("part", mass=1e-3, inertia=1e-7, pose=(0.01, 0, 0))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), part.at(-0.01, 0))
+    rub = mbd.JointFriction("rub", pin, mbd.Coulomb(0.5, velocity_tolerance=1e-6), radius=1e-3)
+    both = mbd.Mechanism([heavy, part], [rail, pin], forces=[mbd.Gravity(), rub])
+    found = mbd.assemble(both, [pin.angle == 0, part.omega == 100])[part.alpha]
+
+    def balance(alpha):
+        """Of the couples about the pin, whose load is that of the centre's acceleration and weight."""
+        load = 1e-3 * np.hypot(-0.01 * 100**2, 0.01 * alpha + 9.81)
+        return (1e-7 + 1e-3 * 0.01**2) * alpha + 1e-3 * 9.81 * 0.01 + 0.5 * 1e-3 * load
+
+    assert found == pytest.approx(brentq(balance, -1e4, 0, xtol=1e-12), rel=1e-10)
