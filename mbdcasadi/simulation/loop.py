@@ -329,7 +329,10 @@ class Run:
         consistent, apart = arc.on_constraints(piece, path, passage)
         failure = failure if apart is None else apart
         times, x = consistent.times[1:], consistent.x[1:]
-        crossings = arc.crossings(consistent, passage)
+        try:
+            crossings = arc.crossings(consistent, passage)
+        except IntegrationFailure as stopped:  # between two outputs that another run of steps has reached
+            raise self._failed(piece, stopped, times[:0], x[:0]) from None
         deciding = [c for c in crossings if arc.decides(c.event)]
         count = times.size
         if deciding:

@@ -539,27 +539,53 @@ def test_unloaded_friction_does_not_switch_by_rounding():
     assert motion.events == () and motion[part.y][-1] == pytest.approx(0.1, abs=1e-12)
 
 
+def flat_crank(law, push, mu, in_pin, units=(1.0, 1.0, 1.0)):
+    """A slider-crank without weight at rest, its crank at 0.7 rad, pushed at the slider; in units of m, kg and s."""
+    length, mass, time = units
+    tilt = np.arcsin(np.sin(0.7) / 3)
+    reach = 0.1 * length * np.cos(0.7), 0.05 * length * np.sin(0.7), 0.3 * length * np.cos(tilt)
+    crank = mbd.Body("crank", mass=0.5 * mass, inertia=1e-3 * mass * length**2, pose=(reach[0] / 2, reach[1], 0.7))
+    rod_inertia = 4e-3 * mass * length**2
+    rod = mbd.Body("rod", mass=0.5 * mass, inertia=rod_inertia, pose=(reach[0] + reach[2] / 2, reach[1], -tilt))
+    slider = mbd.Body("slider", mass=mass, inertia=1e-3 * mass * length**2, pose=(reach[0] + reach[2], 0, 0))
+    main = mbd.Revolute("main", mbd.ground.at(0, 0), crank.at(-0.05 * length, 0))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), slider.at(0, 0))
+    pins = [
+        mbd.Revolute("A", crank.at(0.05 * length, 0), rod.at(-0.15 * length, 0)),
+        mbd.Revolute("B", rod.at(0.15 * length, 0), slider.at(0, 0)),
+    ]
+    force = mass * length / time**2
+    pushed = mbd.Force("push", slider.at(0, 0), (force * push(mbd.t / time), 5 * force))
+    rubs = [mbd.JointFriction("rub", guide, law(mu))]
+    rubs += [mbd.JointFriction("rub of the pin", main, law(0.2), radius=0.01 * length)] if in_pin else []
+    return crank, mbd.Mechanism([crank, rod, slider], [main, *pins, guide], forces=[pushed, *rubs])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("push, rate, mu, phase", [(3, 2, 0.3, 0), (6, 4, 0.2, 0), (6, 4, 0.2, 1), (5, 1, 0.4, 0)])
 @pytest.mark.parametrize("in_pin", [False, True])
 def test_a_crank_that_is_pushed_out_of_rest(push, rate, mu, phase, in_pin):
     """No weight: reactions, couples and accelerations are zero, or rounding, until the push overcomes the friction."""
-    tilt = np.arcsin(np.sin(0.7) / 3)
-    crank = mbd.Body("crank", mass=0.5, inertia=1e-3, pose=(0.05 * np.cos(0.7), 0.05 * np.sin(0.7), 0.7))
-    reach = 0.1 * np.cos(0.7), 0.05 * np.sin(0.7), 0.3 * np.cos(tilt)
-    rod = mbd.Body("rod", mass=0.5, inertia=4e-3, pose=(reach[0] + reach[2] / 2, reach[1], -tilt))
-    slider = mbd.Body("slider", mass=1, inertia=1e-3, pose=(reach[0] + reach[2], 0, 0))
-    main = mbd.Revolute("main", mbd.ground.at(0, 0), crank.at(-0.05, 0))
-    guide = mbd.Translational("guide", mbd.ground.at(0, 0), slider.at(0, 0))
-    pins = [mbd.Revolute("A", crank.at(0.05, 0), rod.at(-0.15, 0)), mbd.Revolute("B", rod.at(0.15, 0), slider.at(0, 0))]
-    pushed = mbd.Force("push", slider.at(0, 0), (push * mbd.sin(rate * mbd.t + phase), 5))
 
     def end_with(law):
-        rubs = [mbd.JointFriction("rub", guide, law(mu))]
-        rubs += [mbd.JointFriction("rub of the pin", main, law(0.2), radius=0.01)] if in_pin else []
-        machine = mbd.Mechanism([crank, rod, slider], [main, *pins, guide], forces=[pushed, *rubs])
+        crank, machine = flat_crank(law, lambda t: push * mbd.sin(rate * t + phase), mu, in_pin)
         return mbd.simulate(machine, np.linspace(0, 1, 21))[crank.phi][-1]
 
     smoothed = end_with(lambda mu: mbd.Coulomb(mu, velocity_tolerance=1e-7))
     assert abs(smoothed - 0.7) > 0.1
     assert end_with(mbd.DryFriction) == pytest.approx(smoothed, abs=5e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("units", [(1e-6, 1e-12, 1e-3), (1e-3, 1e-6, 1.0), (1e3, 1e6, 1.0)])
+def test_stick_and_slip_in_any_units(units):
+    """Two frictions of one motion break away together, each in the sense in which it then slides."""
+
+    def course(units):
+        crank, machine = flat_crank(mbd.DryFriction, lambda t: 3 * mbd.sin(2 * t), 0.2, True, units)
+        motion = mbd.simulate(machine, np.linspace(0, 0.3 * units[2], 7))
+        return [*motion[crank.phi], *(event.t / units[2] for event in motion.events)], [e.name for e in motion.events]
+
+    usual, scaled = course((1.0, 1.0, 1.0)), course(units)
+    assert scaled[1] == usual[1] and len(usual[1]) < 4
+    np.testing.assert_allclose(scaled[0], usual[0], atol=1e-6)

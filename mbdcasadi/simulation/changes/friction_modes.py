@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import combinations, product
 from typing import Any, ClassVar
 
 import casadi as ca
@@ -204,11 +204,12 @@ class FrictionModes(Modes):
         choices = [self._choices(i, float(speeds[i]), i in resting, broken) for i in range(len(self.frictions))]
         for i in by_pose:
             choices[i] = ["forth", "back", "free"]
+        breaking = {i for i in rows for k in broken if k in rows and _parallel(rows[i], rows[k])}
         for senses, held in self._candidates(choices, rows):
             mode = FrictionMode(senses, tuple(held))
             try:
                 trial = self.at(mode, state.t, state.q, v, state.z)
-                if self._is_met(mode, trial, resting, by_pose, broken):
+                if self._is_met(mode, trial, resting, by_pose, breaking):
                     return mode, trial
             except SingularityError:
                 continue
@@ -251,16 +252,20 @@ class FrictionModes(Modes):
             sticking = [i for i in rows if modes[i] == "sticks"]
             held = self._held(rows, sticking)
             depends = sticking and analyse_rank(np.array([rows[i] for i in sticking]), TURNS).rank < len(sticking)
-            if not depends and not any(mode == "free" and i not in held for i, mode in enumerate(modes)):
+            slide = [i for i in rows if i not in held and i not in sticking]
+            opposed = any(
+                _parallel(rows[i], rows[k]) * SENSE[modes[i]] * SENSE[modes[k]] < 0 for i, k in combinations(slide, 2)
+            )
+            if not depends and not opposed and not any(m == "free" and i not in held for i, m in enumerate(modes)):
                 candidates.append((bool(sticking) and any(SENSE[modes[i]] for i in held), modes, held))
         return [(modes, held) for _, modes, held in sorted(candidates, key=lambda candidate: candidate[0])]
 
     def _is_met(
-        self, mode: FrictionMode, trial: State, resting: Sequence[int], by_pose: Sequence[int], broken: dict[int, float]
+        self, mode: FrictionMode, trial: State, resting: Sequence[int], by_pose: Sequence[int], breaking: set[int]
     ) -> bool:
         """True if friction at rest is below its limit, and what starts to slide does so in its sense.
 
-        Other frictions that stick may exert any force up to their limits.
+        Other frictions that stick may exert any force up to their limits; what is breaking away may not yet accelerate.
         """
         for i in resting:
             friction, sense = self.frictions[i], mode.senses[i]
@@ -274,7 +279,7 @@ class FrictionModes(Modes):
             if sense == "free" or (i in mode.held and i not in by_pose):
                 continue
             onset = SENSE[sense] * trial[time_derivative(friction.sliding_speed)]
-            slack = FRICTION_TOLERANCE * (1 + largest(trial.a)) * (-1 if i in by_pose else 1 if i in broken else 0)
+            slack = FRICTION_TOLERANCE * (1 + largest(trial.a)) * (-1 if i in by_pose else 1 if i in breaking else 0)
             if not onset > -slack:
                 return False
         return True
@@ -286,6 +291,12 @@ class FrictionModes(Modes):
         speeds = ca.vertcat(*[self.frictions[i].sliding_speed for i in resting])
         numeric = NumericEquations(state.equations, state.parameters)
         return jump_to(numeric, state, speeds, np.zeros(len(resting))).v
+
+
+def _parallel(first: np.ndarray, second: np.ndarray) -> int:
+    """Sign in which two frictions slide together, by their sliding of size one in free motions; 0 if they need not."""
+    cosine = float(first @ second)
+    return int(np.sign(cosine)) if abs(cosine) > 1 - TURNS else 0
 
 
 def _stops(friction: Any) -> str:
