@@ -59,7 +59,7 @@ def test_bouncing(units, method):
     assert np.max(np.abs(bouncing(units, method=method) - exact)) < 2e-5
 
 
-def four_bar(units, stiffness):
+def four_bar(units, stiffness, friction=()):
     m, i, size = units.mass, units.inertia, units.length
     crank = mbd.Body("crank", mass=m, inertia=0.02 * i, pose=(0, 0.25 * size, np.pi / 2))
     coupler = mbd.Body("coupler", mass=1.5 * m, inertia=0.1 * i, pose=(0.5 * size, 0.7 * size, 0.3))
@@ -73,7 +73,42 @@ def four_bar(units, stiffness):
     ends = crank.at(0.25 * size, 0), mbd.ground.at(1.1 * size, 0)
     rate = stiffness * units.force / units.length
     spring = mbd.TSDA("spring", *ends, stiffness=rate, damping=0.0, free_length=0.8 * size)
-    return mbd.Mechanism([crank, coupler, rocker], joints, forces=[units.gravity(), spring]), coupler
+    rubbing = [mbd.JointFriction(f"rub {j.name}", j, law, radius=0.05 * size) for law in friction for j in joints]
+    return mbd.Mechanism([crank, coupler, rocker], joints, forces=[units.gravity(), spring, *rubbing]), coupler
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("units", [MICRO, GIANT, Units(1e-6, 1e-12, 1.0)])
+def test_pins_with_dry_friction(units):
+    """Turns of pins whose sense changes, at which they stick or do not: the motion is the same."""
+    courses = []
+    for own in (ONE, units):
+        linkage, coupler = four_bar(own, 40.0, [mbd.DryFriction(0.2)])
+        start = [linkage.bodies[0].phi == np.pi / 2, linkage.bodies[0].omega == 2 / own.time]
+        motion = mbd.simulate(linkage, np.linspace(0, 1.5, 31) * own.time, initial=start)
+        force = motion[linkage.joints[1].reaction_on(coupler).force] / own.force
+        courses.append(np.column_stack([motion[coupler.phi], force / np.max(np.abs(force))]))
+        names = [event.name for event in motion.events]
+        assert len(names) == 12 and not any("breaks" in name for name in names)
+    assert np.max(np.abs(courses[1] - courses[0])) < 1e-6
+
+
+@pytest.mark.parametrize("units", [MICRO, GIANT, Units(1e-6, 1e-12, 1.0)])
+def test_a_block_that_sticks_and_slips(units):
+    """A block under a force that comes and goes sticks a while at each turn."""
+    slips = []
+    for own in (ONE, units):
+        block = mbd.Body("block", mass=own.mass, inertia=0.1 * own.inertia)
+        guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
+        rubbing = mbd.JointFriction("rub", guide, mbd.DryFriction(0.3, 0.4), length=0.2 * own.length)
+        push = mbd.Force("push", block.at(0, 0), (6 * own.force * mbd.sin(3 * mbd.t / own.time), 0))
+        sledge = mbd.Mechanism([block], [guide], forces=[own.gravity(), rubbing, push])
+        motion = mbd.simulate(sledge, np.linspace(0, 5, 51) * own.time)
+        slips.append([[event.t / own.time for event in motion.events], motion[block.x] / own.length])
+    # it breaks away as 6 sin(3 t) = 0.4 * 9.81
+    assert slips[1][0][0] == pytest.approx(np.arcsin(0.4 * 9.81 / 6) / 3, rel=1e-9)
+    for mine, theirs in zip(*slips, strict=True):
+        assert theirs == pytest.approx(mine, abs=1e-5)
 
 
 @pytest.mark.parametrize("units", [MICRO, GIANT, Units(time=1e-6)])
@@ -104,3 +139,24 @@ def test_speeds_that_contradict_each_other():
     drivers = [mbd.Driver("turn", hinge.angle, mbd.t), mbd.Driver("lift", crank.y, 1.1e-6 * mbd.t)]
     with pytest.raises(mbd.MechanismError, match="lift"):
         mbd.simulate(mbd.Mechanism([crank], [hinge], drivers=drivers), duration=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("units", [Units(1e-6, 1e-12, 1.0), MICRO, GIANT])
+def test_path_of_a_column(units):
+    """A column that leans a little is pushed down by four times its buckling load, and bends on."""
+    ends = []
+    for own in (ONE, units):
+        load, size = mbd.Parameter("load", own.force), own.length
+        bar = mbd.Body("bar", mass=own.mass, inertia=0.1 * own.inertia, pose=(0.5 * size, 0, 0))
+        foot = mbd.ground.at(0, 0), bar.at(-0.5 * size, 0)
+        spring = mbd.RSDA("spring", *foot, stiffness=2 * own.force * size)
+        push = mbd.Force("push", bar.at(0.5 * size, 0), (-load, 0.01 * own.force))
+        column = mbd.Mechanism([bar], [mbd.Revolute("foot", *foot)], forces=[spring, push], parameters=[load])
+        path = mbd.equilibrium_path(column, load, 0.1 * own.force, 4 * own.force)
+        assert path.values[-1] == pytest.approx(4 * own.force)
+        ends.append(path[bar.phi])
+    # balance of moments about the foot: 2 phi = F sin(phi) + 0.01 cos(phi)
+    phi = ends[0][-1]
+    assert 2 * phi == pytest.approx(4 * np.sin(phi) + 0.01 * np.cos(phi), rel=1e-9)
+    assert ends[1] == pytest.approx(ends[0], rel=1e-7)

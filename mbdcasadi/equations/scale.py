@@ -24,6 +24,8 @@ LEVER_TOLERANCE = 1e-9
 SHORTEST = 1e-12
 #: A row that is shorter than this share of its usual length has vanished.
 VANISHED = 1e-9
+#: Length from which absolute tolerances are the usual ones, m, and the smallest share of these.
+SMALL, SMALLEST_SHARE = 1e-2, 1e-7
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,11 @@ class Scale:
     def coordinates(self) -> np.ndarray:
         """Typical size of each coordinate (n,): the length for displacements, one for angles."""
         return self.length * self.columns
+
+    @property
+    def fineness(self) -> float:
+        """Share of the usual absolute tolerances that a mechanism takes which is smaller than one centimetre."""
+        return max(min(1.0, self.length / SMALL), SMALLEST_SHARE)
 
     @property
     def usual_rows(self) -> np.ndarray:

@@ -12,8 +12,6 @@ from ..equations.numeric import NumericEquations
 from ..errors import SimulationError
 from ..integrators.base import ABSTOL
 
-#: Largest absolute tolerance that is not given, as a share of the characteristic length, and smallest one.
-SIZE_SHARE, SMALLEST_FOR_SIZE = 1e-6, 1e-15
 #: Quantity over which friction is spread, by attribute, in words.
 NARROW = {
     "velocity_tolerance": "the velocity tolerance {:.3g} m/s",
@@ -23,7 +21,7 @@ NARROW = {
 #: of the way over which bristles bend: with tolerances near to
 #: that velocity every integrator steps over the change of sign and gives wrong motions silently.
 FRICTION_SHARE = 1e-3
-#: Smallest absolute tolerance that an integrator can keep to.
+#: Smallest absolute tolerance that an integrator can keep to, in metres or characteristic lengths below one metre.
 SMALLEST_FOR_FRICTION = 1e-13
 
 
@@ -63,7 +61,7 @@ def _widths(eom: Equations) -> _Widths | None:
 
 def default_abstol(numeric: NumericEquations) -> float:
     """The absolute tolerance of a run for which none is given: less than usual for a mechanism of less than 1 cm."""
-    return max(min(ABSTOL, SIZE_SHARE * numeric.scale.length), SMALLEST_FOR_SIZE)
+    return ABSTOL * numeric.scale.fineness
 
 
 def absolute_tolerance(numeric: NumericEquations, asked: float) -> float:
@@ -78,10 +76,11 @@ def absolute_tolerance(numeric: NumericEquations, asked: float) -> float:
     if narrowest_law is None:
         return asked
     narrowest, element, words = narrowest_law
-    if not np.isfinite(narrowest) or narrowest * FRICTION_SHARE < SMALLEST_FOR_FRICTION:
+    smallest = SMALLEST_FOR_FRICTION * min(1.0, numeric.scale.length)
+    if not np.isfinite(narrowest) or narrowest * FRICTION_SHARE < smallest:
         raise SimulationError(
             f"{element.description}: {words} is too narrow for an integrator, which keeps to "
-            f"{SMALLEST_FOR_FRICTION:.0e} at best; take at least {SMALLEST_FOR_FRICTION / FRICTION_SHARE:.0e}, or "
+            f"{smallest:.0e} at best; take at least {smallest / FRICTION_SHARE:.0e}, or "
             "DryFriction, which needs none"
         )
     return min(asked, FRICTION_SHARE * narrowest)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..assembly.setup import Setup
-from ..errors import ModelError
+from ..errors import ModelError, warn
 from ..model.mechanism import Mechanism
 from ..model.quantities import whole
 from ..model.symbols import Input, Parameter, as_expression, number
@@ -75,9 +75,14 @@ def equilibrium_path(
     Raises
     ------
     EquilibriumError
-        If there is no equilibrium at the start, or the path cannot be followed.
+        If there is no equilibrium at the start, or the path cannot be followed; ``.partial`` is the path so far.
     Interrupted
         On Ctrl-C; ``.partial`` is the path so far, None before its first point.
+
+    Warns
+    -----
+    MechanismWarning
+        If the path turns back and does not reach the last value.
 
     References
     ----------
@@ -229,16 +234,23 @@ class Follower:
                 if not control.refuse():
                     raise EquilibriumError(
                         f"equilibrium_path: the path cannot be followed beyond {self.parameter.label} = "
-                        f"{point.x[-1]:.8g}: the constraints lock there, or a force has no value"
+                        f"{point.x[-1]:.8g}: the constraints lock there, or a force has no value; the path so far is "
+                        "in .partial",
+                        partial=self.so_far,
                     )
                 continue
             self._critical += self._critical_between(point, following)
             self._points.append(following)
             point = following
             control.accept()
-            beyond = (point.x[-1] - self.last) * sign >= -1e-12 * abs(self.last)
-            if beyond or (self.first - point.x[-1]) * sign > abs(self.last - self.first):
+            if (point.x[-1] - self.last) * sign >= -1e-12 * abs(self.last):
+                return self._path()
+            if (self.first - point.x[-1]) * sign > abs(self.last - self.first):
                 break
+        warn(
+            f"equilibrium_path: the path does not reach {self.parameter.label} = {self.last:.6g}: it turns back, and "
+            f"was followed to {point.x[-1]:.6g} in {len(self._points)} points"
+        )
         return self._path()
 
     @property
@@ -349,7 +361,8 @@ class Follower:
                 if between is None:
                     raise EquilibriumError(
                         f"equilibrium_path: the critical point near {self.parameter.label} = {low.x[-1]:.8g} "
-                        "cannot be located; take more steps="
+                        "cannot be located; take more steps=; the path so far is in .partial",
+                        partial=self.so_far,
                     )
                 points[advance] = between
             here = points[advance].state.stiffness

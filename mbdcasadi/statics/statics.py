@@ -205,7 +205,7 @@ class Statics:
         size[: self.n] = np.maximum(size[: self.n], least / c)
         size[self.n :] = np.maximum(size[self.n :], 1.0)
         # the largest would make columns so large beside soft springs that these were taken for none
-        force = float(np.clip(np.min(size[: self.n], initial=np.inf), *SQUARED))
+        force = float(np.clip(np.min(size[: self.n] * c, initial=np.inf), *SQUARED))
         size *= self.lever
 
         def equations(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ...equations import Equations
+from ...equations.scale import scale_of
 from ...errors import ExpressionError, ModelError, SimulationError, warn
 from ...integrators.native.stretch import Watched
 from ...model.events import Event
@@ -150,6 +151,7 @@ class EventWatch:
         self._band: dict[int, float] = {}
         self._left: dict[int, int] = {}
         self._not_a_number: set[int] = set()
+        self._fineness = 1.0
         self._state: State | None = None
         self._known: dict[str, Any] = {}
         self._terms: _Terms = eom.mechanism.cache.get_or_create(
@@ -179,7 +181,7 @@ class EventWatch:
         if not self.events:
             return _NONE, _NONE, _NONE
         offset, band, side = (np.zeros(len(self.events)) for _ in range(3))
-        away = AWAY * (1 + largest(x)) if self.resting else 0.0
+        away = AWAY * self._fineness * (1 + largest(x)) if self.resting else 0.0
         for k, event in enumerate(self.events):
             if event in self.resting:
                 offset[k], band[k], side[k] = self.resting[event], away, -event.direction or 1
@@ -240,10 +242,12 @@ class EventWatch:
         if not self.events:
             return
         rates, seconds, rests = self.rates(state), self.accelerations(state), self.rests(state)
+        self._fineness = fineness = _fineness(state)
+        close = LOCATED * fineness * (1 + largest(state.q))
         near = [
             k
             for k, event in enumerate(self.events)
-            if event in located and abs(float(state[event.expression])) <= LOCATED * (1 + largest(state.q))
+            if event in located and abs(float(state[event.expression])) <= close
         ]
         for index in dict.fromkeys([*self.at_zero(state), *near]):
             event = self.events[index]
@@ -254,7 +258,7 @@ class EventWatch:
             value = 0.0
             if abs(rates[index]) > at_rest(state):
                 value = rates[index] * self.instant
-            elif abs(seconds[index]) > NO_PRESSURE * (1 + largest(state.a)):
+            elif abs(seconds[index]) > NO_PRESSURE * fineness * (1 + largest(state.a)):
                 value = seconds[index] * self.instant**2 / 2
             if value != 0 or rests[index]:
                 self._side[index] = value
@@ -306,7 +310,7 @@ class EventWatch:
         """Events whose expressions vanish at a state, within an instant of its motion and within rounding."""
 
         def found() -> list[int]:
-            size = ZERO_VALUE * (1 + largest(state.q))
+            size = ZERO_VALUE * _fineness(state) * (1 + largest(state.q))
             values = np.array([float(state[event.expression]) for event in self.events])
             limits = np.maximum(self.instant * np.abs(self.rates(state)), size)
             return [int(k) for k in np.flatnonzero(np.abs(values) <= limits)]
@@ -316,7 +320,7 @@ class EventWatch:
     def pressed_through(self, state: State) -> list[Event]:
         """Events at rest at their zeros, through which the accelerations press them."""
         rests, seconds = self.rests(state), self.accelerations(state)
-        limit = NO_PRESSURE * (1 + largest(state.a))
+        limit = NO_PRESSURE * _fineness(state) * (1 + largest(state.a))
         return [
             self.events[k] for k in self.at_zero(state) if rests[k] and self.events[k].direction * seconds[k] > limit
         ]
@@ -379,7 +383,7 @@ class EventWatch:
 
     def _wake(self, x: np.ndarray, values: np.ndarray) -> None:
         """Measure resting events from where they rest, and none of their rounding."""
-        size = AWAY * (1 + largest(x))
+        size = AWAY * self._fineness * (1 + largest(x))
         self._left = {}
         for index, event in enumerate(self.events):
             if event not in self.resting:
@@ -434,7 +438,7 @@ class EventWatch:
         times = np.linspace(ends[0], ends[1], CLOSER_POINTS + 2)
         course = np.r_[values[0], values_at(times[1:-1]), values[1]]
         if interval < left:
-            leaves = np.argmax(np.abs(course) > AWAY * (1 + largest(states_at(times[-1:]))))
+            leaves = np.argmax(np.abs(course) > AWAY * self._fineness * (1 + largest(states_at(times[-1:]))))
             times, course = times[leaves:], course[leaves:]
         peak = _peak_near_zero(times, course, values_at)
         if peak is not None:
@@ -500,7 +504,13 @@ def _crossed(event: Event, before: float, after: float) -> bool:
 
 def at_rest(state: State) -> float:
     """Rate of an expression, relative to the velocities of a state, below which it does not move."""
-    return AT_REST * (1 + largest(state.v))
+    return AT_REST * _fineness(state) * (1 + largest(state.v))
+
+
+def _fineness(state: State) -> float:
+    """Share of the usual tolerances that the mechanism of a state takes."""
+    eom = state.equations
+    return scale_of(eom, state.parameters, eom.masses(state.parameters)).fineness
 
 
 def _rate(eom: Equations, expression: ca.SX) -> ca.SX | None:

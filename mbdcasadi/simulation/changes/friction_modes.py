@@ -119,7 +119,7 @@ class FrictionModes(Modes):
         motion = self._motion(mode, block)
         for friction, one in zip(self.frictions, mode.senses, strict=True):
             speed = SENSE[one] * motion[friction.sliding_speed]
-            allowed = 1e-6 * (1e-6 + np.max(np.abs(speed), initial=0.0)) + _speed_by_rounding(motion.t, motion.a)
+            allowed = 1e-6 * (1e-6 * self._fineness + largest(speed)) + _speed_by_rounding(motion.t, motion.a)
             if np.min(speed, initial=0.0) < -allowed:
                 k = int(np.argmin(speed))
                 raise SimulationError(
@@ -153,7 +153,11 @@ class FrictionModes(Modes):
     @property
     def rest(self) -> ca.SX:
         """Sliding speed from which what the pose held at rest counts as sliding, m/s."""
-        return 2 * AT_REST * (1 + ca.norm_2(equations(self.variant(self.free)).v))
+        return 2 * AT_REST * self._fineness * (1 + ca.norm_2(equations(self.variant(self.free)).v))
+
+    @property
+    def _fineness(self) -> float:
+        return self.numeric(self.free).scale.fineness
 
     # --- which mode holds -----------------------------------------------------------------------------
     def pull(self, index: int, state: State) -> float:
@@ -190,7 +194,7 @@ class FrictionModes(Modes):
             Frictions that break away just there, and the sense in which they were pulled.
         """
         speeds = np.atleast_1d(state[ca.vertcat(*[f.sliding_speed for f in self.frictions])])
-        limit = AT_REST * (1 + float(np.max(np.abs(state.v)))) + _speed_by_rounding(state.t, state.a)
+        limit = AT_REST * self._fineness * (1 + largest(state.v)) + _speed_by_rounding(state.t, state.a)
         resting = [i for i, speed in enumerate(speeds) if abs(speed) <= limit]
         if 3 ** len(resting) > TRIALS:
             raise SimulationError(
@@ -279,7 +283,8 @@ class FrictionModes(Modes):
             if sense == "free" or (i in mode.held and i not in by_pose):
                 continue
             onset = SENSE[sense] * trial[time_derivative(friction.sliding_speed)]
-            slack = FRICTION_TOLERANCE * (1 + largest(trial.a)) * (-1 if i in by_pose else 1 if i in breaking else 0)
+            rounding = FRICTION_TOLERANCE * self._fineness * (1 + largest(trial.a))
+            slack = rounding * (-1 if i in by_pose else 1 if i in breaking else 0)
             if not onset > -slack:
                 return False
         return True

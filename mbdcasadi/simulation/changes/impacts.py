@@ -147,7 +147,7 @@ class Impacts:
         """Events with a reset whose expressions are just beyond zero at a start and move on, as if there."""
         if not self.watch.events:
             return []
-        limit = BEYOND_BY_ROUNDING * (1 + largest(state.q))
+        limit = BEYOND_BY_ROUNDING * self.numeric.scale.fineness * (1 + largest(state.q))
         through = self.watch.moves_through(state)
         return [e for k, e in enumerate(self.watch.events) if through[k] and 0 < self._beyond(e, state) <= limit]
 
@@ -155,7 +155,7 @@ class Impacts:
         """Sentences on events with a reset that are violated at a start, or of which it is not known."""
         if not self.watch.events:
             return []
-        limit = BEYOND_BY_ROUNDING * (1 + largest(state.q))
+        limit = BEYOND_BY_ROUNDING * self.numeric.scale.fineness * (1 + largest(state.q))
         rests, at_zero, remarks = self.watch.rests(state), self.watch.at_zero(state), []
         for k, event in enumerate(self.watch.events):
             if not event.reset:
