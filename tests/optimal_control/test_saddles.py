@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from motions import guided_block, pendulum, rest_to_rest
+from motions import crank_rocker, guided_block, half_turn, pendulum, rest_to_rest
 
 import mbdcasadi as mbd
 from mbdcasadi.optimal_control.refinement import saddle
@@ -52,6 +52,13 @@ def test_a_saddle_of_a_parameter_is_left(limit):
     problem, *_ = rest_to_rest(lower=-limit, upper=limit, terminal_cost=-(k**2), free_parameters=[k])
     solution = mbd.optimize(problem)
     assert solution.cost == pytest.approx(12 - 1, rel=1e-6) and abs(solution.parameters[k]) == pytest.approx(1)
+
+
+def test_the_least_duration_is_no_saddle():
+    """Nothing but the duration counts, which is at its limit; any torque within its limits is as good."""
+    f = crank_rocker()
+    solution = mbd.optimize(half_turn(f, duration=(0.6, 2), running_cost=0, terminal_cost=mbd.t), intervals=10)
+    assert solution.duration == pytest.approx(0.6) and solution.statistics.at_saddle is False
 
 
 def test_a_cost_without_lower_bound_from_a_saddle():

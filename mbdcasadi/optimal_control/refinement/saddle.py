@@ -21,9 +21,10 @@ from ..nlp.statistics import Attempt
 from ..solution import Solution, same_cost
 from .mesh import Mesh
 
-#: Curvature of the cost, as a share of the largest one, from which it falls; steps in which it is looked for, and share
-#: of the products that is rounding.
-FALLING, LANCZOS, ROUNDING = 1e-5, 100, 1e-10
+#: Curvature of the scaled cost, as a share of the largest one, from which it falls, and the largest one that is an error
+#: of the multipliers, as if the duration alone counts and is at its limit; steps in which it is looked for, and share of
+#: the products that is rounding.
+FALLING, FLAT, LANCZOS, ROUNDING = 1e-5, 1e-10, 100, 1e-10
 #: Squared size at which a combination of rows counts as none, and share of a direction that the rows have to leave.
 SINGULAR, LEFT = 1e-14, 0.9
 #: Stiffness of a limit, multiplier over slack and scaled, from which it is held in any direction, and least slack.
@@ -138,7 +139,7 @@ def _falling_direction(begin: Beginning) -> np.ndarray | None:
     direction, largest = _least_curved(lambda v: projected(whole @ v), first)
     # of a direction in which rows that nearly depend on each other change nothing is left
     within = projected(direction)
-    if within @ (whole @ within) >= -FALLING * largest or np.linalg.norm(within) < LEFT:
+    if largest <= FLAT or within @ (whole @ within) >= -FALLING * largest or np.linalg.norm(within) < LEFT:
         return None
     found = np.zeros(x.size)
     found[free] = within
