@@ -186,8 +186,14 @@ class PhaseSolution:
 
     @cached_property
     def largest_growth(self) -> float:
-        """Largest factor by which a small error grows from a mesh point to the end, in typical sizes."""
-        return float(np.max(np.linalg.norm(self.growth_to_end, 2, axis=(1, 2)), initial=1.0))
+        """Largest factor by which a small error grows from a mesh point to the end, in typical sizes.
+
+        Infinite if accelerations have no slope somewhere, as in a pose in which a linkage branches.
+        """
+        factors = self.growth_to_end
+        if not np.all(np.isfinite(factors)):
+            return np.inf
+        return float(np.max(np.linalg.norm(factors, 2, axis=(1, 2)), initial=1.0))
 
     @property
     def state_sizes(self) -> np.ndarray:

@@ -60,6 +60,18 @@ def test_intervals_that_cannot_be_integrated_again(monkeypatch):
     assert "only feedback" in errors.sentences()[0]
 
 
+def test_where_accelerations_have_no_slope_the_growth_is_infinite(monkeypatch):
+    """As in a pose in which a linkage branches; a simulation may then end anywhere."""
+    solution = mbd.optimize(half_turn(crank_rocker()), intervals=10)
+    part = solution.phases[0]
+    factors = part.growth_to_end.copy()
+    factors[3] = np.nan
+    monkeypatch.setattr(part, "growth_to_end", factors)
+    part.__dict__.pop("largest_growth", None)
+    assert part.largest_growth == np.inf and replay_error(part) == np.inf
+    assert np.all(ReplayErrors(solution).errors[0] == 0) and "only feedback" in ReplayErrors(solution).sentences()[0]
+
+
 def cart(duration, start, end, links=1):
     """A cart with links; all angles from one value to another, from rest to rest."""
     force, body = mbd.Input("F"), mbd.Body("cart", mass=1, inertia=0.1)

@@ -5,6 +5,8 @@ import pytest
 from motions import guided_block, pendulum
 
 import mbdcasadi as mbd
+from mbdcasadi.optimal_control.nlp.problem_setup import ProblemSetup
+from mbdcasadi.optimal_control.nlp.setup import Settings
 
 SCHEMES = ["gauss-legendre", "hermite-simpson"]
 
@@ -68,6 +70,17 @@ def test_parallel_cranks(cranks, transcription):
     assert solution.trajectory.drift.position < 1e-10
     times = np.linspace(0, 1.2, 25)
     assert np.allclose(solution.trajectory.at(times)[beam.phi], 0, atol=1e-10)
+
+
+def test_implied_rows_are_found_beside_a_flat_pose():
+    """Halfway the cranks lie flat, and in a pose that is off by rounding there all rows are independent."""
+    mechanism, arms, _, _ = parallelogram(3)
+    start = [arms[0].phi == 0.5, arms[0].omega == 0]
+    problem = mbd.OptimalControlProblem(mechanism, 0.8, initial=start, final=[arms[0].phi == -0.5])
+    settings = Settings.read("gauss-legendre", 3, "polynomial", None, False)
+    (setup,) = ProblemSetup(problem, settings).setups
+    assert np.allclose(setup.path.poses[len(setup.path.poses) // 2][2:9:3], 0, atol=1e-5)
+    assert setup.scheme.redundant and len(setup.scheme.rows) == setup.scheme.eom.lam.numel() - 1
 
 
 @pytest.mark.parametrize("transcription", SCHEMES)

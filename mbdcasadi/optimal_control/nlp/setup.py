@@ -19,6 +19,7 @@ from ...model.contents import contents_of
 from ...model.quantities import whole, yes_or_no
 from ...numerics.lazy import cached_property
 from ...numerics.rank import dependent_rows, unit_rows
+from ...numerics.tolerances import NEARLY_SINGULAR, RANK
 from ...results.state import State
 from ..guess.kinematic_guess import KinematicPath, kinematic_path
 from ..guess.least_squares_loads import LeastSquaresLoads
@@ -198,14 +199,21 @@ class PhaseSetup:
         return settings.transcription.bound_to(constraints, weights, basis)
 
     def _independent_rows(self, eom: ReducedEquations) -> list[int]:
-        """Remaining rows without those that others imply; of the poses passed the one with the most counts."""
-        rows: list[int] = []
+        """Remaining rows without those that others imply; of the poses passed the one with the most counts.
+
+        Poses that are nearly singular do not count if there are others: they may lie off the curve of poses by as much
+        as makes implied rows independent.
+        """
         if not eom.rows:
-            return rows
+            return []
         order, explicit, poses = [*eom.explicit, *eom.rows], len(eom.explicit), self.path.poses
-        for q in (poses[0], poses[len(poses) // 2], poses[-1]):
+
+        def at(q: np.ndarray, tolerance: float) -> list[int]:
             jacobian = unit_rows(self.numeric.velocity(0.0, q)[0] * self.numeric.column_scale)
-            dependent = set(dependent_rows(jacobian[order]))
-            here = [k for k in range(len(eom.rows)) if k + explicit not in dependent]
-            rows = here if len(here) > len(rows) else rows
-        return rows
+            dependent = set(dependent_rows(jacobian[order], tolerance))
+            return [k for k in range(len(eom.rows)) if k + explicit not in dependent]
+
+        passed = poses[0], poses[len(poses) // 2], poses[-1]
+        found = [at(q, RANK) for q in passed]
+        regular = [rows for q, rows in zip(passed, found, strict=True) if at(q, NEARLY_SINGULAR) == rows]
+        return max(regular or found, key=len)
