@@ -21,9 +21,9 @@ from ..nlp.statistics import Attempt
 from ..solution import Solution, same_cost
 from .mesh import Mesh
 
-#: Curvature of the scaled cost, as a share of the largest one, from which it falls, and the largest one that is an error
-#: of the multipliers, as if the duration alone counts and is at its limit; steps in which it is looked for, and share of
-#: the products that is rounding.
+#: Curvature of the scaled cost, as a share of the largest one, from which it falls, and the largest one that is an
+#: error of the multipliers, as if the duration alone counts and is at its limit; steps in which it is looked for, and
+#: share of the products that is rounding.
 FALLING, FLAT, LANCZOS, ROUNDING = 1e-5, 1e-10, 100, 1e-10
 #: Squared size at which a combination of rows counts as none, and share of a direction that the rows have to leave.
 SINGULAR, LEFT = 1e-14, 0.9
