@@ -25,7 +25,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -187,7 +186,9 @@ class LimitSearch:
         """Solution from one on a mesh of other intervals, from the first guess; None if there is none."""
         meshes = [mesh.resized(OTHER_MESH) for mesh in self._meshes]
         other = self._solved(self._guess, "all limits, another mesh", OTHER_ITERATIONS, meshes)
-        return other and self._solved(self._guess_of(other), "all limits, from another mesh", CLOSING_ITERATIONS)
+        return other and self._solved(
+            self._solver.motion_of(other), "all limits, from another mesh", CLOSING_ITERATIONS
+        )
 
     # --- limits that close in -----------------------------------------------------------------
     def _without_limits(self) -> Solution | None:
@@ -225,7 +226,7 @@ class LimitSearch:
     def _close_in(self, free: Solution | None) -> Solution | None:
         """Solution with all limits, from one without and from the first guess."""
         if free is not None:
-            guess = self._guess_of(free)
+            guess = self._solver.motion_of(free)
             solved = self._solved(guess, "all limits, closed in", CLOSING_ITERATIONS)
             solved = self._by_penalties(guess, "no limits") if solved is None else solved
             if solved is not None:
@@ -268,7 +269,9 @@ class LimitSearch:
         self._note(free, f"no limits, {guess.description}")
         if not succeeded or branch_jump(free) is not None:
             return None
-        return self._solved(self._guess_of(free), f"all limits, closed in, {guess.description}", CLOSING_ITERATIONS)
+        return self._solved(
+            self._solver.motion_of(free), f"all limits, closed in, {guess.description}", CLOSING_ITERATIONS
+        )
 
     def _by_penalties(self, guess: Guess, description: str) -> Solution | None:
         """Solution from a motion whose violations have a price that rises, if this comes near to all demands."""
@@ -283,7 +286,7 @@ class LimitSearch:
                 return None
             if total < self._least:
                 self._least, self._nearest = total, solution
-            guess = self._guess_of(solution)
+            guess = self._solver.motion_of(solution)
             if total <= FEASIBLE or total > FALLING * before:
                 break
             before = total
@@ -292,10 +295,6 @@ class LimitSearch:
         if known or total > NEAR:  # from the same local minimum the solver would end as it did before
             return None
         return self._solved(guess, "all limits, from a motion near to them", CLOSING_ITERATIONS)
-
-    def _guess_of(self, solution: Solution) -> Guess:
-        """The motion of a solution, without multipliers that belong to other limits."""
-        return replace(solution.as_guess(self._solver.problem), iterate=None)
 
     def _by_more_iterations(self, failure: OptimizationError) -> Solution | None:
         """Solution from the first guess with more iterations, if the solver ran out of them.
@@ -340,7 +339,7 @@ class LimitSearch:
         """
         problem, arguable = self._solver.problem, bool(failure.largest_violations)
         arguable = arguable and not kinks_in_path(problem)
-        nearest = self._guess if self._nearest is None else self._guess_of(self._nearest)
+        nearest = self._guess if self._nearest is None else self._solver.motion_of(self._nearest)
         starts = (lambda: nearest, lambda: self._second, *[self._detour] * DETOURED_STARTS)
         guesses: Iterable[Guess] = itertools.chain((start() for start in starts), self._other_ends)
         # near to all starts first, which often ends at a motion that meets all; the rest is for what is in conflict
@@ -354,14 +353,14 @@ class LimitSearch:
                 if total <= FEASIBLE:
                     arguable = False
                     found = "all limits, from a motion that meets them"
-                    solved = self._solved(self._guess_of(solution), found, CLOSING_ITERATIONS)
+                    solved = self._solved(self._solver.motion_of(solution), found, CLOSING_ITERATIONS)
                     if solved is not None:
                         return solved
                 elif succeeded:
                     conflicting.append((total, solution, slacks))
             if not arguable or len(conflicting) < STARTS:
                 return None
-            guesses = [self._guess_of(solution) for _, solution, _ in conflicting]
+            guesses = [self._solver.motion_of(solution) for _, solution, _ in conflicting]
         least = min(conflicting, key=lambda found: found[0])
         agreeing = sum(total <= (1 + SAME_VIOLATION) * least[0] for total, *_ in conflicting)
         if self._least < (1 - SAME_VIOLATION) * least[0]:
@@ -373,7 +372,7 @@ class LimitSearch:
         widened = self._widened(least[1] if free is None else free)
         if widened is not None and sum(widened[1].values()) <= FEASIBLE:
             found = "all limits, from a motion that meets them"
-            return self._solved(self._guess_of(widened[0]), found, CLOSING_ITERATIONS)
+            return self._solved(self._solver.motion_of(widened[0]), found, CLOSING_ITERATIONS)
         reason = f"{LEAST_VIOLATION}, from {agreeing} starts, is not zero"
         raise infeasible(failure, least[1:], widened, reason, FEASIBLE) from None
 
@@ -392,7 +391,7 @@ class LimitSearch:
 
     def _widened(self, solution: Solution) -> tuple[Solution, dict[str, float]] | None:
         """Least violation of limits alone, near to a motion, with all conditions met; None if it is not found."""
-        motion, slacks, succeeded = self._least_violation(self._guess_of(solution), NEARNESS, limits_alone=True)
+        motion, slacks, succeeded = self._least_violation(self._solver.motion_of(solution), NEARNESS, limits_alone=True)
         return (motion, slacks) if succeeded else None
 
     def _least_violation(
@@ -407,7 +406,7 @@ class LimitSearch:
             total = sum(slacks.values())
             if not succeeded or total <= FEASIBLE:
                 break
-            near = self._guess_of(solution)
+            near = self._solver.motion_of(solution)
         self._note(solution, f"least violation{' of limits alone' if limits_alone else ''}, {total:.2g} in all")
         return result
 

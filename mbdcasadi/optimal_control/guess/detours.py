@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -10,12 +10,12 @@ import numpy as np
 
 from ...numerics.newton import solve
 from ...numerics.rank import analyse_rank
-from ...results.state import State
 from ..nlp.problem_solver import ProblemSolver
 from ..nlp.setup import PhaseSetup
 from ..nlp.statistics import Attempt
-from .guess import Guess, PhaseGuess, kinematic_guess
+from .guess import Guess, kinematic_guess
 from .kinematic_guess import KinematicPath
+from .whole_guess import guess_of, start_of, through_poses
 
 #: Iterations of a solve from the usual guesses from which a chain with fewer inputs than angles is solved from swings
 #: besides: fewer, or the same number from each guess, show that the program is nearly linear but for limits.
@@ -51,25 +51,6 @@ SWINGS = (
     _Swing("swinging as it rises", np.ones, 3, 1.0, is_late=False),
     _Swing("swinging back first", np.ones, 1, -2.0, is_late=False),
 )
-
-
-def start_of(solver: ProblemSolver, setup: PhaseSetup) -> tuple[State, KinematicPath]:
-    """First state and poses of a phase; the setup of the first one may belong to another start."""
-    return (solver.start, solver.path) if setup is solver.setups[0] else (setup.start, setup.path)
-
-
-def through_poses(
-    solver: ProblemSolver, setup: PhaseSetup, make: Callable[..., PhaseGuess] = kinematic_guess
-) -> PhaseGuess:
-    """The motion of a phase through its poses."""
-    if setup.phase.is_instant:
-        return PhaseGuess(lambda _times: {}, setup.path.segment_times)
-    return make(setup.loads, *start_of(solver, setup))
-
-
-def guess_of(solver: ProblemSolver, phases: Iterable[PhaseGuess], description: str) -> Guess:
-    """The guess that consists of motions of the phases."""
-    return Guess(tuple(phases), solver.free_values, description)
 
 
 def swings(solver: ProblemSolver, reports: Sequence[Attempt]) -> list[Guess]:

@@ -32,9 +32,10 @@ from ..refinement.coarse_first import solve_coarse_first
 from ..refinement.coarse_mesh import is_lost
 from ..refinement.mesh import Mesh
 from ..solution import SAME_COST, Shifted, Solution, same_cost
-from .detours import guess_of, random_detour, start_of, swings, swings_suffice, through_poses
+from .detours import random_detour, swings, swings_suffice
 from .guess import Guess, PhaseGuess, guess_at_rest, guess_from_motion, guess_from_other, kinematic_guess
 from .kinematic_guess import STEPS, KinematicPath, has_free_path
+from .whole_guess import guess_of, start_of, through_poses
 
 #: Reports of the solves from a guess, and the solution or the error in which they ended.
 Outcome = tuple[list[Attempt], Solution | OptimizationError]
@@ -373,7 +374,7 @@ def _closing_in(solver: ProblemSolver, meshes: Sequence[Mesh], guess: Guess, *, 
     """Solve from a guess without limits, and from there with them; raises as :meth:`ProblemSolver.solve` does."""
     free = solve_coarse_first(solver.unlimited(), meshes, guess, limit=limit)
     solver.best.new_stage()
-    near = replace(free.as_guess(solver.problem), iterate=None, description=guess.description)
+    near = replace(solver.motion_of(free), description=guess.description)
     closed = solver.solve(free.meshes, near, limit=limit)
     closed.statistics = closed.statistics.after(free.statistics)
     return closed

@@ -181,6 +181,10 @@ class ProblemSolver(ProblemSetup):
         return solution
 
     # --- before and after a run -------------------------------------------------------------
+    def motion_of(self, solution: Solution) -> Guess:
+        """Return the motion of a solution as a guess, without multipliers, which belong to other limits."""
+        return replace(solution.as_guess(self.problem), iterate=None)
+
     def beginning_at(self, solution: Solution) -> Beginning:
         """Return the start of a solve at a solution, with its multipliers."""
         return self._beginning(solution.meshes, solution.as_guess(self.problem))

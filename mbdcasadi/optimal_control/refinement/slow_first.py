@@ -10,7 +10,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import replace
 
 import numpy as np
 
@@ -69,7 +68,7 @@ def _closed_in(solver: ProblemSolver, free: Solution | None) -> Solution | None:
         return None
     solver.best.new_stage()
     try:
-        found = solver.solve(free.meshes, replace(free.as_guess(solver.problem), iterate=None), limit=ITERATIONS)
+        found = solver.solve(free.meshes, solver.motion_of(free), limit=ITERATIONS)
     except OptimizationError:
         return None
     settled, holds = refine_if_coarse(solver, found)
@@ -111,7 +110,7 @@ def _released(slow: ProblemSolver, solution: Solution, holds: bool, allowed: flo
         multiple = multiples.pop(0)
         slow.pace = [multiple * of_phase for of_phase in pace]
         slow.best.new_stage()
-        near = replace(solution.as_guess(slow.problem), iterate=None)
+        near = slow.motion_of(solution)
         try:
             found = slow.solve(solution.meshes, near, warm=True, limit=ITERATIONS)
         except OptimizationError:
