@@ -105,6 +105,15 @@ def test_a_slope_that_is_not_finite():
     assert "the slope of sqrt(" in str(error) and "is not finite at t" in str(error)
 
 
+def test_what_else_may_not_be_finite():
+    """A division by a way that is zero in the guess, at the end; nothing is said to be met."""
+    problem, u, block = rest_to_rest(final=[])
+    cost = mbd.integral(u**2) + 1 / mbd.at_end(block.x)
+    error = failed(problem.replace(running_cost=0, terminal_cost=cost, path=[u <= 9]), intervals=4)
+    assert "a division by zero" in str(error) and "look at terminal_cost, forces;" in str(error)
+    assert "are met" not in str(error)
+
+
 @pytest.mark.parametrize(
     ("function", "where"),
     [

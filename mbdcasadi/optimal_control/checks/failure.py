@@ -35,7 +35,7 @@ _MESSAGES = {
     "Maximum_CpuTime_Exceeded": "the solver ran out of time",
     "Maximum_WallTime_Exceeded": "the solver ran out of time",
     "Not_Enough_Degrees_Of_Freedom": "there are more independent demands than unknowns",
-    "Invalid_Number_Detected": "an expression or its derivative is not finite (a square root or norm at zero?)",
+    "Invalid_Number_Detected": "an expression or its slope is not finite (a division by zero, a root or norm at zero?)",
     "Search_Direction_Becomes_Too_Small": "the solver got stuck: demands that contradict each other, or poor scaling",
     "Diverging_Iterates": "the iterates diverge: something that is free should be bounded",
     "Error_In_Step_Computation": "the solver could not compute a step (a condition that is met at an extremum, such as "
@@ -135,6 +135,9 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
     if wrong is not None:
         iterations = solution.statistics.iterations
         message, worst = f"{wrong[0]}, {'in the guess' if not iterations else 'in the last iterate'}", ""
+    elif status == "Invalid_Number_Detected":
+        message += f": running costs and path conditions are finite, so look at {_further_places(solution)}"
+        worst = worst if violations else ""
     elif kinks and not violations:
         message = _PLAIN.get(status, message)
     if kinks:
@@ -149,6 +152,18 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
         partial=solution,
         time=wrong[1] if wrong else violations[0].time if violations else None,
     )
+
+
+def _further_places(solution: Solution) -> str:
+    """Where else an expression may not be finite, in words."""
+    problem = solution.problem
+    stated = {
+        "terminal_cost": not problem.terminal_cost.is_zero(),
+        "boundary": bool(problem.boundary),
+        "waypoints": any(phase.waypoints for phase in problem.phases),
+        "forces": True,
+    }
+    return f"{', '.join(name for name, there in stated.items() if there)}; guess= or limits may keep away from zero"
 
 
 def _left(solution: Solution) -> str:
