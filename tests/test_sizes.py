@@ -132,6 +132,19 @@ def test_speeds_at_the_start(units):
         assert np.sqrt(mbd.assemble(linkage, [condition])[squared]) == pytest.approx(speed, rel=1e-9)
 
 
+@pytest.mark.parametrize("turn", [1e-6, 1e-9])
+def test_slow_starts(turn):
+    """A linkage that turns by next to nothing turns as it does at any speed, by an equality and by a limit."""
+    linkage, coupler = four_bar(ONE, 40.0)
+    crank = linkage.bodies[0]
+    ratio = mbd.assemble(linkage, [crank.omega == 1])[coupler.vx]
+    for condition in (crank.omega == turn, crank.omega >= turn):
+        start = mbd.assemble(linkage, [condition])
+        assert start[crank.omega] == pytest.approx(turn, rel=1e-9)
+        assert start[coupler.vx] == pytest.approx(ratio * turn, rel=1e-9)
+    assert mbd.assemble(linkage, [crank.omega**2 == turn])[crank.omega] ** 2 == pytest.approx(turn, rel=1e-4)
+
+
 def test_speeds_that_contradict_each_other():
     """Two drivers of one crank at unlike speeds of micrometres per second are refused."""
     crank = mbd.Body("crank", mass=1e-9, inertia=1e-21, pose=(1e-6, 0, 0))

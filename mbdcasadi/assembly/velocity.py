@@ -21,6 +21,9 @@ from .nearest_problem import NearestProblem, residuals_by_element
 
 #: Random velocities beside the first one, in typical sizes, from which one that meets the conditions is looked for.
 ELSEWHERE = (1.0, 1.0, 1e-3, 1e-6)
+#: Smallest size of a condition without a slope at rest, as a share of what speeds of typical sizes change it by:
+#: the slopes of rows that are divided by smaller ones leave no digits for the joints.
+SMALLEST_SIZE = EPSILON**0.5
 
 
 class VelocityProblem(NearestProblem):
@@ -92,16 +95,17 @@ class VelocityProblem(NearestProblem):
         return function(v)[0].ravel() / self._typical(function)
 
     def _typical(self, function: Evaluator) -> np.ndarray:
-        """Typical sizes of conditions (k,): by what speeds of typical sizes change them, or less as their own values.
+        """Typical sizes of conditions (k,): by what speeds of typical sizes change them.
 
-        The value at rest is that of the number in a condition: a speed of micrometres per second, whose square has no
-        slope at rest, is one that has to be met.
+        One without a slope at rest, as the square of a speed, has the size of its value there, which is the number in
+        it: a speed of micrometres per second has to be met, too.
         """
         with np.errstate(all="ignore"):
-            at_rest = np.abs(function(np.zeros(self.sizes.size))[0].ravel())
+            at_rest, slope = function(np.zeros(self.sizes.size))
             change = np.abs(function(self.sizes * scattered(self.sizes.size))[1]) @ self.sizes
         change = np.where(np.isfinite(change) & (change > 0), change, 1.0)
-        return np.where(at_rest > 0, np.clip(at_rest, EPSILON * change, change), change)
+        at_rest, has_slope = np.abs(at_rest.ravel()), np.all(np.isfinite(slope), axis=1) & np.any(slope, axis=1)
+        return np.where(has_slope | ~(at_rest > 0), change, np.clip(at_rest, SMALLEST_SIZE * change, change))
 
     def rows_with(self, conditions: Sequence[Condition]) -> Equations:
         function = self._function(conditions)
