@@ -589,3 +589,44 @@ def test_stick_and_slip_in_any_units(units):
     usual, scaled = course((1.0, 1.0, 1.0)), course(units)
     assert scaled[1] == usual[1] and len(usual[1]) < 4
     np.testing.assert_allclose(scaled[0], usual[0], atol=1e-6)
+
+
+def test_frictions_of_one_motion_hold_up_to_the_sum_of_their_static_limits():
+    """Two wheels in mesh do not move before both hubs are at their limits, although they would go on to slide."""
+    wheels = [mbd.Body(name, mass=1, inertia=J, pose=(x, 0, 0)) for name, J, x in (("a", 0.02, 0.0), ("b", 0.1, 0.3))]
+    hubs = [
+        mbd.Revolute(f"hub of {w.name}", mbd.ground.at(x, 0), w.at(0, 0)) for w, x in zip(wheels, (0, 0.3), strict=True)
+    ]
+    mesh = mbd.Constraint("mesh", hubs[0].angle - hubs[1].angle)
+    laws = mbd.DryFriction(0.2, static_coefficient=0.3), mbd.DryFriction(0.1, static_coefficient=0.4)
+    rubs = [
+        mbd.LoadIndependentFriction(f"rub of {hub.name}", hub, law, load=10, radius=0.1)
+        for hub, law in zip(hubs, laws, strict=True)
+    ]
+    # N m: it turns round below the limit of 0.3 + 0.4, and is beyond it from -0.7 on
+    torque = mbd.Torque("torque", wheels[0], 0.65 - 3 * (mbd.t - 0.5) ** 2)
+    motion = mbd.simulate(mbd.Mechanism(wheels, [*hubs, mesh], forces=[torque, *rubs]), np.linspace(0, 1.4, 15))
+    x, begin = motion.t - 0.5, np.sqrt(1.35 / 3)
+    assert motion.events[-1].t == pytest.approx(0.5 + begin, abs=1e-9)
+    late = np.maximum(x - begin, 0)
+    slid = (0.95 * late**2 / 2 - ((begin + late) ** 4 - begin**4) / 4 + begin**3 * late) / 0.12
+    np.testing.assert_allclose(motion[wheels[0].phi], slid, atol=1e-8)
+    held = sum(motion[rub.torque] for rub in rubs)[x < begin]
+    np.testing.assert_allclose(held, -(0.65 - 3 * x[x < begin] ** 2), atol=1e-9)
+
+
+@pytest.mark.slow
+def test_frictions_of_one_motion_leave_a_growing_push_to_those_that_are_not_at_their_limits():
+    """A crank at rest with friction in every joint: the frictions do not hand over the last of the push to and fro."""
+
+    def course(law, **options):
+        crank, _, machine = slider_crank(law, torque=4 * mbd.t, rubs=("main", "pin", "wrist", "guide"))
+        start = [crank.phi == 0.7, crank.omega == 0]
+        motion = mbd.simulate(machine, np.linspace(0, 0.5, 11), initial=start, **options)
+        return motion[crank.phi], [event.name for event in motion.events]
+
+    angles, names = course(mbd.DryFriction(0.3))
+    assert 0 < len(names) < 8 and not any("stops" in name for name in names)
+    smoothed, _ = course(mbd.Coulomb(0.3, velocity_tolerance=1e-7), method="rosenbrock")
+    assert smoothed[-1] > 0.75
+    np.testing.assert_allclose(angles, smoothed, atol=1e-5)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
@@ -19,6 +20,7 @@ from ...errors import SimulationError, SingularityError
 from ...model.events import Event
 from ...model.forces.friction.modes import Senses, switching, variant_in
 from ...model.mechanism import Mechanism
+from ...model.quantities import known_value
 from ...model.rates import time_derivative
 from ...numerics.least_squares import largest
 from ...numerics.rank import analyse_rank
@@ -40,7 +42,7 @@ TIME_ROUNDINGS = 8
 TRIALS = 729
 
 #: Sign of the sliding speed in each sense.
-SENSE = {"forth": 1.0, "back": -1.0, "sticks": 0.0, "free": 0.0}
+SENSE = {"forth": 1.0, "back": -1.0, "sticks": 0.0, "free": 0.0, "pulled forth": 0.0, "pulled back": 0.0}
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ class FrictionMode:
     Attributes
     ----------
     senses : tuple of str
-        By friction: ``"sticks"``, ``"forth"``, ``"back"``, ``"free"``.
+        By friction: ``"sticks"``, ``"forth"``, ``"back"``, ``"free"``, ``"pulled forth"``, ``"pulled back"``.
     held : tuple of int
         Frictions at rest that cannot slide before something else does.
     """
@@ -137,12 +139,12 @@ class FrictionModes(Modes):
         lam = np.atleast_2d(motion.lam)
         columns = np.zeros((len(lam), eom.lam.numel()))
         sliding = {
-            f.name: (f, SENSE[sense]) for f, sense in zip(self.frictions, mode.senses, strict=True) if sense != "sticks"
+            f.name: (f, sense) for f, sense in zip(self.frictions, mode.senses, strict=True) if sense != "sticks"
         }
         for k, name in enumerate(eom.row_names):
             if name in sliding and eom.row_elements[k] is sliding[name][0]:
                 friction, sense = sliding[name]
-                columns[:, k] = motion[ca.SX(sense * friction.law.coefficient * friction.load)]
+                columns[:, k] = motion[-friction.in_mode(sense).force]
             else:
                 columns[:, k] = lam[:, variant.row_names.index(name)]
         return columns
@@ -209,15 +211,18 @@ class FrictionModes(Modes):
         for i in by_pose:
             choices[i] = ["forth", "back", "free"]
         breaking = {i for i in rows for k in broken if k in rows and _parallel(rows[i], rows[k])}
+        at_limit: tuple[FrictionMode, State] | None = None
         for senses, held in self._candidates(choices, rows):
             mode = FrictionMode(senses, tuple(held))
             try:
                 trial = self.at(mode, state.t, state.q, v, state.z)
-                if self._is_met(mode, trial, resting, by_pose, breaking):
+                if self._is_met(mode, trial, resting, by_pose, breaking, -FRICTION_TOLERANCE):
                     return mode, trial
+                if at_limit is None and self._is_met(mode, trial, resting, by_pose, breaking, FRICTION_TOLERANCE):
+                    at_limit = mode, trial  # would break away at once: another one may have more to give
             except SingularityError:
                 continue
-        return None
+        return at_limit
 
     @staticmethod
     def _choices(i: int, speed: float, rests: bool, broken: dict[int, float]) -> list[str]:
@@ -250,8 +255,12 @@ class FrictionModes(Modes):
         return [i for i, size in zip(rows, left, strict=True) if size <= TURNS and i not in sticking]
 
     def _candidates(self, choices: Sequence[list[str]], rows: dict[int, np.ndarray]) -> list[tuple[Senses, list[int]]]:
-        """Modes that may hold, and what is held in them; last those in which something held helps what sticks."""
-        candidates: list[tuple[bool, Senses, list[int]]] = []
+        """Modes that may hold, and what is held in them: first those in which most sticks, and of these without help.
+
+        With no more friction at rest than in motion, what can be held does not slide: help comes last.
+        """
+        falls = any(_falls(self.frictions[i].law) for i in rows)
+        candidates: list[tuple[tuple[bool, int, bool], Senses, list[int]]] = []
         for modes in product(*choices):
             sticking = [i for i in rows if modes[i] == "sticks"]
             held = self._held(rows, sticking)
@@ -260,16 +269,28 @@ class FrictionModes(Modes):
             opposed = any(
                 _parallel(rows[i], rows[k]) * SENSE[modes[i]] * SENSE[modes[k]] < 0 for i, k in combinations(slide, 2)
             )
-            if not depends and not opposed and not any(m == "free" and i not in held for i, m in enumerate(modes)):
-                candidates.append((bool(sticking) and any(SENSE[modes[i]] for i in held), modes, held))
-        return [(modes, held) for _, modes, held in sorted(candidates, key=lambda candidate: candidate[0])]
+            if depends or opposed or any(mode == "free" and i not in held for i, mode in enumerate(modes)):
+                continue
+            helps = {i for i in held if sticking and SENSE[modes[i]]}
+            # what the pose holds starts to slide; what others hold is at its limit at rest
+            pulled = {i for i in helps if np.any(rows[i])}
+            senses = tuple(f"pulled {mode}" if i in pulled else mode for i, mode in enumerate(modes))
+            candidates.append(((helps != pulled, -len(sticking) if falls else 0, bool(helps)), senses, held))
+        return [(senses, held) for _, senses, held in sorted(candidates, key=lambda candidate: candidate[0])]
 
     def _is_met(
-        self, mode: FrictionMode, trial: State, resting: Sequence[int], by_pose: Sequence[int], breaking: set[int]
+        self,
+        mode: FrictionMode,
+        trial: State,
+        resting: Sequence[int],
+        by_pose: Sequence[int],
+        breaking: set[int],
+        tolerance: float,
     ) -> bool:
         """True if friction at rest is below its limit, and what starts to slide does so in its sense.
 
         Other frictions that stick may exert any force up to their limits; what is breaking away may not yet accelerate.
+        A `tolerance` above zero allows for rounding; below zero, limits and accelerations have to be clear of it.
         """
         for i in resting:
             friction, sense = self.frictions[i], mode.senses[i]
@@ -277,14 +298,14 @@ class FrictionModes(Modes):
                 pull = abs(trial.lam[self.row(mode, friction)])
                 limit = trial[ca.SX(friction.law.static_coefficient * friction.load)]
                 # without load, reactions that are rounding are no pull
-                if not pull <= limit * (1 + FRICTION_TOLERANCE) + ROUNDING * largest(trial.lam):
+                if not pull <= limit * (1 + tolerance) + math.copysign(ROUNDING, tolerance) * largest(trial.lam):
                     return False
                 continue
             if sense == "free" or (i in mode.held and i not in by_pose):
                 continue
             onset = SENSE[sense] * trial[time_derivative(friction.sliding_speed)]
             rounding = FRICTION_TOLERANCE * self._fineness * (1 + largest(trial.a))
-            slack = rounding * (-1 if i in by_pose else 1 if i in breaking else 0)
+            slack = rounding * (-1 if i in by_pose else 1 if i in breaking else 0 if tolerance > 0 else -1)
             if not onset > -slack:
                 return False
         return True
@@ -302,6 +323,11 @@ def _parallel(first: np.ndarray, second: np.ndarray) -> int:
     """Sign in which two frictions slide together, by their sliding of size one in free motions; 0 if they need not."""
     cosine = float(first @ second)
     return int(np.sign(cosine)) if abs(cosine) > 1 - TURNS else 0
+
+
+def _falls(law: Any) -> bool:
+    """True if friction in motion may be below that at rest."""
+    return known_value(ca.SX(law.static_coefficient) - law.coefficient) != 0
 
 
 def _stops(friction: Any) -> str:

@@ -16,8 +16,9 @@ from ...symbols import register
 from ...validity import Smoothing
 from .laws import FrictionLaw, Resistance, as_law
 
-#: Modes of exact friction: at rest, sliding in the positive and in the negative direction, and none.
-MODES = ("sticks", "forth", "back", "free")
+#: Modes of exact friction: at rest, sliding in the positive and in the negative direction, none, and at rest at its limit,
+#: pulled in either direction, while something else holds it.
+MODES = ("sticks", "forth", "back", "free", "pulled forth", "pulled back")
 
 
 class FrictionInJoint(Element):
@@ -67,11 +68,15 @@ class FrictionInJoint(Element):
         return ((self.joint.displacement, force),)
 
     def in_mode(self, mode: str) -> Element:
-        """Return the element in one mode: a row if it sticks, a force if it slides."""
+        """Return the element in one mode: a row if it sticks, a force if it slides or is at its limit."""
         if mode == "sticks":
             row = self.sliding_speed
             return ConstraintElement(self.name, ca.SX(0, 1), (), self.markers, velocity_rows=row)
-        return SlidingFriction(self, {"forth": 1, "back": -1, "free": 0}[mode])
+        if mode == "free":
+            return SlidingFriction(self, ca.SX(0))
+        law: Any = self.law
+        coefficient = law.static_coefficient if mode.startswith("pulled") else law.coefficient
+        return SlidingFriction(self, (1 if mode.endswith("back") else -1) * coefficient * self.load)
 
     def _check_sizes(self, radius: Any, length: Any) -> None:
         if isinstance(self.joint, Revolute):
@@ -153,15 +158,14 @@ class FrictionInJoint(Element):
 
 
 class SlidingFriction(Element):
-    """Exact friction while it slides in the direction σ: ``F = -σ μ N``; no force for σ = 0."""
+    """Exact friction whose force is given: it slides, ``F = -σ μ N`` in the direction σ, or is at its limit at rest."""
 
     kind = "friction"
 
-    def __init__(self, friction: FrictionInJoint, direction: int):
+    def __init__(self, friction: FrictionInJoint, force: ca.SX):
         super().__init__(friction.name)
         self.markers, self.limits = friction.markers, friction.limits
-        coefficient: Any = friction.law.coefficient  # type: ignore[attr-defined]
-        self.force = -direction * coefficient * friction.load if direction else ca.SX(0)
+        self.force = force
         self.virtual_work = friction.work_of(self.force)
 
 

@@ -288,8 +288,8 @@ class DryFriction(FrictionLaw):
     For :func:`simulate` only. The run switches between sticking, with the sliding speed
     held at zero by a multiplier, and sliding, at instants that are located to
     rounding and listed in ``motion.events`` as "<name> stops" and "<name> breaks away".
-    Nothing creeps, and there is no velocity tolerance. Friction takes no part in the impulse of
-    an event that resets velocities.
+    Nothing creeps, and there is no velocity tolerance. Several frictions that one motion would make slide hold it as
+    long as they can together. Friction takes no part in the impulse of an event that resets velocities.
 
     Parameters
     ----------

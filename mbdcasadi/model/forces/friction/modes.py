@@ -6,7 +6,8 @@ from typing import Any
 
 from ...mechanism import Mechanism
 
-#: Sense in which each friction of a mechanism slides ("forth", "back"), that it "sticks", or that it is "free".
+#: Sense in which each friction of a mechanism slides ("forth", "back"), that it "sticks", that it is "free", or in
+#: which sense it is pulled at its limit while something else holds it ("pulled forth", "pulled back").
 Senses = tuple[str, ...]
 
 
