@@ -117,6 +117,20 @@ def test_limits_of_a_swing_up(links, driven, duration):
     assert np.max(solution.verify().defects) < 0.02
 
 
+@pytest.mark.slow
+def test_least_time_of_a_swing_up():
+    """A least time has no end without limits, from which they could close in: swings lead to 4.2 s with them at once.
+
+    The motion that does not swing takes 6.7 s.
+    """
+    problem = chain([(1.11, 1.70), (0.846, 1.93)], (1,), (1.0, 8.0))
+    motor = problem.mechanism.inputs[0]
+    fast = problem.replace(path=[mbd.bounded(-12, motor, 12)], running_cost=0, terminal_cost=mbd.t)
+    solution = mbd.optimize(fast)
+    assert solution.cost < 4.5
+    assert np.max(solution.verify().defects) < 0.02
+
+
 def swinging_paths(begin=-np.pi / 2, end=np.pi / 2, **changes):
     """Angles of both links on each of the motions from which a pendubot is solved that swings from pose to pose."""
     problem, upper, lower, _ = two_links("shoulder", 2.5, **changes)

@@ -354,19 +354,23 @@ def _from_swings(
 
     Each solve takes at most `limit` iterations, and few compared to those before if one of these has succeeded. Limits
     close in from the solution without: of 96 solves of 12 chains under limits that their free optima pass, 50 succeed
-    so, and 10 with the limits from the beginning.
+    so, and 10 with the limits from the beginning, which follows if none does and a motion is known.
     """
     known, outcomes = _reports(before) if any(map(_is_solved, before)) else [], list(before)
     if known:
         limit = min(limit, int(DETOURED * max(report.iterations for report in known)))
     ends = (end if isinstance(end, Solution) else end.partial for _, end in before)
-    way = _closing_in if any(LimitSides(end.program).sides for end in ends) else solve_coarse_first
-    for guess in swings(solver, known):
-        if _agreeing(outcomes) >= AGREEING:
+    ways = [_closing_in] if any(LimitSides(end.program).sides for end in ends) else []
+    # if a motion is known and none closes in, as that of a least time, which has no end without limits
+    for way in [*ways, *([solve_coarse_first] if known or not ways else [])]:
+        for guess in swings(solver, known):
+            if _agreeing(outcomes) >= AGREEING:
+                break
+            best = _solutions(outcomes)[:1]
+            rival = _rival(solver, best[0].cost) if best else solver
+            outcomes.append(tries(rival, guess, limit=limit, cold=way))
+        if any(map(_is_solved, outcomes[len(before) :])):
             break
-        best = _solutions(outcomes)[:1]
-        rival = _rival(solver, best[0].cost) if best else solver
-        outcomes.append(tries(rival, guess, limit=limit, cold=way))
     return outcomes[len(before) :]
 
 
