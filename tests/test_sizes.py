@@ -1,5 +1,6 @@
 """A mechanism in other sizes, from micrometres to a giant, is the same mechanism in other units."""
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -127,8 +128,9 @@ def test_rest_of_a_linkage(units):
 def test_speeds_at_the_start(units):
     """The square of a speed has no slope at rest, and rest does not meet it, however small it is."""
     linkage, coupler = four_bar(units, 40.0)
-    speed, squared = 0.1 * units.speed, coupler.vx**2 + coupler.vy**2
-    for condition in (squared == speed**2, mbd.sqrt(squared) == speed):
+    squared = coupler.vx**2 + coupler.vy**2
+    for speed, kind in itertools.product([0.1 * units.speed, 1e4 * units.speed], ["square", "root"]):
+        condition = squared == speed**2 if kind == "square" else mbd.sqrt(squared) == speed
         assert np.sqrt(mbd.assemble(linkage, [condition])[squared]) == pytest.approx(speed, rel=1e-9)
 
 
@@ -143,6 +145,19 @@ def test_slow_starts(turn):
         assert start[crank.omega] == pytest.approx(turn, rel=1e-9)
         assert start[coupler.vx] == pytest.approx(ratio * turn, rel=1e-9)
     assert mbd.assemble(linkage, [crank.omega**2 == turn])[crank.omega] ** 2 == pytest.approx(turn, rel=1e-4)
+
+
+@pytest.mark.parametrize("sense", [1, -1])
+@pytest.mark.parametrize("units", [ONE, MICRO])
+def test_sense_of_a_speed(units, sense):
+    """The square of a speed is met in both senses, and a limit asks for one."""
+    linkage, coupler = four_bar(units, 40.0)
+    crank, squared, speed = linkage.bodies[0], coupler.vx**2 + coupler.vy**2, 3 * units.speed
+    start = mbd.assemble(linkage, [squared == speed**2, sense * crank.omega >= 2 / units.time])
+    assert start[squared] == pytest.approx(speed**2, rel=1e-9)
+    assert sense * start[crank.omega] * units.time > 5
+    with pytest.raises(mbd.ConditionError, match="omega"):
+        mbd.assemble(linkage, [squared == speed**2, sense * crank.omega >= 7 / units.time])
 
 
 def test_speeds_that_contradict_each_other():

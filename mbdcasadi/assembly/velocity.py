@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import casadi as ca
 import numpy as np
@@ -12,7 +12,7 @@ from ..errors import AssemblyError, ConditionError
 from ..model.conditions import Condition, stacked
 from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import largest, project_velocity
-from ..numerics.nearest import nearest_by_ipopt
+from ..numerics.nearest import nearest_finder
 from ..numerics.newton import Equations, refine_root
 from ..numerics.rank import analyse_rank
 from ..numerics.scattered import scattered
@@ -80,8 +80,12 @@ class VelocityProblem(NearestProblem):
         equal, unequal = (
             [ca.substitute(c.expression, *self._known) for c in part] for part in (self.equalities, self.inequalities)
         )
-        v = nearest_by_ipopt(self.numeric.eom.v, [rows, *equal], unequal, start, self.numeric.weights)
-        return self._refined(v, self.equalities, self.inequalities)
+        find = nearest_finder(self.numeric.eom.v, [rows, *equal], unequal, self.numeric.weights)
+        # a square is met in both senses, and IPOPT does not come from one to the other through rest
+        other = 2 * self._consistent(estimate) - start
+        candidates: tuple[Callable[[], np.ndarray], ...] = (lambda: other, lambda: find(start), lambda: find(other))
+        refined = (self._refined(v(), self.equalities, self.inequalities) for v in candidates)
+        return next((v for v in refined if v is not None), None)
 
     # --- conditions -------------------------------------------------------------------
     def _function(self, conditions: Sequence[Condition]) -> Evaluator:
@@ -109,12 +113,13 @@ class VelocityProblem(NearestProblem):
 
     def rows_with(self, conditions: Sequence[Condition]) -> Equations:
         function = self._function(conditions)
-        sizes = self._typical(function)
+        held = np.abs(self._jacobian) @ self.sizes
+        sizes = np.concatenate([np.where(held > 0, held, 1.0), self._typical(function)])
 
         def rows(v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             values, slope = function(v)
-            residual = np.concatenate([self._jacobian @ v - self._nu, values.ravel() / sizes])
-            return residual, np.vstack([self._jacobian, slope / sizes[:, None]])
+            residual = np.concatenate([self._jacobian @ v - self._nu, values.ravel()])
+            return residual / sizes, np.vstack([self._jacobian, slope]) / sizes[:, None]
 
         return rows
 
