@@ -19,7 +19,7 @@ from ..numerics.scattered import scattered
 from ..numerics.tolerances import EPSILON
 from .nearest_problem import NearestProblem, residuals_by_element
 
-#: Random velocities beside the first one, in typical sizes, from which one that meets the conditions is looked for.
+#: Sizes of random velocities beside the first one, from which one that meets the conditions is looked for, m/s or rad/s.
 ELSEWHERE = (1.0, 1.0, 1e-3, 1e-6)
 #: Smallest size of a condition without a slope at rest, as a share of what speeds of typical sizes change it by:
 #: the slopes of rows that are divided by smaller ones leave no digits for the joints.
@@ -129,8 +129,7 @@ class VelocityProblem(NearestProblem):
         outcome = self._solve(rows, start)
         if not outcome.converged:  # a speed has no slope at rest
             free, random = analyse_rank(self._jacobian).null_columns, np.random.default_rng(0)
-            velocities = (share * self.sizes * random.normal(size=start.size) for share in ELSEWHERE)
-            moved = (start + free @ (free.T @ velocity) for velocity in velocities)
+            moved = (start + speed * free @ random.normal(size=free.shape[1]) for speed in ELSEWHERE)
             others = (self._solve(rows, velocity) for velocity in moved)
             outcome = next((other for other in others if other.converged), outcome)
         if not outcome.converged:

@@ -360,9 +360,10 @@ def _from_swings(
     if known:
         limit = min(limit, int(DETOURED * max(report.iterations for report in known)))
     ends = (end if isinstance(end, Solution) else end.partial for _, end in before)
-    ways = [_closing_in] if any(LimitSides(end.program).sides for end in ends) else []
+    ways: list[Callable[..., Solution]] = [_closing_in] if any(LimitSides(end.program).sides for end in ends) else []
     # if a motion is known and none closes in, as that of a least time, which has no end without limits
-    for way in [*ways, *([solve_coarse_first] if known or not ways else [])]:
+    ways += [solve_coarse_first] if known or not ways else []
+    for way in ways:
         for guess in swings(solver, known):
             if _agreeing(outcomes) >= AGREEING:
                 break
