@@ -19,7 +19,7 @@ from ..numerics.scattered import scattered
 from ..numerics.tolerances import EPSILON
 from .nearest_problem import NearestProblem, residuals_by_element
 
-#: Sizes of random velocities beside the first one, from which one that meets the conditions is looked for, m/s or rad/s.
+#: Sizes of random velocities beside the first one from which one is looked for that meets the conditions, m/s or rad/s.
 ELSEWHERE = (1.0, 1.0, 1e-3, 1e-6)
 #: Smallest size of a condition without a slope at rest, as a share of what speeds of typical sizes change it by:
 #: the slopes of rows that are divided by smaller ones leave no digits for the joints.
