@@ -16,8 +16,8 @@ from ...symbols import register
 from ...validity import Smoothing
 from .laws import FrictionLaw, Resistance, as_law
 
-#: Modes of exact friction: at rest, sliding in the positive and in the negative direction, none, and at rest at its limit,
-#: pulled in either direction, while something else holds it.
+#: Modes of exact friction: at rest, sliding in the positive and in the negative direction, none, and at rest at its
+#: limit, pulled in either direction, while something else holds it.
 MODES = ("sticks", "forth", "back", "free", "pulled forth", "pulled back")
 
 
