@@ -630,3 +630,14 @@ def test_frictions_of_one_motion_leave_a_growing_push_to_those_that_are_not_at_t
     smoothed, _ = course(mbd.Coulomb(0.3, velocity_tolerance=1e-7), method="rosenbrock")
     assert smoothed[-1] > 0.75
     np.testing.assert_allclose(angles, smoothed, atol=1e-5)
+
+
+@pytest.mark.parametrize("growth, way", [(0.0, 0.0), (-1.0, 0.0), (1.0, 0.1 * G * 2 + 8 / 6)])
+def test_friction_at_rest_holds_a_push_at_its_limit(growth, way):
+    """At the limit of rest, from which sliding would accelerate, a push that does not grow is held."""
+    block = mbd.Body("block", mass=1, inertia=1)
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
+    rub = mbd.JointFriction("rub", guide, mbd.DryFriction(0.3, static_coefficient=0.4))
+    push = mbd.Force("push", block.at(0, 0), (0.4 * G + growth * mbd.t, 0))
+    motion = mbd.simulate(mbd.Mechanism([block], [guide], forces=[mbd.Gravity(), push, rub]), [0, 1, 2])
+    assert motion[block.x][-1] == pytest.approx(way, abs=1e-7)

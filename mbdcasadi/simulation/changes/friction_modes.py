@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
 from typing import Any, ClassVar
@@ -211,15 +210,17 @@ class FrictionModes(Modes):
         for i in by_pose:
             choices[i] = ["forth", "back", "free"]
         breaking = {i for i in rows for k in broken if k in rows and _parallel(rows[i], rows[k])}
+        # what has a part in the motion that begins would break away at once if it were at its limit: others come first
+        strict = {i for i in rows for k in broken if k in rows and abs(float(rows[i] @ rows[k])) > TURNS}
         at_limit: tuple[FrictionMode, State] | None = None
         for senses, held in self._candidates(choices, rows):
             mode = FrictionMode(senses, tuple(held))
             try:
                 trial = self.at(mode, state.t, state.q, v, state.z)
-                if self._is_met(mode, trial, resting, by_pose, breaking, -FRICTION_TOLERANCE):
+                if self._is_met(mode, trial, resting, by_pose, breaking, strict):
                     return mode, trial
-                if at_limit is None and self._is_met(mode, trial, resting, by_pose, breaking, FRICTION_TOLERANCE):
-                    at_limit = mode, trial  # would break away at once: another one may have more to give
+                if strict and at_limit is None and self._is_met(mode, trial, resting, by_pose, breaking):
+                    at_limit = mode, trial
             except SingularityError:
                 continue
         return at_limit
@@ -285,27 +286,28 @@ class FrictionModes(Modes):
         resting: Sequence[int],
         by_pose: Sequence[int],
         breaking: set[int],
-        tolerance: float,
+        strict: Container[int] = (),
     ) -> bool:
         """True if friction at rest is below its limit, and what starts to slide does so in its sense.
 
         Other frictions that stick may exert any force up to their limits; what is breaking away may not yet accelerate.
-        A `tolerance` above zero allows for rounding; below zero, limits and accelerations have to be clear of it.
+        Those that are `strict` have to be clear of their limits and of rest by more than rounding.
         """
         for i in resting:
             friction, sense = self.frictions[i], mode.senses[i]
+            sign = -1 if i in strict else 1
             if sense == "sticks":
                 pull = abs(trial.lam[self.row(mode, friction)])
                 limit = trial[ca.SX(friction.law.static_coefficient * friction.load)]
                 # without load, reactions that are rounding are no pull
-                if not pull <= limit * (1 + tolerance) + math.copysign(ROUNDING, tolerance) * largest(trial.lam):
+                if not pull <= limit * (1 + sign * FRICTION_TOLERANCE) + sign * ROUNDING * largest(trial.lam):
                     return False
                 continue
             if sense == "free" or (i in mode.held and i not in by_pose):
                 continue
             onset = SENSE[sense] * trial[time_derivative(friction.sliding_speed)]
             rounding = FRICTION_TOLERANCE * self._fineness * (1 + largest(trial.a))
-            slack = rounding * (-1 if i in by_pose else 1 if i in breaking else 0 if tolerance > 0 else -1)
+            slack = rounding * (-1 if i in by_pose else 1 if i in breaking else min(sign, 0))
             if not onset > -slack:
                 return False
         return True
