@@ -8,6 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ..assembly.consistent_start import consistent_start
 from ..assembly.setup import Setup
 from ..equations.numeric import NumericEquations
 from ..errors import SimulationError, warn
@@ -234,13 +235,22 @@ def chosen_integrator(
         raise SimulationError(f"{analysis}: options= takes a dict for the integrator, got {options!r}")
     if isinstance(method, str) and method == "auto":
         setup, numeric = modes.setup, modes.numeric(modes.free)
-        stiff = numeric.eom.Q_depends_on_lam or _is_stiff(numeric, setup.start, setup.grid, setup.has_redundant_rows)
-        in_c = in_c and not options and not setup.has_redundant_rows
+        frictions = switching(setup.mechanism)
+        start = consistent_start(numeric, setup.initial, setup.time, setup.signals) if frictions else setup.start
+        redundant = numeric.has_redundant_rows(start.t, start.q)
+        by_reactions = numeric.eom.Q_depends_on_lam or any(map(_rubs_by_reactions, frictions))
+        stiff = by_reactions or _is_stiff(numeric, start, setup.grid, redundant)
+        in_c = in_c and not options and not redundant
         method = "idas" if stiff else "dop853" if in_c else "erk"
         method = "bdf" if in_c and has_many_contacts(numeric) else method
     if settings.get("abstol") is None and isinstance(method, str):
         settings["abstol"] = default_abstol(modes.numeric(modes.free))
     return as_integrator(method, **settings, options=options, besides=("auto",))
+
+
+def _rubs_by_reactions(friction: Any) -> bool:
+    """True if the load of exact friction depends on reactions."""
+    return bool(ca.depends_on(ca.SX(friction.load), friction.joint.multipliers))
 
 
 def _is_stiff(numeric: NumericEquations, start: State, grid: np.ndarray, redundant: bool) -> bool:

@@ -641,3 +641,20 @@ def test_friction_at_rest_holds_a_push_at_its_limit(growth, way):
     push = mbd.Force("push", block.at(0, 0), (0.4 * G + growth * mbd.t, 0))
     motion = mbd.simulate(mbd.Mechanism([block], [guide], forces=[mbd.Gravity(), push, rub]), [0, 1, 2])
     assert motion[block.x][-1] == pytest.approx(way, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    "rub_on, method",
+    [
+        (lambda guide, law: mbd.JointFriction("rub", guide, law), "idas"),
+        (lambda guide, law: mbd.LoadIndependentFriction("rub", guide, law, load=2 * G), "dop853"),
+    ],
+)
+def test_a_method_is_chosen_for_exact_friction(rub_on, method):
+    """By "auto": an explicit method takes no friction that depends on reactions."""
+    block = mbd.Body("block", mass=2, inertia=1)
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
+    machine = mbd.Mechanism([block], [guide], forces=[mbd.Gravity(), rub_on(guide, mbd.DryFriction(0.3))])
+    motion = mbd.simulate(machine, np.linspace(0, 1, 6), initial=[block.vx == 2], method="auto")
+    assert motion.statistics.method == method
+    assert motion[block.x][-1] == pytest.approx(2**2 / (2 * 0.3 * G), abs=1e-8)
