@@ -75,9 +75,13 @@ def test_cases_that_pass_none_run_as_ever():
 @pytest.mark.slow
 @pytest.mark.parametrize(("method", "times"), [("idas", np.linspace(0, 2.0, 101)), ("erk", [0, 1.0])])
 def test_derivatives_of_a_motion_that_leaves_for_another_branch_are_refused(method, times):
-    """The derivative of the coupler's angle, which is zero, came out as 0.3 and 0.03 without a message."""
+    """The derivative of the coupler's angle, which is zero, came out as 0.3 and 0.03 without a message.
+
+    By rounding of the start, IDAS leaves for the other branch or stops at the pose in which it could fold.
+    """
     model, left, coupler, mass = parallelogram()
-    with pytest.raises(mbd.SimulationError, match="could fold, and leaves for another branch at parameter 'mass' = 1"):
+    refused = "(could fold, and leaves for another branch|the integrator stopped) at parameter 'mass' = 1"
+    with pytest.raises(mbd.SimulationError, match=refused):
         mbd.sensitivities(model, times, outputs=[coupler.phi], wrt=[mass], initial=[left.omega == 12], method=method)
 
 
