@@ -6,7 +6,7 @@ differentiation. No closed formula of a joint is written twice.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Hashable, Sequence
 from functools import partial
 from pathlib import Path
@@ -243,19 +243,20 @@ class Equations:
     @cached_property
     def rows_of_trees(self) -> tuple[int, ...]:
         """Rows that are regular in every pose: of pins, slides and welds by which bodies hang on others in trees."""
-        left = list(self.mechanism.constraints)
-        while True:
-            counts = Counter(body for element in left for body in element.bodies if not body.is_ground)
-            hanging = [
-                element
-                for element in left
-                if getattr(element, "is_lower_pair", False)
-                and len(element.bodies) == 2
-                and any(counts[body] == 1 for body in element.bodies)
-            ]
-            if not hanging:
-                break
-            left = [element for element in left if element not in hanging]
+        left, holding = dict.fromkeys(self.mechanism.constraints), defaultdict[Any, dict[Any, None]](dict)
+        for element in left:
+            for body in element.bodies:
+                holding[body][element] = None
+        loose = [body for body, elements in holding.items() if len(elements) == 1 and not body.is_ground]
+        while loose:
+            last = next(iter(holding[loose.pop()]), None)
+            if last is None or len(last.bodies) != 2 or not getattr(last, "is_lower_pair", False):
+                continue
+            del left[last]
+            for body in last.bodies:
+                holding[body].pop(last, None)
+                if len(holding[body]) == 1 and not body.is_ground:
+                    loose.append(body)
         return tuple(k for k, element in enumerate(self.row_elements) if element not in left)
 
     @property

@@ -20,6 +20,7 @@ from ..model.mechanism import Mechanism
 from ..numerics.console import call
 from ..numerics.lazy import cached_property
 from ..results.state import State
+from ..results.trajectory import Trajectory
 from ..simulation.changes.modes import SingleMode
 from ..simulation.checks.accuracy import range_near_rounding, ranges, tolerance_for, unresolved_range
 from ..simulation.contact.watched_terms import has_gaps
@@ -265,15 +266,14 @@ class CompiledRun:
         pose = self._folding_pose(d, path)
         if pose is None and (not turns_far(path, setup.eom) or is_near(d, self._regular)):
             return
-        _, _, p, levels, channel = (part.full() for part in self.design.function(d))
-        values = RunValues(p.ravel(), levels.ravel(), channel)
-        motion, passages = simulated(setup.at_values(setup.grid, values), setup.integrator, path.x[0])
-        if pose is None and not passages:
+        motion, passed = self._smooth(d, path.x[0])
+        pose = pose or passed
+        if pose is None:
             self._regular.append(d.copy())
             return
-        smooth, pose = motion.q, pose or f"a pose near t = {passages[0]:.3g} s in which the mechanism could fold"
+        smooth = motion.q
         apart = np.abs(smooth - path.x[:, : smooth.shape[1]])
-        misses = apart / kept_numeric(setup.eom, values.p).scale.coordinates
+        misses = apart / kept_numeric(setup.eom, self.design.parameters(d)).scale.coordinates
         if np.max(misses) > BRANCH_TOLERANCE:
             row, column = np.unravel_index(np.argmax(misses), misses.shape)
             raise SimulationError(
@@ -283,16 +283,37 @@ class CompiledRun:
                 'that pose, or take smaller reltol= and abstol=, or method="erk"'
             )
 
+    def _smooth(self, d: np.ndarray, start: np.ndarray) -> tuple[Trajectory, str | None]:
+        """The motion of simulate from a start, and the first pose that it passes in which the mechanism could fold."""
+        _, _, p, levels, channel = (part.full() for part in self.design.function(d))
+        at_values = self.setup.at_values(self.setup.grid, RunValues(p.ravel(), levels.ravel(), channel))
+        motion, passages = simulated(at_values, self.setup.integrator, start)
+        return motion, f"a pose near t = {passages[0]:.3g} s in which the mechanism could fold" if passages else None
+
+    def _pose_beside(self, d: np.ndarray) -> str | None:
+        """Pose in which the mechanism could fold on the way of a motion that stopped; None if none is known."""
+        if not self.setup.eom.has_loops:
+            return None
+        try:
+            return self._smooth(d, self._start_at(d))[1]
+        except (RuntimeError, SimulationError):
+            return None
+
+    def _start_at(self, d: np.ndarray) -> np.ndarray:
+        """State at the start."""
+        right, z, p, *_ = (part.full() for part in self.design.function(d))
+        x, _, residual = call(self.setup.differentiable_start.function, p, right, z, self.guess)
+        self._refuse_no_start(float(residual), d)
+        return x.full().ravel()
+
     # --- the course ---------------------------------------------------------------------------
     def _course(self, d: np.ndarray) -> Cuts:
         """The cuts of the motion."""
-        right, z, p, levels, channel = (part.full() for part in self.design.function(d))
+        _, _, p, levels, channel = (part.full() for part in self.design.function(d))
         start = None
         if self.motion.needs_start:
             with self._stops_at(d):
-                x, _, residual = call(self.setup.differentiable_start.function, p, right, z, self.guess)
-            self._refuse_no_start(float(residual), d)
-            start = x.full().ravel()
+                start = self._start_at(d)
         return self.motion.course(start, RunValues(p.ravel(), levels.ravel(), channel))
 
     def _run(self, course: Cuts, d: np.ndarray) -> Any:
@@ -335,6 +356,12 @@ class CompiledRun:
             raise SimulationError(self._stopped(d, reason_of(error))) from None
 
     def _stopped(self, d: np.ndarray, why: str) -> str:
+        pose = self._pose_beside(d)
+        if pose is not None:
+            return (
+                f"the integrator stopped at {self._where(d)}: {why}; the motion passes {pose}; end the run before that "
+                'pose, or take smaller reltol= and abstol=, or method="erk"'
+            )
         folds = ', or the linkage passes a pose in which it could fold: take method="erk"'
         return (
             f"the integrator stopped at {self._where(d)}: {why}; simulate with these values says where and why; if it "

@@ -21,7 +21,7 @@ NARROW = {
 #: of the way over which bristles bend: with tolerances near to
 #: that velocity every integrator steps over the change of sign and gives wrong motions silently.
 FRICTION_SHARE = 1e-3
-#: Smallest absolute tolerance that an integrator can keep to, in metres or characteristic lengths below one metre.
+#: Smallest absolute tolerance that an integrator can keep to.
 SMALLEST_FOR_FRICTION = 1e-13
 
 
@@ -76,7 +76,7 @@ def absolute_tolerance(numeric: NumericEquations, asked: float) -> float:
     if narrowest_law is None:
         return asked
     narrowest, element, words = narrowest_law
-    smallest = SMALLEST_FOR_FRICTION * min(1.0, numeric.scale.length)
+    smallest = SMALLEST_FOR_FRICTION * numeric.scale.fineness
     if not np.isfinite(narrowest) or narrowest * FRICTION_SHARE < smallest:
         raise SimulationError(
             f"{element.description}: {words} is too narrow for an integrator, which keeps to "

@@ -80,7 +80,10 @@ def test_derivatives_of_a_motion_that_leaves_for_another_branch_are_refused(meth
     By rounding of the start, IDAS leaves for the other branch or stops at the pose in which it could fold.
     """
     model, left, coupler, mass = parallelogram()
-    refused = "(could fold, and leaves for another branch|the integrator stopped) at parameter 'mass' = 1"
+    refused = (
+        "could fold, and leaves for another branch at parameter 'mass' = 1"
+        "|the integrator stopped at parameter 'mass' = 1: .* could fold; end the run before"
+    )
     with pytest.raises(mbd.SimulationError, match=refused):
         mbd.sensitivities(model, times, outputs=[coupler.phi], wrt=[mass], initial=[left.omega == 12], method=method)
 

@@ -377,12 +377,7 @@ def _from_swings(
 
 def _closing_in(solver: ProblemSolver, meshes: Sequence[Mesh], guess: Guess, *, limit: int | None) -> Solution:
     """Solve from a guess without limits, and from there with them; raises as :meth:`ProblemSolver.solve` does."""
-    free = solve_coarse_first(solver.unlimited(), meshes, guess, limit=limit)
-    solver.best.new_stage()
-    near = replace(solver.motion_of(free), description=guess.description)
-    closed = solver.solve(free.meshes, near, limit=limit)
-    closed.statistics = closed.statistics.after(free.statistics)
-    return closed
+    return solver.close_in(solve_coarse_first(solver.unlimited(), meshes, guess, limit=limit), limit)
 
 
 def _rival(solver: ProblemSolver, cost: float) -> ProblemSolver:

@@ -140,6 +140,13 @@ class ProblemSolver(ProblemSetup):
         result = self._nlp_solver.run(begin, begin.bounds, warmth, limit=limit)
         return self._kept(begin, result), result.succeeded
 
+    def close_in(self, free: Solution, limit: int | None) -> Solution:
+        """Solve, as a new stage, with all limits from a solution without; raises as :meth:`solve` does."""
+        self.best.new_stage()
+        closed = self.solve(free.meshes, self.motion_of(free), limit=limit)
+        closed.statistics = closed.statistics.after(free.statistics)
+        return closed
+
     def unlimited(self) -> ProblemSolver:
         """Return the same solver for the problem without its limits."""
         other = copy(self)

@@ -66,9 +66,8 @@ def _closed_in(solver: ProblemSolver, free: Solution | None) -> Solution | None:
     """Solution on a mesh that holds, from one without limits; None if there is none."""
     if free is None or is_lost(free):
         return None
-    solver.best.new_stage()
     try:
-        found = solver.solve(free.meshes, solver.motion_of(free), limit=ITERATIONS)
+        found = solver.close_in(free, ITERATIONS)
     except OptimizationError:
         return None
     settled, holds = refine_if_coarse(solver, found)
