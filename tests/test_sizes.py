@@ -188,3 +188,23 @@ def test_path_of_a_column(units):
     phi = ends[0][-1]
     assert 2 * phi == pytest.approx(4 * np.sin(phi) + 0.01 * np.cos(phi), rel=1e-9)
     assert ends[1] == pytest.approx(ends[0], rel=1e-7)
+
+
+@pytest.mark.parametrize("units", [Units(1, 1e-9, 1), Units(1, 1e9, 1), MICRO])
+def test_starts_of_cams(units):
+    """The contact's coordinates on the outlines have no mass: what they are estimated at displaces no body."""
+    poses = []
+    for own in (ONE, units):
+        size = own.length
+        cam = mbd.Body("cam", mass=own.mass, inertia=0.1 * own.inertia)
+        tappet = mbd.Body("tappet", mass=0.3 * own.mass, inertia=0.01 * own.inertia, pose=(0, 0.45 * size, 0))
+        angles = np.linspace(0, 2 * np.pi, 72, endpoint=False)
+        outline = mbd.CamOutline((0.3 + 0.05 * np.cos(angles) + 0.02 * np.cos(2 * angles)) * size)
+        joints = [
+            mbd.Revolute("shaft", mbd.ground.at(0, 0), cam.at(0, 0)),
+            mbd.Translational("guide", mbd.ground.at(0, 0, np.pi / 2), tappet.at(0, 0, np.pi / 2)),
+            mbd.CamPointFollower("lift", cam.at(0, 0), tappet.at(0, -0.1 * size), outline, roller_radius=0.05 * size),
+        ]
+        state = mbd.assemble(mbd.Mechanism([cam, tappet], joints))
+        poses.append([state[cam.phi], state[tappet.y] / size])
+    assert poses[1] == pytest.approx(poses[0], rel=1e-7)

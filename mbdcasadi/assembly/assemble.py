@@ -28,8 +28,9 @@ def assemble(
     """Find the consistent state that meets conditions, nearest to the estimate.
 
     Position, then velocity, each nearest to the bodies' estimates in the mass
-    metric (unit weight if there is no mass) among all that meet the
-    constraints and the conditions; then accelerations and multipliers from the
+    metric among all that meet the constraints and the conditions: parts without
+    mass follow those that have some, and all count alike if none has any. Then
+    accelerations and multipliers from the
     equations of motion. From the nearest consistent pose the conditions are
     approached by continuation, so that the branch of the linkage is kept.
 

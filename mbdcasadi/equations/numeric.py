@@ -70,19 +70,22 @@ class NumericEquations:
 
     @cached_property
     def weights(self) -> np.ndarray:
-        """Metric in which poses and velocities are nearest: the masses, one if there is none (n,).
+        """Metric in which poses and velocities are nearest: the masses, one if there is none at all (n,).
 
-        Masses that count for nothing beside others are raised until they count for something.
+        Masses that count for nothing beside others are raised until they count for something; what has no mass beside
+        parts that have some counts as the least of them, so that it does not hold these back.
         """
+        if not np.any(self.mass > 0):
+            return np.ones_like(self.mass)
         sizes = self.scale.coordinates
-        return self._raised(np.where(self.mass > 0, self.mass, 1.0) * sizes**2, SMALLEST_WEIGHT) / sizes**2
+        return self._raised(np.maximum(self.mass, 0.0) * sizes**2, SMALLEST_WEIGHT) / sizes**2
 
     @property
     def weights_expression(self) -> ca.SX:
         """The same as an expression in the parameters (n,), raised as at their values here."""
-        raised = self.weights / np.where(self.mass > 0, self.mass, 1.0)
-        masses = [ca.if_else(m > 0, m, 1.0) for m in ca.vertsplit(self.eom.mass_diagonal)]
-        return ca.vertcat(*masses) * ca.DM(raised)
+        there = self.mass > 0
+        masses = ca.if_else(ca.DM(there), self.eom.mass_diagonal, 1.0)
+        return masses * ca.DM(self.weights / np.where(there, self.mass, 1.0))
 
     @cached_property
     def projection_weights(self) -> np.ndarray:

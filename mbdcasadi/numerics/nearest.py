@@ -36,14 +36,15 @@ PULL_TOLERANCE = 1e-9
 class _Tangent:
     """Projection onto the null space of a Jacobian, by the normal equations; by their eigenvectors if need be.
 
-    Combinations of rows that vanish are left out: dividing by a small shift
-    instead would turn their rounding into motion. Applied twice, since once
-    leaves a share of what rows of little weight hold.
+    Rows are of unit length, so that those in metres count beside those in radians in any size. Combinations of rows
+    that vanish are left out: dividing by a small shift instead would turn their rounding into motion. Applied twice,
+    since once leaves a share of what rows of little weight hold.
     """
 
     def __init__(self, jacobian: np.ndarray):
-        self.jacobian = jacobian
-        square = jacobian @ jacobian.T
+        self._scale = row_scale(jacobian, np.ones(jacobian.shape[1]))
+        self.jacobian = jacobian * self._scale[:, None]
+        square = self.jacobian @ self.jacobian.T
         inverse = inverse_of_independent(square)
         if inverse is None:
             values, vectors = np.linalg.eigh(square)
@@ -58,7 +59,7 @@ class _Tangent:
         for _ in range(2):
             multipliers -= self._inverse @ (self.jacobian @ rest)
             rest = vector + self.jacobian.T @ multipliers
-        return rest, multipliers
+        return rest, multipliers * self._scale
 
 
 def nearest(

@@ -281,6 +281,18 @@ def test_heavy_bodies_move_less():
 
 # --- from far away ----------------------------------------------------------------------------------
 @pytest.mark.slow
+@pytest.mark.parametrize("share", [0.0, 1e-12])
+@pytest.mark.parametrize("mass", [1e-6, 1.0, 1e6])
+def test_parts_without_mass_follow_those_that_have_some(mass, share):
+    """As the limit of a light part does; a massless part counted as 1 kg once, and halved the speed."""
+    block = mbd.Body("block", mass=mass, inertia=0.1 * mass, pose=(0.3, 0, 0), velocity=(3, 0, 0))
+    part = mbd.Body("part", mass=share * mass, inertia=share * mass, pose=(1, 0, 0))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
+    state = mbd.assemble(mbd.Mechanism([block, part], [guide, mbd.Weld("weld", block.at(1, 0), part.at(0, 0))]))
+    bound = 1e-9 if share == 0 else 1e-4
+    assert state[block.x] == pytest.approx(0.3, rel=bound) and state[block.vx] == pytest.approx(3, rel=bound)
+
+
 @pytest.mark.parametrize("make", [four_bar, slider_crank], ids=["four-bar", "slider-crank"])
 def test_linkages_close_from_estimates_that_are_far_off(make):
     """Each coordinate off by up to 1 m and 1 rad: at least 49 of 50 assemble."""
