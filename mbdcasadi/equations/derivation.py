@@ -28,6 +28,8 @@ from ..numerics.symbolic import symbolic
 #: Bodies up to which what is computed from a mechanism serves others of equal contents: to read these takes as long as
 #: to derive the equations, of which larger mechanisms need little else.
 SHARING = 30
+#: Entries of the Jacobian from which its rank is found by sparse factorisation.
+LARGE = 40_000
 
 
 def equations(mechanism: Mechanism) -> Equations:
@@ -123,6 +125,11 @@ class Equations:
         self.velocity_rows = ca.vertcat(ca.SX(0, 1), *[c.velocity_rows for c in constraints])
 
     # --- terms, which are derived when they are asked for ----------------------------
+    @property
+    def is_large(self) -> bool:
+        """True if the Jacobian has so many entries that its rank is found by sparse factorisation, or not looked at."""
+        return self.q.numel() * self.lam.numel() > LARGE
+
     @cached_property
     @symbolic
     def M(self) -> ca.SX:

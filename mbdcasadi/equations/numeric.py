@@ -30,8 +30,6 @@ from .scale import Scale, scale_of
 
 T = TypeVar("T")
 
-#: Entries of the Jacobian from which its rank is found by sparse factorisation.
-LARGE = 40_000
 #: Share of the largest mass (and inertia) that each has at least in the metrics for assembly and projection. Beyond
 #: it the normal equations lose what a light body adds to them.
 SMALLEST_WEIGHT, SMALLEST_PROJECTION_WEIGHT = 1e-5, 1e-2
@@ -228,7 +226,7 @@ class NumericEquations:
 
     def is_regular(self, t: float, q: np.ndarray) -> bool:
         """Return True if the rows are independent by far at a pose; False if the pose is singular or may be."""
-        if self._is_large:
+        if self.eom.is_large:
             return self._of_pose("regular", t, q, lambda: surely_independent_sparse(self._sparse_jacobian(t, q)))
         return self._of_pose("regular", t, q, lambda: surely_independent(self.scaled_jacobian(t, q)))
 
@@ -252,14 +250,10 @@ class NumericEquations:
             tolerance = self._rank_tolerance(q)
             if tolerance < INDEPENDENT and self.is_regular(t, q):
                 return False
-            rank = sparse_rank(self._sparse_jacobian(t, q), tolerance) if self._is_large else self.rank(t, q).rank
+            rank = sparse_rank(self._sparse_jacobian(t, q), tolerance) if self.eom.is_large else self.rank(t, q).rank
             return rank < self.eom.lam.numel()
 
         return self._of_pose("redundant", t, q, answer)
-
-    @cached_property
-    def _is_large(self) -> bool:
-        return self.eom.lam.numel() * self.eom.q.numel() > LARGE
 
     def _sparse_jacobian(self, t: float, q: np.ndarray) -> ca.DM:
         """:meth:`scaled_jacobian` with its zeros left out."""

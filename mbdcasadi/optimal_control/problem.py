@@ -136,11 +136,6 @@ class OptimalControlProblem(ProblemStatement):
         expressions = {f"boundary: {row.label}": row.expression for row in self.boundary}
         expressions |= {"terminal_cost": self.terminal_cost}
         self._check_placeholders(expressions)
-        inputs = any(phase.mechanism.inputs for phase in self.phases)
-        if not inputs and not self.free_parameters and not self.has_free_times:
-            raise ModelError(
-                "there is nothing to optimise: the mechanism has no inputs and no parameter or time is free"
-            )
 
     def _check_placeholders(self, expressions: dict[str, ca.SX]) -> None:
         """Check the boundary conditions and the terminal cost: each placeholder in its phase, the rest at the end."""

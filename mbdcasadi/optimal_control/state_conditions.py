@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from ..equations import Equations
-from ..equations.numeric import LARGE, NumericEquations
+from ..equations.numeric import NumericEquations
 from ..model.conditions import Condition
 from ..numerics.rank import dependent_rows, unit_rows
 from ..results.state import State
@@ -52,7 +52,7 @@ def pose_conditions(numeric: NumericEquations, t: float, target: np.ndarray) -> 
     """Return independent coordinates of a pose and their values; of mechanisms of hundreds of bodies all."""
     eom = numeric.eom
     symbols = ca.vertsplit(eom.q)
-    few = eom.q.numel() * eom.lam.numel() <= LARGE
+    few = not eom.is_large
     chosen = independent_coordinates(numeric, numeric.velocity(t, target)[0]) if few else _angles_first(numeric)
     return [Condition(symbols[k] - float(target[k]), True, symbols[k].name()) for k in chosen]
 

@@ -118,3 +118,29 @@ def test_a_component_that_the_joints_decide_is_named():
             initial=[block.x == 0, block.vx == 0],
             final=[mbd.distance(block, mbd.ground.at(1, 0)) == 0, block.vx == 0],
         )
+
+
+def test_steady_vibration_under_a_periodic_force():
+    """Without inputs the start is what is found: amplitude and phase of a block on a spring (closed form)."""
+    mass, stiffness, damping, force, frequency = 2.0, 90.0, 3.0, 5.0, 4.0
+    block = mbd.Body("block", mass=mass, inertia=1)
+    ends = mbd.ground.at(-1, 0), block.at(0, 0)
+    spring = mbd.TSDA("spring", *ends, stiffness=stiffness, damping=damping, free_length=1.0)
+    push = mbd.Force("push", block.at(0, 0), (force * mbd.cos(frequency * mbd.t), 0))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
+    model = mbd.Mechanism([block], [guide], forces=[spring, push])
+    again = [mbd.at_end(s) == mbd.at_start(s) for s in (block.x, block.vx)]
+    steady = mbd.optimize(mbd.OptimalControlProblem(model, 2 * np.pi / frequency, boundary=again), intervals=40)
+    amplitude = force / (stiffness - mass * frequency**2 + 1j * damping * frequency)
+    assert steady.trajectory.initial[block.x] == pytest.approx(amplitude.real, rel=1e-6)
+    assert steady.trajectory.initial[block.vx] == pytest.approx((1j * frequency * amplitude).real, rel=1e-6)
+
+
+def test_the_launch_that_hits_a_mark():
+    """No input, a given duration, and two points: the speed at the start is x / T and y / T + g T / 2."""
+    ball = mbd.Body("ball", mass=1, inertia=1)
+    flight = mbd.Mechanism([ball], forces=[mbd.Gravity()])
+    places = {"initial": [ball.x == 0, ball.y == 0, ball.phi == 0, ball.omega == 0], "final": [ball.position == (3, 1)]}
+    launch = mbd.optimize(mbd.OptimalControlProblem(flight, 0.8, **places)).trajectory.initial
+    expected = 3 / 0.8, 1 / 0.8 + 0.4 * 9.81
+    assert (launch[ball.vx], launch[ball.vy]) == pytest.approx(expected, rel=1e-9)

@@ -99,11 +99,12 @@ def test_free_parameters_are_a_list_of_parameters(good):
 
 
 def test_there_must_be_something_to_optimise(good):
-    """Neither inputs nor free parameters nor free times."""
+    """Neither inputs nor free parameters nor free times, from a start that is given whole."""
     problem = good[0]
     still = problem.mechanism.replace(forces=[], inputs=[])
     refuses(lambda: problem.replace(mechanism=still, running_cost=0), "nothing to optimise", kind=mbd.ModelError)
     problem.replace(mechanism=still, running_cost=0, duration=(0.5, 1.0))
+    problem.replace(mechanism=still, running_cost=0, initial=())
 
 
 def test_conditions_that_contradict_each_other(good):

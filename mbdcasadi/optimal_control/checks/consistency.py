@@ -13,8 +13,8 @@ import numpy as np
 from ...arguments.inputs import read_signals
 from ...assembly.consistent_start import consistent_start
 from ...assembly.pose import PoseProblem
-from ...equations.numeric import LARGE, NumericEquations
-from ...errors import AssemblyError, ConditionError
+from ...equations.numeric import NumericEquations
+from ...errors import AssemblyError, ConditionError, ModelError
 from ...model.conditions import Condition
 from ...model.mechanism import Mechanism
 from ...model.symbols import Symbol, symbols_of
@@ -56,6 +56,7 @@ def check_conditions(problem: ProblemStatement) -> None:
 
 
 def _check_conditions(problem: ProblemStatement) -> None:
+    _refuse_if_nothing_is_free(problem)
     for phase in problem.phases:
         _refuse_empty_limits(phase)
         _refuse_fixed_path(problem, phase)
@@ -68,6 +69,24 @@ def _check_conditions(problem: ProblemStatement) -> None:
             check_end(problem, phase, "final", [*phase.final, *boundary])
         for k, waypoint in enumerate(phase.waypoints, start=1):
             check_end(problem, phase, f"waypoint {k}", waypoint.conditions, waypoint.time[1])
+
+
+def _refuse_if_nothing_is_free(problem: ProblemStatement) -> None:
+    """Refuse a problem whose motion is decided: by a start that is given whole, without inputs, parameters or times."""
+    first = problem.phases[0]
+    inputs = any(phase.mechanism.inputs for phase in problem.phases)
+    if inputs or problem.free_parameters or problem.has_free_times or first.equations.is_large:
+        return
+    given = isinstance(first.initial, State)
+    if not given:
+        rows = on_states([c for c in first.initial if c.equality])
+        numeric = NumericEquations(first.equations, first.equations.parameter_values)
+        given = ranks_of(problem, first, numeric, timed=False).complete(rows)
+    if given:
+        raise ModelError(
+            "there is nothing to optimise: the mechanism has no inputs, no parameter or time is free, and initial= "
+            "gives the whole start"
+        )
 
 
 def at_end_alone(problem: ProblemStatement) -> list[Condition]:
@@ -84,7 +103,7 @@ def _refuse_fixed_path(problem: ProblemStatement, phase: Phase) -> None:
     """Refuse path equalities that the constraints decide."""
     eom = phase.equations
     rows = on_states([c for c in phase.path if c.equality])
-    if not rows or eom.q.numel() * eom.lam.numel() > LARGE:
+    if not rows or eom.is_large:
         return
     fixed = ranks_of(problem, phase, NumericEquations(eom, eom.parameter_values), timed=False).fixed(rows)
     if any(fixed):
@@ -107,7 +126,7 @@ def check_end(
     """
     eom = phase.equations
     rows = on_states([c for c in conditions if c.equality])
-    if not rows or eom.q.numel() * eom.lam.numel() > LARGE:
+    if not rows or eom.is_large:
         return
     ranks = ranks_of(problem, phase, NumericEquations(eom, eom.parameter_values), timed=name != "initial")
     for condition, fixed in zip(rows, ranks.fixed(rows), strict=True):

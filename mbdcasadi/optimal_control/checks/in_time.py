@@ -23,7 +23,7 @@ from math import inf, isfinite, log, sqrt
 import casadi as ca
 import numpy as np
 
-from ...equations.numeric import LARGE, NumericEquations
+from ...equations.numeric import NumericEquations
 from ...equations.switching.switches import JUMPING
 from ...model.conditions import Condition
 from ...numerics.graph import operations
@@ -78,7 +78,7 @@ class _Line:
         """The curve of a problem; None if nothing is known of it."""
         first = setup.setups[0]
         eom, numeric = first.phase.equations, first.numeric
-        if len(setup.setups) > 1 or first.ends.initial is not None or eom.q.numel() * eom.lam.numel() > LARGE:
+        if len(setup.setups) > 1 or first.ends.initial is not None or eom.is_large:
             return None
         unknown = ca.vertcat(eom.t, eom.z, eom.lam, ca.SX(0, 1), *setup.problem.free_parameters)
         gains = ca.jacobian(eom.Q, eom.u)

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from ...assembly.pose import PoseProblem
-from ...equations.numeric import FARTHEST, LARGE
+from ...equations.numeric import FARTHEST
 from ...equations.tree import tree_coordinates
 from ...errors import MechanismError
 from ...model.conditions import Condition, stacked
@@ -77,7 +77,7 @@ def check_reach(setup: ProblemSetup, candidates: Sequence[Guess]) -> None:
 
     `candidates` are the guesses from which the problem is solved; a place that one of them meets is not looked at.
     """
-    if any(s.numeric.eom.q.numel() * s.numeric.eom.lam.numel() > LARGE for s in setup.setups):
+    if any(s.numeric.eom.is_large for s in setup.setups):
         return
     loops = _Loops(setup)
     if setup.of_start.get_or_create("path through all places", partial(_leads_through_all, setup, loops)):

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from ...equations.numeric import LARGE, NumericEquations
+from ...equations.numeric import NumericEquations
 from ...model.conditions import Condition
 from ...model.symbols import Parameter
 from ...numerics.least_squares import largest
@@ -63,7 +63,7 @@ def free_poses(
     bodies.
     """
     eom = phase.equations
-    if not problem.free_parameters or eom.q.numel() * eom.lam.numel() > LARGE:
+    if not problem.free_parameters or eom.is_large:
         return None
     system = _PlaceSystem(problem, phase, numeric, places)
     if not ca.depends_on(ca.vertcat(*system.equalities, *system.limits), system.free):

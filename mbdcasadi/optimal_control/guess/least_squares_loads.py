@@ -5,7 +5,8 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ...equations.numeric import LARGE, NumericEquations
+from ...equations.derivation import LARGE
+from ...equations.numeric import NumericEquations
 from ...equations.recovery import Recovery
 from ...equations.reduced import ReducedEquations
 from ...numerics.evaluation import Evaluator
@@ -71,7 +72,7 @@ class LeastSquaresLoads:
         recovery = Recovery(self.numeric, redundant=True)
         q = recovery.positions(t, q)
         v = recovery.velocities(t, q, v)
-        if eom.q.numel() * eom.lam.numel() <= LARGE:
+        if not eom.is_large:
             jacobian, gamma = self._evaluate(self._acceleration, t, q, v, a, z)
             rows, columns = self.scales.rows, self.scales.q
             residual = (jacobian @ a[:, :, None] - gamma) / rows[:, None]

@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ...equations.numeric import LARGE, NumericEquations
+from ...equations.numeric import NumericEquations
 from ...equations.reduced import reduced_equations
 from ...model.cache import Cache
 from ...model.conditions import Condition, stacked
@@ -50,7 +50,7 @@ class EndConditions:
         # not kept, since the problem holds this
         ranks = partial(ranks_of, problem, phase, numeric)
         self._prescribed = with_rates(problem.differentiated_path_constraints(phase))
-        self._few_rows = phase.equations.q.numel() * phase.equations.lam.numel() <= LARGE
+        self._few_rows = not phase.equations.is_large
         #: conditions that others imply on one branch, with half the width of the window that is left to them; they are
         #: checked in the solution
         self.implied: dict[Condition, float] = {}
