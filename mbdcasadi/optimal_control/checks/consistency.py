@@ -77,16 +77,15 @@ def _refuse_if_nothing_is_free(problem: ProblemStatement) -> None:
     inputs = any(phase.mechanism.inputs for phase in problem.phases)
     if inputs or problem.free_parameters or problem.has_free_times or first.equations.is_large:
         return
-    given = isinstance(first.initial, State)
-    if not given:
+    if not isinstance(first.initial, State):
         rows = on_states([c for c in first.initial if c.equality])
         numeric = NumericEquations(first.equations, first.equations.parameter_values)
-        given = ranks_of(problem, first, numeric, timed=False).complete(rows)
-    if given:
-        raise ModelError(
-            "there is nothing to optimise: the mechanism has no inputs, no parameter or time is free, and initial= "
-            "gives the whole start"
-        )
+        if not ranks_of(problem, first, numeric, timed=False).complete(rows):
+            return
+    raise ModelError(
+        "there is nothing to optimise: the mechanism has no inputs, no parameter or time is free, and initial= gives "
+        "the whole start"
+    )
 
 
 def at_end_alone(problem: ProblemStatement) -> list[Condition]:
