@@ -120,6 +120,29 @@ def test_stick_slip_on_a_belt():
     assert motion[block.x].max() == pytest.approx(mu * mass * G / k + np.hypot(excess, speed / frequency), abs=1e-4)
 
 
+@pytest.mark.parametrize("speed", [0.46, 0.7, -0.3])
+def test_breaks_away_once_from_a_belt_under_a_push_that_grows_ever_faster(speed):
+    """The block does not stop again by the rounding of its speed, which is not zero on a belt."""
+    belt, block = mbd.Body("belt", mass=5, inertia=1), mbd.Body("block", mass=2, inertia=0.01)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), belt.at(0, 0))
+    seat = mbd.Translational("seat", belt.at(0, 0), block.at(0, 0))
+    forces = [
+        mbd.Gravity(),
+        mbd.JointFriction("rub", seat, mbd.DryFriction(0.25)),
+        mbd.Force("push", block.at(0, 0), (-40 * mbd.t**8, 0)),
+    ]
+    machine = mbd.Mechanism(
+        [belt, block], [rail, seat], drivers=[mbd.Driver("drive", rail.displacement, speed * mbd.t)], forces=forces
+    )
+    start = [seat.displacement == 0, seat.speed == 0]
+    motion = mbd.simulate(machine, np.linspace(0, 1, 11), initial=start)
+    begin = (0.25 * 2 * G / 40) ** (1 / 8)
+    assert [event.t for event in motion.events] == pytest.approx([begin], abs=1e-9)
+    t = np.maximum(motion.t, begin)
+    slid = -20 * ((t**10 - begin**10) / 90 - begin**9 * (t - begin) / 9) + 0.25 * G * (t - begin) ** 2 / 2
+    np.testing.assert_allclose(motion[seat.displacement], slid, atol=1e-8)
+
+
 @pytest.mark.slow
 def test_two_frictions():
     """A block on a sledge on the ground: the sledge is dragged or not, as the coefficients say."""

@@ -430,7 +430,7 @@ class EventWatch:
 
         def values_at(times: np.ndarray) -> np.ndarray:
             own: np.ndarray = self.values(outputs, times, states_at(times), np.full(times.size, ends[0]))[:, index]
-            return own
+            return own - self._zero_of(index)
 
         left = self._left.get(index, 0)
         if interval + 1 < left:
@@ -461,12 +461,16 @@ class EventWatch:
         """Time of an event between two times, to rounding."""
         low, high = float(ends[0]), float(ends[1])
         begin = np.array([low if since is None else since])
-        rest = self.resting.get(self.events[index], self._offset.get(index, 0.0))
+        zero = self._zero_of(index)
 
         def value_at(time: float) -> float:
-            return float(self.values(outputs, np.array([time]), states_at(np.array([time])), begin)[0, index]) - rest
+            return float(self.values(outputs, np.array([time]), states_at(np.array([time])), begin)[0, index]) - zero
 
         return bracketed_root(value_at, low, high, float(values[0]), float(values[1]))
+
+    def _zero_of(self, index: int) -> float:
+        """Value from which the expression of an event is measured."""
+        return self.resting.get(self.events[index], self._offset.get(index, 0.0))
 
     def _report_not_a_number(self, times: np.ndarray, values: np.ndarray) -> None:
         """Warn once of an event whose expression has no value: it cannot be found from there on."""
