@@ -98,7 +98,7 @@ def duration_grid(duration: Any, analysis: str) -> np.ndarray:
     return np.linspace(0.0, length, OUTPUTS)
 
 
-def time_grid(times: Any, *, least: int = 2) -> np.ndarray:
+def time_grid(times: Any, *, least: int = 2, takes_duration: bool = False) -> np.ndarray:
     """Check that times are finite and increase strictly.
 
     Raises
@@ -110,6 +110,9 @@ def time_grid(times: Any, *, least: int = 2) -> np.ndarray:
         grid = real_array(times)
     except (TypeError, ValueError):
         raise SimulationError(f"times must be numbers, got {times!r}") from None
+    if grid.ndim == 0:
+        instead = f"; for a run of that length write duration={grid}" if takes_duration else ""
+        raise SimulationError(f"times must be a list, got the number {grid}{instead}")
     if grid.ndim != 1 or grid.size < least:
         raise SimulationError(f"times must be a list of at least {least} values, got an array of shape {grid.shape}")
     increasing = grid[1:] > grid[:-1]

@@ -97,8 +97,10 @@ class Setup:
             raise SimulationError(
                 f"{analysis}: give {'either times or duration=' if takes_duration else 'the output times'}"
             )
+        elif times is None:
+            self.grid = duration_grid(duration, analysis)
         else:
-            self.grid = duration_grid(duration, analysis) if times is None else time_grid(times, least=fewest_times)
+            self.grid = time_grid(times, least=fewest_times, takes_duration=takes_duration)
         carried, fixed = carried_by(initial, mechanism), fixed or {}
         over = {key: value for key, value in fixed.items() if isinstance(key, Parameter)}
         self.p = parameter_vector(self.eom, carried["parameters"] | dict(pairs_of(parameters, "parameters=")) | over)

@@ -287,16 +287,21 @@ class NumericEquations:
         moved = np.linalg.norm(empty, axis=1) > 1e-8
         return [self.eom.coordinate_names[k] for k in np.flatnonzero(moved & (self.mass == 0))]
 
-    def forces_not_finite(self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray) -> list[str]:
-        """Elements whose force has no finite value at a state."""
+    def not_finite(
+        self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray, *, slopes: bool = False
+    ) -> list[str]:
+        """Elements whose force, and states whose rate, has no finite value, or no finite slope, at a state."""
         n, m = self.eom.q.numel(), self.eom.lam.numel()
-        elements = []
-        for element in self.eom.mechanism.elements:
-            forces = [ca.vec(ca.SX(force)) for _, force in element.virtual_work]
-            if forces:
-                values = self.eom.function(ca.vertcat(*forces))(t, q, v, np.zeros(n), z, np.zeros(m), u, self.p)
-                elements += [] if np.all(np.isfinite(values.full())) else [element.description]
-        return elements
+        mechanism, motion = self.eom.mechanism, ca.vertcat(self.eom.q, self.eom.v, self.eom.z)
+        parts = [(e.description, [ca.vec(ca.SX(f)) for _, f in e.virtual_work]) for e in mechanism.elements]
+        parts += [(f"the rate of state '{s.label}'", [ca.SX(mechanism.state_rates[s])]) for s in mechanism.states]
+        names = []
+        for name, values in parts:
+            if values:
+                what = ca.jacobian(ca.vertcat(*values), motion) if slopes else ca.vertcat(*values)
+                found = self.eom.function(what)(t, q, v, np.zeros(n), z, np.zeros(m), u, self.p)
+                names += [] if np.all(np.isfinite(found.full())) else [name]
+        return names
 
     def rows_not_finite(self, t: float, q: np.ndarray) -> list[str]:
         """Names of the position rows that have no finite value, or no finite slope, at a pose."""
@@ -309,9 +314,11 @@ class NumericEquations:
         missing = self.motion_without_mass(t, q)
         if missing:
             bodies = dict.fromkeys(f"'{name.rsplit('.', 1)[0]}'" for name in missing)
+            turning = all(name.endswith(".phi") for name in missing)
+            particles = " (a particle takes any inertia: nothing turns it)" if turning else ""
             raise SingularityError(
                 f"body {', '.join(bodies)} has no mass or inertia in {', '.join(missing)}, and no joint holds that "
-                "motion: the mass matrix is singular; give it mass or inertia, or a joint",
+                f"motion: the mass matrix is singular; give it mass or inertia, or a joint{particles}",
                 time=t,
             )
 
@@ -346,7 +353,7 @@ class NumericEquations:
         jacobian, gamma = self.acceleration(t, q, v)
         left_over = jacobian @ a - gamma if a.size else np.zeros(0)
         missed = left_over / self._acceleration_terms(jacobian, gamma, a, lam)
-        broken = [] if finite else self.forces_not_finite(t, q, v, z, u)
+        broken = [] if finite else self.not_finite(t, q, v, z, u)
         if broken:
             raise SingularityError(
                 f"the force of {', '.join(broken)} is not finite at t = {t:.6g} s: a spline outside its data, a "

@@ -16,7 +16,7 @@ import numpy as np
 from ..numerics.scattered import scattered
 from .derivation import Equations
 
-#: Poses with scattered angles in which levers are looked at, beside the estimate.
+#: Poses with scattered angles and parameters of curves in which levers are looked at, beside the estimate.
 POSES = 3
 #: Levers below this share of the size of the mechanism are rounding.
 LEVER_TOLERANCE = 1e-9
@@ -88,9 +88,14 @@ def scale_of(eom: Equations, p: np.ndarray, mass: np.ndarray) -> Scale:
 
 
 def generic_poses(eom: Equations) -> np.ndarray:
-    """The estimated pose, and the same with scattered angles (k, n)."""
+    """The estimated pose, and the same with scattered angles and parameters of curves (k, n)."""
+    extra = eom.mechanism.coordinates
     poses = np.tile(eom.estimate[0], (POSES + 1, 1))
     poses[1:, eom.angles] += np.pi * scattered(POSES, int(np.sum(eom.angles)))
+    if extra:
+        spans = np.array([coordinate.span for coordinate in extra])
+        middle, half = np.mean(spans, axis=1), np.ptp(spans, axis=1) / 2
+        poses[1:, -len(extra) :] = middle + half * scattered(POSES, len(extra))
     return poses
 
 

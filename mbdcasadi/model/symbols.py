@@ -298,6 +298,9 @@ class Coordinate(Symbol):
         Its name.
     value : float, default 0
         Estimate of the value at the start.
+    span : (float, float), optional
+        First and last value that it takes as a rule: by how much a change of it moves points is measured between them,
+        and not at the start alone, where it may be little.
 
     Attributes
     ----------
@@ -307,10 +310,12 @@ class Coordinate(Symbol):
 
     _kind = "position"
 
-    def __init__(self, label: str, value: float = 0.0):
+    def __init__(self, label: str, value: float = 0.0, span: tuple[float, float] | None = None):
         """Make the symbol; see the class for its arguments."""
         super().__init__(label)
-        self.value = number(value, f"coordinate '{label}'", "value")
+        what = f"coordinate '{label}'"
+        self.value = number(value, what, "value")
+        self.span = (self.value, self.value) if span is None else tuple(number(end, what, "span") for end in span)
         self.velocity = ca.SX.sym(f"{label}.velocity")
         self.acceleration = ca.SX.sym(f"{label}.acceleration")
         self._role = register(self, "position", label, rate=self.velocity)

@@ -885,6 +885,22 @@ def test_force_that_is_not_finite():
     assert caught.value.partial.t[-1] == pytest.approx(0.5, abs=0.011)
 
 
+def test_force_without_slope():
+    """A root at zero has no slope, which IDAS needs and dop853 does not: a body falls from where its brake begins."""
+    body = mbd.Body("body", mass=1, inertia=1)
+    depth, level = mbd.fabs(body.y), mbd.StateVariable("level")
+    brake = mbd.Force("brake", body.at(0, 0), (0, depth**0.5))
+    falls = mbd.Mechanism([body], forces=[mbd.Gravity(), brake])
+    with pytest.raises(mbd.SimulationError, match=r"force 'brake' has no finite slope there.*method='dop853'"):
+        mbd.simulate(falls, duration=0.5)
+    motion = mbd.simulate(falls, duration=0.5, method="dop853")
+    energy = motion[body.vy] ** 2 / 2 + 9.81 * motion[body.y] + 2 / 3 * motion[depth] ** 1.5
+    np.testing.assert_allclose(energy, 0, atol=1e-7)
+    drains = mbd.Mechanism([body], states={level: 1 - 2 * mbd.sqrt(level)})
+    with pytest.raises(mbd.SimulationError, match=r"rate of state 'level' has no finite slope"):
+        mbd.simulate(drains, duration=0.5)
+
+
 @pytest.mark.slow
 def test_spline_left_at_its_end():
     """Data that end are an error at the time they end, not a zero force from there on; the cause is named."""

@@ -267,3 +267,18 @@ def test_a_part_that_slides_far_is_no_singular_pose(method):
     motion = mbd.simulate(lift, [0, 1], initial=[slot.speed == 100, cranks[0].omega == 0], method=method)
     # in the guide the part is free along x
     assert motion[part.x][-1] == pytest.approx(100.5, abs=1e-6)
+
+
+@pytest.mark.parametrize("method", ["idas", "dop853"])
+def test_a_slow_parameter_of_a_curve_is_no_singular_pose(method):
+    """A bead starts near the cusp of a cycloid, where its parameter moves it little; the arc to the bottom swings."""
+    radius, first = 0.5, 1e-3
+    cycloid = mbd.Curve(lambda s: (radius * (s - mbd.sin(s)), -radius * (1 - mbd.cos(s))), 5e-4, 6.2)
+    bead = mbd.Body("bead", mass=1, inertia=1)
+    wire = mbd.PointOnCurve("wire", mbd.ground.at(0, 0), bead.at(0, 0), cycloid)
+    model = mbd.Mechanism([bead], [wire], forces=[mbd.Gravity()])
+    start = [bead.x == radius * (first - np.sin(first)), bead.y == -radius * (1 - np.cos(first)), bead.vx == 0]
+    motion = mbd.simulate(model, np.linspace(0, 0.6, 31), initial=start, method=method)
+    angle = 2 * np.arccos(np.cos(first / 2) * np.cos(np.sqrt(9.81 / (4 * radius)) * motion.t))
+    np.testing.assert_allclose(motion[bead.x], radius * (angle - np.sin(angle)), atol=1e-7)
+    assert not any("singular" in note for note in motion.statistics.notes)

@@ -159,6 +159,11 @@ class Curve(Immutable, HoldsSymbols):
 
     # --- numbers ------------------------------------------------------------------------------
     @property
+    def span(self) -> tuple[float, float]:
+        """First and last parameter."""
+        return self.lower, self.upper
+
+    @property
     def samples(self) -> np.ndarray:
         """Evenly spaced parameters over the whole curve."""
         return np.linspace(self.lower, self.upper, SAMPLES, endpoint=not self.closed)

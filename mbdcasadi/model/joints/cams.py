@@ -96,7 +96,7 @@ class CamFlatFollower(_Contact):
         what = self.description
         self.outline = as_outline(outline, what)
         self.limits = (*positive_radius(what, self.outline), *convex(what, self.outline))
-        self.parameter = Coordinate(f"{name}.parameter", touching_place(self.outline, a, b))
+        self.parameter = Coordinate(f"{name}.parameter", touching_place(self.outline, a, b), self.outline.span)
         self.coordinates = (self.parameter,)
         self.contact_point = a.position + a.axes @ self.outline.point(self.parameter)
         on_face = ca.dot(b.y_axis, self.contact_point - b.position)
@@ -152,7 +152,7 @@ class CamPointFollower(_Contact):
         self.limits = (*self.limits, *positive_radius(what, self.outline), *wide)
         radius = float(values_of(self.roller_radius)[0, 0])
         start = nearest_place(self.outline, a, b, radius)
-        self.parameter = Coordinate(f"{name}.parameter", start)
+        self.parameter = Coordinate(f"{name}.parameter", start, self.outline.span)
         self.coordinates = (self.parameter,)
         self.contact_point = a.position + a.axes @ self.outline.point(self.parameter)
         centre = a.position + a.axes @ self.outline.beside(self.parameter, self.roller_radius)
@@ -206,8 +206,8 @@ class CamCam(_Contact):
         fitting(what, self.outline, self.outline_b)
         self.limits = positive_radius(what, self.outline, self.outline_b)
         places = touching_places(self.outline, self.outline_b, a, b)
-        self.parameter = Coordinate(f"{name}.parameter", places[0])
-        self.parameter_b = Coordinate(f"{name}.parameter_b", places[1])
+        self.parameter = Coordinate(f"{name}.parameter", places[0], self.outline.span)
+        self.parameter_b = Coordinate(f"{name}.parameter_b", places[1], self.outline_b.span)
         self.coordinates = (self.parameter, self.parameter_b)
         self.contact_point = a.position + a.axes @ self.outline.point(self.parameter)
         other = b.position + b.axes @ self.outline_b.point(self.parameter_b)
@@ -256,7 +256,7 @@ class PointOnCurve(Joint):
         if not isinstance(curve, Curve):
             raise ModelError(f"{self.description}: curve must be a Curve, got {curve!r}")
         self.curve = curve
-        self.parameter = Coordinate(f"{name}.parameter", nearest_place(curve, a, b, 0.0))
+        self.parameter = Coordinate(f"{name}.parameter", nearest_place(curve, a, b, 0.0), curve.span)
         self.coordinates = (self.parameter,)
         rows = a.position + a.axes @ curve.point(self.parameter) - b.position
         super().__init__(name, a, b, rows, ("x", "y"))

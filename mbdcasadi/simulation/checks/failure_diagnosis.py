@@ -39,12 +39,18 @@ def cause_of_failure(
     (q, v, z), said = np.split(x, [n, 2 * n]), in_words(flag)
     remarks = "".join(f"; {sentence}" for sentence in broken_at_pose(numeric, t, q))
     for time, pose in ((t, q), (t + ahead, q + ahead * v)):
-        broken = numeric.forces_not_finite(time, pose, v, z, numeric.eom.input_values)
+        broken = numeric.not_finite(time, pose, v, z, numeric.eom.input_values)
         if broken:
             return (
                 f"{', '.join(broken)} is not finite there: a spline outside its data, a division by zero, "
                 f"or a root of a negative number ({said}){remarks}"
             )
+    bent = numeric.not_finite(t, q, v, z, numeric.eom.input_values, slopes=True)
+    if bent:
+        return (
+            f"{', '.join(bent)} has no finite slope there, as a root or a power at zero, and this method needs one; "
+            f"method='dop853' does not ({said}){remarks}"
+        )
     values = numeric.rank(t, q).singular_values
     if values.size and values[-1] < NEAR_SINGULAR * values[0]:
         return f"the pose is singular or nearly so, {describe_singularity(numeric, t, q).text} ({said})"
