@@ -463,3 +463,27 @@ def test_a_motion_that_passes_a_pose_in_which_the_linkage_branches():
     ) as caught:
         mbd.optimize(problem, intervals=12, tolerance=1e-5)
     assert isinstance(caught.value.partial, mbd.Solution) and 0 < caught.value.time < 0.8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-5])
+def test_a_narrow_kink_is_refined_until_it_is_short_enough(tolerance):
+    """A block is pushed 10 m and back against friction that is smoothed over a thousandth of its speed.
+
+    The error at the change of its direction stays as it is until an interval there is as short as the smoothing.
+    """
+    push = mbd.Input("push", lower=-400, upper=400)
+    block = mbd.Body("block", mass=1, inertia=1)
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
+    friction = mbd.JointFriction("friction", guide, mbd.Coulomb(0.6, 0.1))
+    forces = [mbd.Gravity(), friction, mbd.Force("push", block.at(0, 0), (push, 0))]
+    rests = [block.x == 0, block.vx == 0]
+    there = mbd.Waypoint((0.05, 4), [block.x == 10, block.vx == 0])
+    problem = mbd.OptimalControlProblem(
+        mbd.Mechanism([block], [guide], forces=forces, inputs=[push]),
+        duration=(0.1, 8), terminal_cost=mbd.t, initial=rests, final=rests, waypoints=[there],
+    )  # fmt: skip
+    solution = mbd.optimize(problem, tolerance=tolerance)
+    assert solution.mesh_error <= tolerance
+    gains, brakes = 400 - 0.6 * 9.81, 400 + 0.6 * 9.81
+    assert solution.duration == pytest.approx(2 * np.sqrt(2 * 10 * (1 / gains + 1 / brakes)), rel=2e-6)

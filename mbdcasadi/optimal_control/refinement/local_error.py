@@ -45,6 +45,13 @@ class LocalErrors(Measure):
         """One more than that of the scheme."""
         return part.program.scheme.order + 1
 
+    @property
+    def spread(self) -> float:
+        """Errors above the tolerance times their stretches, s."""
+        pairs = zip(self.solution.phases, self.errors, strict=True)
+        lengths = [(np.diff(part.mesh_times), errors) for part, errors in pairs if errors.size]
+        return float(sum(np.sum(length * errors * (errors > self.tolerance)) for length, errors in lengths))
+
     def sentences(self) -> list[str]:
         """The largest of all."""
         return [f"the local error is still {self.largest:.2g}"] if not self.largest <= self.tolerance else []

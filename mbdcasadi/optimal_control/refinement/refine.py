@@ -76,8 +76,8 @@ class _Refinement:
     def __init__(self, solver: ProblemSolver, solution: Solution, tolerance: float):
         self.solver, self.solution, self.tolerance = solver, solution, tolerance
         self.passes: list[Attempt] = []
-        #: largest local error of each of them
-        self.history: list[float] = []
+        #: largest local error of each of them, and errors times their stretches
+        self.history: list[tuple[float, float]] = []
         self.merging, self.moves = True, MOVES
         #: True if the last pass had more mesh points for switches, or more that move
         self.resolves = False
@@ -129,7 +129,7 @@ class _Refinement:
         solution = self.solution
         self.local = _local_errors(solution, self.tolerance)
         self.error = self.local.largest
-        self.history.append(self.error)
+        self.history.append((self.error, self.local.spread))
         self.passes.append(solution.as_attempt("refinement", error=self.error))
         solution.statistics = replace(solution.statistics, passes=list(self.passes))
 
@@ -152,11 +152,15 @@ class _Refinement:
         return self._adapted() if self.error > self.tolerance else self._moved() or self._split()
 
     def _adapted(self) -> list[Mesh] | None:
-        """Meshes with intervals split and merged by their local errors; None if these do not fall any further."""
-        before = self.history[:-1][-2:]
-        if len(before) == 2 and self.error > max(before) / 2 and not self.merging:
+        """Meshes with intervals split and merged by their local errors; None if these do not fall any further.
+
+        At a kink, as of smoothed friction, an error stays as it is until the stretch is short enough.
+        """
+        *earlier, now = self.history[-3:]
+        falls = any(last <= max(before) / 2 for last, *before in zip(now, *earlier, strict=True)) if earlier else True
+        if len(earlier) == 2 and not falls and not self.merging:
             return None
-        self.merging = self.merging and self.error <= min(before, default=np.inf) / 2
+        self.merging = self.merging and self.error <= min((error for error, _ in earlier), default=np.inf) / 2
         order = self.solution.phases[0].program.scheme.order
         adapt = partial(adapted, tolerance=self.tolerance, order=order, merging=self.merging)
         return [adapt(mesh, errors) for mesh, errors in zip(self.solution.meshes, self.local.errors, strict=True)]
