@@ -323,14 +323,15 @@ def test_a_solution_is_taken_at_its_times(name, found=[]):  # noqa: B006  (solve
 FOREIGN, STRANGER = mbd.Input("foreign", 0.0), mbd.Parameter("stranger", 1.0)
 BAD = {
     "foreign parameter": ("parameters", {STRANGER: 1.0}, "parameters= holds 'stranger'.*not in the mechanism"),
-    "no mapping of parameters": ("parameters", 3, "parameters= takes {symbol: value} or a list of pairs, got 3"),
+    "no mapping of parameters": ("parameters", 3, "parameters= takes one {symbol: value} or a list of pairs, got 3"),
+    "a list of mappings": ("parameters", [{M.stiffness: 1.0, M.added: 2.0}], "parameters= takes one {symbol: value}"),
     "a parameter that is NaN": ("parameters", {M.stiffness: np.nan}, "parameter 'stiffness': value must be"),
     "a parameter in words": ("parameters", {M.stiffness: "soft"}, "parameter 'stiffness': value must be.*'soft'"),
     "an array for a parameter": ("parameters", {M.stiffness: [1, 2]}, "parameter 'stiffness': value must be"),
     "a parameter twice": ("parameters", [(M.added, 1.0), (M.added, 2.0)], "parameters= contains 'added' twice"),
     "an input among parameters": ("parameters", {M.brake: 1.0}, "parameters= holds 'brake'.*not in the mechanism"),
     "foreign input": ("inputs", {FOREIGN: 1.0}, "inputs= holds 'foreign'.*not in the mechanism"),
-    "no mapping of inputs": ("inputs", 3, "inputs= takes {symbol: value} or a list of pairs, got 3"),
+    "no mapping of inputs": ("inputs", 3, "inputs= takes one {symbol: value} or a list of pairs, got 3"),
     "an input that is NaN": ("inputs", {M.brake: np.nan}, "input 'brake': value must be"),
     "an input in words": ("inputs", {M.brake: "much"}, "input 'brake'.*'much'"),
     "an input twice": ("inputs", [(M.brake, 1.0), (M.brake, 2.0)], "inputs= contains 'brake' twice"),

@@ -41,9 +41,12 @@ def pairs_of(values: Any, argument: str) -> list[tuple[Any, Any]]:
     if isinstance(values, Mapping):
         return list(values.items())
     try:
-        pairs = [(key, value) for key, value in values]
+        entries = list(values)
+        pairs = [(key, value) for key, value in entries]
     except (TypeError, ValueError):
-        raise ModelError(f"{argument} takes {{symbol: value}} or a list of pairs, got {values!r}") from None
+        entries, pairs = [], None
+    if pairs is None or any(isinstance(entry, Mapping) for entry in entries):  # of two keys, one would pass for a pair
+        raise ModelError(f"{argument} takes one {{symbol: value}} or a list of pairs, got {values!r}")
     refuse_twice([key for key, _ in pairs if isinstance(key, Input | Parameter)], argument)
     return pairs
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,8 @@ def read_cases(mechanism: Mechanism, cases: Any) -> dict[Symbol, np.ndarray]:
 
 def _pairs(values: Any, what: str) -> list[tuple[Symbol, Any]]:
     """Pairs of a symbol and what belongs to it; no symbol twice."""
+    if isinstance(values, Sequence) and all(isinstance(case, Mapping) for case in values):
+        raise ModelError(f"{what} takes one {{parameter: values}}, with all values of each in a list, got {values!r}")
     pairs = pairs_of(values, what)
     for key, _ in pairs:
         if not isinstance(key, Parameter | Input):

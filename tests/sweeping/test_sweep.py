@@ -277,6 +277,7 @@ def test_bad_cases():
     refused("cases= is empty", {})
     refused("'length' has 2, 'angle' has 3", {length: [1, 2], angle: [1, 2, 3]})
     refused("list of finite numbers", {length: [1, np.nan]})
+    refused("cases= takes one {parameter: values}, with all", [{length: 1, angle: 2}, {length: 2, angle: 3}])
     refused("Parameter or Input", {rod.phi: [1, 2]})
     refused("'k', which is not in the mechanism", {mbd.Parameter("k", 1.0): [1, 2]})
     refused("leave one out", {tau: [1, 2]}, inputs={tau: mbd.t})
