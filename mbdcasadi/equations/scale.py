@@ -137,22 +137,27 @@ def _length(lever: float, extent: float, gyration: float) -> float:
     return next((length for length in (extent, gyration) if length > SHORTEST), 1.0)
 
 
-def _extent(eom: Equations, p: np.ndarray) -> float:
-    """Distance between the parts: bodies as they are estimated, and markers on bodies and on the ground, m."""
-    mechanism = eom.mechanism
-    q = eom.estimate[0][: 3 * len(mechanism.bodies)].reshape(-1, 3)
+def marker_points(eom: Equations, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points of the markers of all elements in their bodies (k, 2), m, as they are at first; True for the ground."""
 
-    def points() -> tuple[ca.Function, list[bool]]:
-        markers = [m for element in mechanism.elements for m in element.markers]
+    def points() -> tuple[ca.Function, np.ndarray]:
+        markers = [m for element in eom.mechanism.elements for m in element.markers]
         local = ca.vertcat(ca.SX(0, 1), *[m.local for m in markers])
-        return ca.Function("markers", [eom.p], [ca.densify(local)]), [m.body.is_ground for m in markers]
+        on_ground = np.array([m.body.is_ground for m in markers], bool)
+        return ca.Function("markers", list(eom.symbols), [ca.densify(local)]), on_ground
 
     function, on_ground = eom.shared.get_or_create("marker points", points)
-    local = function(p).full().reshape(-1, 2)
-    ground = local[np.array(on_ground, bool)]
-    reach = np.max(np.abs(local[~np.array(on_ground, bool)]), initial=0.0)
-    places = np.vstack([q[:, :2], ground])
-    spread = np.ptp(places, axis=0)
+    q, v, z = eom.estimate
+    zeros = np.zeros(eom.q.numel()), z, np.zeros(eom.lam.numel())
+    return function(0.0, q, v, *zeros, eom.input_values, p).full().reshape(-1, 2), on_ground
+
+
+def _extent(eom: Equations, p: np.ndarray) -> float:
+    """Distance between the parts: bodies as they are estimated, and markers on bodies and on the ground, m."""
+    bodies = eom.estimate[0][: 3 * len(eom.mechanism.bodies)].reshape(-1, 3)
+    local, on_ground = marker_points(eom, p)
+    reach = np.max(np.abs(local[~on_ground]), initial=0.0)
+    spread = np.ptp(np.vstack([bodies[:, :2], local[on_ground]]), axis=0)
     extent = float(np.max([*spread, reach]))
     return extent if np.isfinite(extent) else 0.0
 

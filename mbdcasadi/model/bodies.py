@@ -214,7 +214,8 @@ class Body(Immutable, HoldsSymbols, HasQuantities):
         Parameters
         ----------
         x, y : float or expression
-            Coordinates in the body frame (in the shape's frame after :meth:`from_shape`), m.
+            Coordinates in the body frame (in the shape's frame after :meth:`from_shape`), m. An expression in time is a
+            point that moves over the body: ``ground.at(0, 0.1 * mbd.sin(mbd.t))`` is a support that shakes.
         angle : float or expression, default 0
             Angle of the marker's x axis in that frame, rad.
         """

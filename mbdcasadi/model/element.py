@@ -355,6 +355,13 @@ def cross(a: ca.SX, b: ca.SX) -> ca.SX:
     return a[0] * b[1] - a[1] * b[0]
 
 
+def work_at(body: Body, point: ca.SX, force: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ...]:
+    """Return the virtual work of a force on the point of a body that is at a place, which may move over the body."""
+    if body.is_ground:
+        return ()
+    return (body.position, force), (body.phi, cross(point - body.position, force))
+
+
 def at_poses(expression: Any, bodies: Sequence[Body]) -> ca.SX:
     """Return an expression with the estimated poses substituted; parameters and time remain."""
     moving = [body for body in bodies if not body.is_ground]

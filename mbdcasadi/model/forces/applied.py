@@ -8,12 +8,12 @@ import casadi as ca
 
 from ...errors import ModelError
 from ..bodies import as_body, as_marker, bodies_of_couple, ground, rotation
-from ..element import BEYOND_COORDINATES, Element, cross, owners, refuse_kinds
+from ..element import BEYOND_COORDINATES, Element, owners, refuse_kinds, work_at
 from ..quantities import entries, one_of, quantity, vector2
 
 
 class Force(Element):
-    """Point force: ``δW = F · δr^P``.
+    """Point force: ``δW = F · δr^P``, with P as a point of the body.
 
     Parameters
     ----------
@@ -60,11 +60,8 @@ class Force(Element):
         self.frame = one_of(frame, ("global", "body"), self.description, "frame")
         self.force = components if self.frame == "global" else rotation(self.at.angle) @ components
         self.markers = (self.at,)
-        pairs = [(self.at.position, self.force)]
-        if not self.opposite.is_ground:
-            arm = self.at.position - self.opposite.position
-            pairs += [(self.opposite.position, -self.force), (self.opposite.phi, -cross(arm, self.force))]
-        self.virtual_work = tuple(pairs)
+        place = self.at.position
+        self.virtual_work = work_at(self.at.body, place, self.force) + work_at(self.opposite, place, -self.force)
         self.__dict__["bodies"] = (self.at.body, self.opposite)
 
 

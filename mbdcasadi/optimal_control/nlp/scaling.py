@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from ...equations.numeric import NumericEquations
-from ...model.bodies import ground
+from ...equations.scale import marker_points
 from ...model.symbols import Parameter
 
 #: Smallest size of a limited quantity, as a share of its changes.
@@ -87,23 +87,14 @@ def _length(numeric: NumericEquations, poses: np.ndarray) -> float:
     Failing these that of the mechanism, by its radii of gyration.
     """
     eom = numeric.eom
-    markers = [m for e in eom.mechanism.elements for m in e.markers]
-    points = _at_parameters(numeric, [m.local for m in markers]).reshape(-1, 2)
-    fixed = np.array([m.body is ground for m in markers], bool)
-    levers = np.linalg.norm(points[~fixed], axis=1) if markers else np.zeros(0)
+    points, fixed = marker_points(eom, numeric.p)
+    levers = np.linalg.norm(points[~fixed], axis=1)
     bodies = len(eom.mechanism.bodies)
     places = np.vstack([points[fixed], poses[:, : 3 * bodies].reshape(-1, 3)[:, :2]])
     spread = np.ptp(places, axis=0) / 2
     length = float(np.max(np.r_[levers, spread], initial=0.0))
     rounding = ROUNDING * max(numeric.scale.length, float(np.max(np.abs(places), initial=0.0)))
     return length if length > rounding else numeric.scale.length
-
-
-def _at_parameters(numeric: NumericEquations, expressions: list[ca.SX]) -> np.ndarray:
-    if not expressions:
-        return np.zeros(0)
-    stacked = ca.densify(ca.vertcat(*expressions))
-    return ca.Function("lengths", [numeric.eom.p], [stacked])(numeric.p).full().ravel()
 
 
 def _load_at_rest(numeric: NumericEquations, q0: np.ndarray, translations: np.ndarray) -> float:

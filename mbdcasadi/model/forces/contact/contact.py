@@ -10,7 +10,7 @@ import casadi as ca
 from ....errors import ModelError
 from ....numerics.lazy import cached_property
 from ...bodies import Marker
-from ...element import Element, cross
+from ...element import Element, work_at
 from ...expressions import if_else
 from ...quantities import function_of
 from ...validity import Smoothing, ValidityCondition
@@ -236,7 +236,7 @@ class Place:
             pair
             for marker, load in ((a, force), (b, -force))
             if not marker.body.is_ground
-            for pair in _work(marker, touch.point, load)
+            for pair in work_at(marker.body, touch.point, load)
         )
 
 
@@ -247,9 +247,3 @@ def _speed_at(marker: Marker, point: ca.SX) -> ca.SX:
         return ca.SX(2, 1)
     arm = point - body.position
     return body.velocity + body.omega * ca.vertcat(-arm[1], arm[0])
-
-
-def _work(marker: Marker, point: ca.SX, force: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ...]:
-    """Return the virtual work of a force on a body at a place."""
-    body = marker.body
-    return (body.position, force), (body.phi, cross(point - body.position, force))

@@ -1,0 +1,99 @@
+"""Markers that move over their bodies: supports that shake, loads that travel, and forces where two bodies touch."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import mbdcasadi as mbd
+
+LENGTH, SHAKE, RATE = 0.3, 0.05, 6.0
+
+
+def pendulum(support, *further, **parts):
+    """A bob on a massless rod that hangs from a support."""
+    bob = mbd.Body("bob", mass=1, inertia=0, pose=(0, -LENGTH, -np.pi / 2))
+    torque = mbd.Input("torque", lower=-2, upper=2)
+    pin = mbd.Revolute("pin", support, bob.at(-LENGTH, 0))
+    model = mbd.Mechanism(
+        [bob, *further],
+        [pin, *parts.pop("joints", [])],
+        forces=[mbd.Gravity(), mbd.Torque("motor", bob, torque)],
+        inputs=[torque],
+        **parts,
+    )
+    return model, bob, torque, [bob.phi == -np.pi / 2, bob.omega == 0]
+
+
+@pytest.mark.parametrize("method", ["idas", "dop853"])
+def test_support_that_shakes(method):
+    """A pendulum on a point of the ground that moves with time: its equation of motion by hand."""
+    model, bob, _, start = pendulum(mbd.ground.at(SHAKE * mbd.sin(RATE * mbd.t), 0))
+    motion = mbd.simulate(model, np.linspace(0, 2, 41), initial=start, method=method)
+
+    def rates(t, y):
+        push = SHAKE * RATE**2 * np.sin(RATE * t)
+        return [y[1], (push * np.cos(y[0]) - 9.81 * np.sin(y[0])) / LENGTH]
+
+    exact = solve_ivp(rates, (0, 2), [0, 0], rtol=1e-11, atol=1e-12, t_eval=motion.t).y[0]
+    np.testing.assert_allclose(motion[bob.phi] + np.pi / 2, exact, atol=1e-7)
+
+
+def test_base_of_a_spring_that_shakes():
+    """The damper feels the speed of its base."""
+    block = mbd.Body("block", mass=1, inertia=1, pose=(0, 0.5, 0))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0, np.pi / 2), block.at(0, 0, np.pi / 2))
+    base = mbd.ground.at(0, 0.1 * mbd.sin(5 * mbd.t))
+    spring = mbd.TSDA("spring", base, block.at(0, 0), stiffness=100, free_length=0.5, damping=3)
+    motion = mbd.simulate(mbd.Mechanism([block], [guide], forces=[spring]), np.linspace(0, 2, 41))
+
+    def rates(t, y):
+        return [y[1], 100 * (0.1 * np.sin(5 * t) + 0.5 - y[0]) + 3 * (0.5 * np.cos(5 * t) - y[1])]
+
+    exact = solve_ivp(rates, (0, 2), [0.5, 0], rtol=1e-11, atol=1e-12, t_eval=motion.t).y[0]
+    np.testing.assert_allclose(motion[block.y], exact, atol=1e-7)
+
+
+@pytest.mark.slow
+def test_optimal_motion_on_a_support_that_shakes():
+    """The same optimum as on a massless carriage that a driver moves."""
+    course, costs = SHAKE * mbd.sin(RATE * mbd.t), []
+    carriage = mbd.Body("carriage", mass=0, inertia=0)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), carriage.at(0, 0))
+    driven = {"joints": [rail], "drivers": [mbd.Driver("shake", carriage.x, course)]}
+    for support, further, parts in ((mbd.ground.at(course, 0), [], {}), (carriage.at(0, 0), [carriage], driven)):
+        model, bob, torque, start = pendulum(support, *further, **parts)
+        problem = mbd.OptimalControlProblem(
+            model,
+            duration=1.5,
+            running_cost=torque**2,
+            initial=start,
+            final=[bob.phi == np.pi / 2, bob.omega == 0],
+        )
+        costs.append(mbd.optimize(problem, intervals=20).cost)
+    assert costs[0] == pytest.approx(costs[1], rel=1e-6)
+
+
+def test_force_where_two_bodies_touch():
+    """Traction between a plank and a block on it: the place moves over the plank, and action is reaction."""
+    plank = mbd.Body("plank", mass=2, inertia=1)
+    block = mbd.Body("block", mass=1, inertia=1, pose=(0.3, 0.1, 0))
+    rails = [
+        mbd.Translational(f"rail of {b.name}", mbd.ground.at(0, y), b.at(0, 0)) for b, y in ((plank, 0), (block, 0.1))
+    ]
+    traction = mbd.Force("traction", plank.at(block.x - plank.x, 0), (3, 0), opposite=block)
+    state = mbd.assemble(mbd.Mechanism([plank, block], rails, forces=[traction]))
+    assert (state[plank.ax], state[block.ax]) == pytest.approx((1.5, -3))
+
+
+def test_load_that_travels_over_a_beam():
+    """A weight that runs along a hinged beam at a given speed does work by the beam's turning alone."""
+    beam = mbd.Body("beam", mass=3, inertia=0.25, pose=(0.5, 0, 0))
+    hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), beam.at(-0.5, 0))
+    load = mbd.Force("load", beam.at(0.4 * mbd.t - 0.5, 0), (0, -7))
+    motion = mbd.simulate(mbd.Mechanism([beam], [hinge], forces=[load]), np.linspace(0, 1, 21))
+
+    def rates(t, y):
+        return [y[1], -7 * 0.4 * t * np.cos(y[0])]  # the inertia about the hinge is 1
+
+    exact = solve_ivp(rates, (0, 1), [0, 0], rtol=1e-11, atol=1e-12, t_eval=motion.t).y[0]
+    np.testing.assert_allclose(motion[beam.phi], exact, atol=1e-7)
