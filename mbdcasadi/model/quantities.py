@@ -70,6 +70,10 @@ def quantity(
             if array.size != 1:
                 raise ModelError(f"{what}: {name} must be a scalar, got an array of {array.size} values")
             value = array.reshape(-1)[0]
+        if inspect.isfunction(value):
+            raise ModelError(
+                f"{what}: {name} must be a number or an expression, as mbd.sin(mbd.t), not a Python function"
+            )
         value = number(value, what, name)
     elif value.numel() != 1:
         raise ModelError(f"{what}: {name} must be a scalar, got an expression of shape {value.shape}")
@@ -161,7 +165,7 @@ def called(function: Callable[..., Any], what: str, name: str, *arguments: Any) 
             raise
         raise ModelError(
             f"{what}: {name} compares expressions by if, and, or, max or min of Python, which need numbers; "
-            "use mbd.if_else, mbd.fmax or mbd.fmin"
+            "use mbd.if_else, mbd.logic_and, mbd.logic_or, mbd.fmax or mbd.fmin"
         ) from None
 
 

@@ -44,6 +44,7 @@ CASES = {
     "an expression as a direction": (lambda: mbd.Event("e", LEVER.x, direction=LEVER.x), "'e': direction must be"),
     "a force without pairs": (lambda: mbd.GeneralizedForce("g", 3.0), "force 'g': pairs takes a list, got 3.0"),
     "a matrix of pairs": (lambda: mbd.GeneralizedForce("g", ca.DM([1, 2])), "force 'g': pairs takes a list"),
+    "a function of time": (lambda: mbd.Driver("d", LEVER.x, lambda t: t), "an expression, .* not a Python function"),
     "no rows": (lambda: mbd.NonholonomicConstraint("n", []), "constraint 'n' is empty"),
     "a relation that is driven": (lambda: mbd.Driver("d", LEVER.x == 1, T), "driver 'd': expression is the relation"),
     "a relation as a gap": (lambda: mbd.EndStop("s", LEVER.x > 0, STIFF), "stop 's': gap is the relation"),

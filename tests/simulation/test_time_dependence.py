@@ -34,6 +34,9 @@ PULSES = {
         30 * mbd.positive_power(0.01**2 - (mbd.t - 5) ** 2, 1) * (mbd.t - 4.995) / 1e-6,
         30 * 0.01**3 * 4 / 3 * 0.005 / 1e-6,
     ),
+    "and": (mbd.if_else(mbd.logic_and(mbd.t > 5, mbd.t < 5.02), 30.0, 0.0), 0.6),
+    "or, not": (mbd.if_else(mbd.logic_not(mbd.logic_or(mbd.t <= 5, mbd.t >= 5.02)), 30.0, 0.0), 0.6),
+    "sawtooth": (mbd.floor(mbd.t / 4) * mbd.fmod(mbd.t, 4), 8.0 + 2 * 2.0),
     "nested": (mbd.if_else(mbd.fabs(mbd.t - 7) < 0.005, 100.0, 0.0), 1.0),
 }
 
