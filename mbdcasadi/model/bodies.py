@@ -215,7 +215,7 @@ class Body(Immutable, HoldsSymbols, HasQuantities):
         ----------
         x, y : float or expression
             Coordinates in the body frame (in the shape's frame after :meth:`from_shape`), m. An expression in time is a
-            point that moves over the body: ``ground.at(0, 0.1 * mbd.sin(mbd.t))`` is a support that shakes.
+            point that moves over the body: ``ground.at(0, 0.1 * mbd.sin(mbd.t))`` is a support that shakes, or a table.
         angle : float or expression, default 0
             Angle of the marker's x axis in that frame, rad.
         """

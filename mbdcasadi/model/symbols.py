@@ -331,11 +331,15 @@ _TIME_ROLE = register(t, "time", "t", rate=ca.SX(1), unit="s")
 
 
 def as_expression(value: Any, what: str) -> ca.SX:
-    """Return an expression; raise an error if CasADi cannot make one."""
+    """Return an expression, of a list of them a column; raise an error if CasADi cannot make one."""
     try:
         return ca.SX(value)
     except (NotImplementedError, TypeError, RuntimeError):
-        raise ExpressionError(f"{what}: expected a casadi.SX expression or numbers, got {value!r}") from None
+        if isinstance(value, list | tuple):
+            return ca.vertcat(*[as_expression(part, what) for part in value])
+        known = [name for name in ("position", "angle", "displacement", "force") if hasattr(value, name)]
+        instead = f"; take one of its quantities, such as .{known[0]}" if known else ""
+        raise ExpressionError(f"{what}: expected a casadi.SX expression or numbers, got {value!r}{instead}") from None
 
 
 def as_sx(value: Any) -> ca.SX:

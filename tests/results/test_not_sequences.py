@@ -29,3 +29,17 @@ def test_a_result_is_not_iterated(of):
     assert np.all(np.isfinite(result[lever.phi]))
     with pytest.raises(mbd.MechanismError, match="casadi.SX"):
         results[0][result]
+
+
+@pytest.mark.parametrize("of", range(3), ids=["state", "trajectory", "path"])
+def test_several_expressions_are_a_column(of):
+    """A list of them is one vector; a part of the model is no expression, and one of its quantities is named."""
+    results, lever = _results()
+    result = results[of]
+    both = result[[lever.x, lever.position]]
+    assert both.shape == (*np.shape(result[lever.x]), 3)
+    np.testing.assert_array_equal(both, np.stack([result[e] for e in (lever.x, lever.x, lever.y)], axis=-1))
+    with pytest.raises(mbd.ExpressionError, match=r"got Marker\('lever'.*such as \.position"):
+        result[lever.at(0.5, 0)]
+    with pytest.raises(mbd.ExpressionError, match="got 'lever.x'$"):
+        result[[lever.x, "lever.x"]]

@@ -97,3 +97,22 @@ def test_load_that_travels_over_a_beam():
 
     exact = solve_ivp(rates, (0, 1), [0, 0], rtol=1e-11, atol=1e-12, t_eval=motion.t).y[0]
     np.testing.assert_allclose(motion[beam.phi], exact, atol=1e-7)
+
+
+@pytest.mark.parametrize("method", ["idas", "dop853"])
+def test_contact_on_a_table_that_shakes(method):
+    """The surface of a table moves with its marker on the ground, as it does on a body that is driven."""
+    course = 0.02 * mbd.sin(14 * mbd.t), 0.01 * mbd.sin(13 * mbd.t), 0.1 * mbd.sin(5 * mbd.t)
+    table = mbd.Body("table", mass=1, inertia=1)
+    coordinates = table.x, table.y, table.phi
+    drivers = [mbd.Driver(f"drive {k}", coordinates[k], course[k]) for k in range(3)]
+    ends = []
+    for surface, bodies, driven in ((mbd.ground.at(*course), [], []), (table.at(0, 0), [table], drivers)):
+        ball = mbd.Body("ball", mass=0.2, inertia=1e-4, pose=(0, 0.05, 0))
+        law, friction = mbd.HuntCrossley(1e4, exponent=1, damping=1), mbd.Coulomb(0.3, 1e-2)
+        contact = mbd.Contact("contact", mbd.Circle(ball.at(0, 0), 0.05), mbd.HalfPlane(surface), law, friction)
+        model = mbd.Mechanism([ball, *bodies], drivers=driven, forces=[mbd.Gravity(), contact])
+        rest = [ball.vx == 0, ball.vy == 0, ball.omega == 0]
+        ends.append(mbd.simulate(model, duration=0.5, initial=rest, method=method).final[ball.q])
+    assert abs(ends[0][2]) > 0.1
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)

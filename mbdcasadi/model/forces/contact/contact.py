@@ -13,6 +13,7 @@ from ...bodies import Marker
 from ...element import Element, work_at
 from ...expressions import if_else
 from ...quantities import function_of
+from ...rates import time_derivative
 from ...validity import Smoothing, ValidityCondition
 from ..friction.laws import FrictionLaw, as_law
 from ..laws import continuous_force, pushing_force, stored_energy
@@ -241,9 +242,14 @@ class Place:
 
 
 def _speed_at(marker: Marker, point: ca.SX) -> ca.SX:
-    """Return the velocity of the material point of a body at a place (2,), m/s."""
+    """Return the velocity of the outline at a place (2,), m/s: it moves with its marker, on the body or over it."""
     body = marker.body
-    if body.is_ground:
-        return ca.SX(2, 1)
-    arm = point - body.position
-    return body.velocity + body.omega * ca.vertcat(-arm[1], arm[0])
+    over = body.axes @ time_derivative(marker.local) + _turning(
+        marker.position, time_derivative(marker.local_angle), point
+    )
+    return over if body.is_ground else body.velocity + _turning(body.position, body.omega, point) + over
+
+
+def _turning(centre: ca.SX, rate: ca.SX, point: ca.SX) -> ca.SX:
+    arm = point - centre
+    return rate * ca.vertcat(-arm[1], arm[0])
