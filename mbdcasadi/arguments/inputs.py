@@ -11,6 +11,7 @@ import numpy as np
 
 from ..equations import Equations
 from ..errors import ExpressionError, ModelError, SimulationError
+from ..model.geometry.splines import expression_of
 from ..model.immutable import Immutable
 from ..model.symbols import describe, number, role_of, symbols_of
 from ..numerics.evaluation import Evaluator
@@ -228,6 +229,7 @@ class _Reader:
     def read(self, k: int, value: Any) -> None:
         """Read the value of an input."""
         description = f"input '{self.eom.mechanism.inputs[k].label}'"
+        value = expression_of(self.eom.t, value)
         if isinstance(value, PiecewisePolynomial):
             self._polynomial(k, value)
         elif isinstance(value, ca.SX) and not (value.is_scalar() and value.is_constant()):

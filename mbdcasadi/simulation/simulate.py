@@ -76,8 +76,8 @@ def simulate(
     initial : sequence of relations, or State
         Conditions at the start (see :func:`assemble`), or a state.
     inputs : mapping or SampledController, optional
-        Input to number, samples on the output grid (linear between), or
-        expression in time and states; or a controller.
+        Input to number, samples on the output grid (linear between), spline of SciPy in
+        time, or expression in time and states; or a controller.
     parameters : mapping, optional
         Parameter to number.
     events : sequence of Event, optional

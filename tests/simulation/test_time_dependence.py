@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 import mbdcasadi as mbd
 
@@ -205,3 +206,15 @@ def test_rosenbrock_is_not_advised_to_itself():
         mbd.simulate(mechanism, np.linspace(0, 10, 11), method="rosenbrock")
     assert "method='rosenbrock'" not in str(caught.value)
     assert "may help" in str(caught.value)
+
+
+@pytest.mark.parametrize("method", ["idas", "dop853"])
+def test_a_spline_of_scipy_as_input(method):
+    """Its integral is the momentum, and its second integral the way."""
+    push = mbd.Input("push")
+    body, mechanism = sled(push, inputs=[push])
+    course = CubicSpline([0, 0.3, 1.1, 2], [0, 2, -1, 3])
+    motion = mbd.simulate(mechanism, np.linspace(0, 2, 21), inputs={push: course}, method=method)
+    np.testing.assert_allclose(motion[push], course(motion.t), atol=1e-12)
+    np.testing.assert_allclose(motion[body.vx], course.antiderivative()(motion.t), atol=1e-7)
+    np.testing.assert_allclose(motion[body.x], course.antiderivative(2)(motion.t), atol=1e-7)
