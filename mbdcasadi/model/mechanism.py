@@ -177,6 +177,11 @@ class Mechanism(Immutable, HoldsSymbols):
             return f"{what} uses {describe(symbol)}, which is not among {lists[kind]}= of the mechanism"
         if kind == "acceleration":
             return f"{what} depends on {describe(symbol)}; forces follow from positions, velocities, states and inputs"
+        if kind == "input rate":
+            return (
+                f"{what} uses {describe(symbol)}, which is known only in costs and limits of optimal control; make the "
+                "quantity a StateVariable whose rate is an input"
+            )
         return f"{what} uses {describe(symbol)}, which the mechanism does not have"
 
     def check_values(self, values: Any) -> None:

@@ -49,7 +49,8 @@ def time_derivative(expression: Any, mechanism: Any = None) -> ca.SX:
             continue
         its_rate = rates.get(symbol.element_hash(), None if role is None else role.rate)
         if its_rate is None:
-            hint = "; give the mechanism as second argument" if role is not None and role.kind == "state" else ""
+            is_state = role is not None and role.kind == "state"
+            hint = "; give the mechanism as second argument, or, in a force, write its rate out" if is_state else ""
             raise ExpressionError(f"time_derivative: the model does not know the rate of {describe(symbol)}{hint}")
         varying.append(symbol)
         rate.append(its_rate)

@@ -188,6 +188,11 @@ def test_the_rate_of_an_input_is_a_symbol_of_its_own(arm):
     machine = mbd.Mechanism(bodies=[arm], forces=[mbd.Torque("motor", arm, u)], inputs=[u])
     with pytest.raises(mbd.ExpressionError, match=r"input rate 'u\.rate'.*optimal control"):
         mbd.assemble(machine)[u.rate]
+    base = mbd.TSDA("spring", mbd.ground.at(0, u), arm.at(0, 0), stiffness=1.0, damping=1.0)
+    with pytest.raises(
+        mbd.ExpressionError, match=r"spring.*input rate 'u\.rate'.*a StateVariable whose rate is an input"
+    ):
+        mbd.Mechanism(bodies=[arm], forces=[base], inputs=[u])
 
 
 def test_a_state_without_its_mechanism_is_refused_with_a_hint():
