@@ -1,5 +1,7 @@
 """Mechanisms out of the ordinary: no mass, redundant rows, first-order states, friction from reactions."""
 
+import warnings
+
 import numpy as np
 import pytest
 from motions import guided_block, pendulum
@@ -12,30 +14,35 @@ SCHEMES = ["gauss-legendre", "hermite-simpson"]
 
 
 # --- redundant constraints ---------------------------------------------------------------------------
-def parallelogram(cranks):
-    """A beam on parallel cranks of 1 m, and the same with two."""
+def parallelogram(cranks, turn=0.0):
+    """A beam on parallel cranks of 1 m, and the same with two; the whole world may be turned."""
     tau = mbd.Input("tau")
     feet = np.linspace(0, 2, cranks)
-    arms = [mbd.Body(f"crank {k}", mass=1.0, inertia=1 / 12, pose=(x, 0.5, np.pi / 2)) for k, x in enumerate(feet)]
-    beam = mbd.Body("beam", mass=2.0, inertia=1.0, pose=(1.0, 1.0, 0.0))
-    joints = [mbd.Revolute(f"foot {k}", mbd.ground.at(x, 0), arms[k].at(-0.5, 0)) for k, x in enumerate(feet)]
+    along, up = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    arms = [
+        mbd.Body(f"crank {k}", mass=1.0, inertia=1 / 12, pose=(*(x * along + 0.5 * up), turn + np.pi / 2))
+        for k, x in enumerate(feet)
+    ]
+    beam = mbd.Body("beam", mass=2.0, inertia=1.0, pose=(*(along + up), turn))
+    joints = [mbd.Revolute(f"foot {k}", mbd.ground.at(*(x * along)), arms[k].at(-0.5, 0)) for k, x in enumerate(feet)]
     joints += [mbd.Revolute(f"head {k}", arms[k].at(0.5, 0), beam.at(x - 1, 0)) for k, x in enumerate(feet)]
     mechanism = mbd.Mechanism(
         bodies=[*arms, beam],
         joints=joints,
-        forces=[mbd.Gravity(), mbd.Torque("motor", arms[0], tau)],
+        forces=[mbd.Gravity(tuple(-9.81 * up)), mbd.Torque("motor", arms[0], tau)],
         inputs=[tau],
     )
     return mechanism, arms, beam, tau
 
 
-def swing(mechanism, crank, tau, running_cost=None, path=(), **settings):
+def swing(mechanism, crank, tau, running_cost=None, path=(), turn=0.0, **settings):
     """From 0.6 rad off the vertical on one side to the other, rest to rest."""
+    upright = turn + np.pi / 2
     problem = mbd.OptimalControlProblem(
         mechanism,
         duration=1.2,
-        initial=[crank.phi == np.pi / 2 - 0.6, crank.omega == 0],
-        final=[crank.phi == np.pi / 2 + 0.6, crank.omega == 0],
+        initial=[crank.phi == upright - 0.6, crank.omega == 0],
+        final=[crank.phi == upright + 0.6, crank.omega == 0],
         running_cost=tau**2 if running_cost is None else running_cost,
         path=path,
     )
@@ -70,6 +77,19 @@ def test_parallel_cranks(cranks, transcription):
     assert solution.trajectory.drift.position < 1e-10
     times = np.linspace(0, 1.2, 25)
     assert np.allclose(solution.trajectory.at(times)[beam.phi], 0, atol=1e-10)
+
+
+@pytest.mark.parametrize("turn", [1.5, 1.65])
+def test_parallel_cranks_in_a_turned_world(turn):
+    """Rows in x of parallel cranks depend on each other as the cranks pass the axis: no pose in which they could fold."""
+    mechanism, arms, _, tau = parallelogram(3, turn)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        solution = swing(mechanism, arms[0], tau, turn=turn)
+    assert solution.cost == pytest.approx(inverted(3.0, 3.5).cost, rel=1e-6) and solution.statistics.iterations <= 12
+    simulated = solution.simulate()
+    assert simulated[arms[0].phi][-1] == pytest.approx(turn + np.pi / 2 + 0.6, abs=1e-5)
+    assert not any("singular" in note for note in simulated.statistics.notes)
 
 
 def test_implied_rows_are_found_beside_a_flat_pose():

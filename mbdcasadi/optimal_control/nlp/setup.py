@@ -18,7 +18,7 @@ from ...model.conditions import Condition
 from ...model.contents import contents_of
 from ...model.quantities import whole, yes_or_no
 from ...numerics.lazy import cached_property
-from ...numerics.rank import dependent_rows, unit_rows
+from ...numerics.rank import analyse_rank, dependent_rows, unit_rows
 from ...numerics.tolerances import NEARLY_SINGULAR, RANK
 from ...results.state import State
 from ..guess.kinematic_guess import KinematicPath, kinematic_path
@@ -31,6 +31,10 @@ from ..transcription.constraints import MotionConstraints
 from ..transcription.controls import CONTROLS, input_basis
 from .end_conditions import EndConditions
 from .scaling import Scales, Sizes, scales_of, sizes_of_phase
+
+#: Poses on the way at which rows that stay independent are looked for, share of a row that others leave from which it is
+#: far from implied there, and by which factor other rows have to be better to be taken in place of the first ones.
+PASSED, FAR_FROM_DEPENDENT, BETTER = 9, 0.03, 10.0
 
 
 @dataclass(frozen=True)
@@ -202,18 +206,31 @@ class PhaseSetup:
         """Remaining rows without those that others imply; of the poses passed the one with the most counts.
 
         Poses that are nearly singular do not count if there are others: they may lie off the curve of poses by as much
-        as makes implied rows independent.
+        as makes implied rows independent. Of rows that imply each other, as the two of one pin, those are taken that
+        stay independent on the way.
         """
         if not eom.rows:
             return []
         order, explicit, poses = [*eom.explicit, *eom.rows], len(eom.explicit), self.path.poses
+        passed = 0, len(poses) // 2, len(poses) - 1
+        places = {*passed, *np.linspace(0, len(poses) - 1, PASSED).astype(int).tolist()}
+        jacobians = {k: self.numeric.velocity(0.0, poses[k])[0] * self.numeric.column_scale for k in sorted(places)}
+        units = {k: unit_rows(jacobian)[order] for k, jacobian in jacobians.items()}
 
-        def at(q: np.ndarray, tolerance: float) -> list[int]:
-            jacobian = unit_rows(self.numeric.velocity(0.0, q)[0] * self.numeric.column_scale)
-            dependent = set(dependent_rows(jacobian[order], tolerance))
+        def at(place: int, tolerance: float) -> list[int]:
+            dependent = set(dependent_rows(units[place], tolerance))
             return [k for k in range(len(eom.rows)) if k + explicit not in dependent]
 
-        passed = poses[0], poses[len(poses) // 2], poses[-1]
-        found = [at(q, RANK) for q in passed]
-        regular = [rows for q, rows in zip(passed, found, strict=True) if at(q, NEARLY_SINGULAR) == rows]
-        return max(regular or found, key=len)
+        def least(rows: list[int]) -> float:
+            """Smallest singular value on the way."""
+            kept = [*range(explicit), *(k + explicit for k in rows)]
+            return min(float(analyse_rank(unit[kept]).singular_values[-1]) for unit in units.values())
+
+        found = [at(k, RANK) for k in passed]
+        regular = [rows for k, rows in zip(passed, found, strict=True) if at(k, NEARLY_SINGULAR) == rows]
+        first = max(regular or found, key=len)
+        if len(first) == len(eom.rows):
+            return first
+        others = [rows for rows in (at(k, FAR_FROM_DEPENDENT) for k in units) if len(rows) == len(first)]
+        best = max(others, key=least, default=first)
+        return best if least(best) > BETTER * least(first) else first

@@ -40,7 +40,9 @@ class Regularity:
     Parameters
     ----------
     q : numpy.ndarray
-        A pose that is not singular; rows that depend on others there are left out.
+        A pose that is not singular; rows that depend on others there are left out. As those that are left may come to
+        depend on each other in a pose in which all rows together do not, as those in x of parallel cranks, others of
+        the same joints are left out, too, and the larger pivot counts.
     t : float
         Its time, s.
     """
@@ -51,10 +53,12 @@ class Regularity:
         self.is_needed = eom.has_loops
         if not self.is_needed:
             return
-        left_out = eom.rows_of_trees  # a part that slides far has rows of long levers, which say nothing of a loop
+        trees = eom.rows_of_trees  # a part that slides far has rows of long levers, which say nothing of a loop
+        choices = {trees}
         if numeric.has_redundant_rows(t, q):
             dependent = dependent_rows(numeric.scale.scaled(numeric.velocity(t, q)[0]))
-            left_out = tuple(sorted({*left_out, *dependent}))
+            choices = {tuple(sorted({*trees, *rows})) for rows in (dependent, _others_of_elements(eom, dependent))}
+        left_out = tuple(sorted(choices))
         self._function = eom.mechanism.cache.get_or_create(
             ("regularity", left_out), lambda: Evaluator(_regularity(eom, left_out))
         )
@@ -167,11 +171,25 @@ def folding_pose(regularity: Regularity, path: Path, numeric: NumericEquations) 
     return f"a pose near t = {time:.3g} s in which {rows} depend on each other and the mechanism could fold"
 
 
-def _regularity(eom: Equations, left_out: Sequence[int]) -> ca.Function:
-    rows = [k for k in range(eom.lam.numel()) if k not in left_out]
+def _others_of_elements(eom: Equations, rows: Sequence[int]) -> list[int]:
+    """In place of each row another one of its element, if there is one that is not among the rows."""
+    swapped: list[int] = []
+    for row in rows:
+        of_element = [k for k, element in enumerate(eom.row_elements) if element is eom.row_elements[row]]
+        swapped.append(next((k for k in of_element if k not in rows and k not in swapped), row))
+    return swapped
+
+
+def _regularity(eom: Equations, choices: Sequence[Sequence[int]]) -> ca.Function:
+    """``(t, q, p, scale) -> pivot``: the smallest one, of the rows to be left out that leave the largest."""
     columns = ca.SX.sym("scale", eom.q.numel())
-    jacobian = eom.Phi_q[rows, :] @ ca.diag(columns)
+    jacobian = eom.Phi_q @ ca.diag(columns)
     size = ca.sum2(jacobian**2)
     normal = ca.diag(1 / ca.sqrt(size + (size == 0))) @ jacobian
-    pivots = ca.ldl(normal @ normal.T + 1e-14 * ca.SX.eye(len(rows)))[0]
-    return ca.Function("regularity", [eom.t, eom.q, eom.p, columns], [ca.mmin(ca.densify(pivots))])
+
+    def smallest(left_out: Sequence[int]) -> ca.SX:
+        rows = normal[[k for k in range(eom.lam.numel()) if k not in left_out], :]
+        return ca.mmin(ca.densify(ca.ldl(rows @ rows.T + 1e-14 * ca.SX.eye(rows.size1()))[0]))
+
+    pivot = ca.mmax(ca.vertcat(*[smallest(left_out) for left_out in choices]))
+    return ca.Function("regularity", [eom.t, eom.q, eom.p, columns], [pivot])
