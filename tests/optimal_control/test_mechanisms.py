@@ -81,7 +81,7 @@ def test_parallel_cranks(cranks, transcription):
 
 @pytest.mark.parametrize("turn", [1.5, 1.65])
 def test_parallel_cranks_in_a_turned_world(turn):
-    """Rows in x of parallel cranks depend on each other as the cranks pass the axis: no pose in which they could fold."""
+    """Rows in x of parallel cranks depend on each other as these pass the axis: no pose in which they could fold."""
     mechanism, arms, _, tau = parallelogram(3, turn)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

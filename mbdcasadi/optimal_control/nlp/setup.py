@@ -32,8 +32,8 @@ from ..transcription.controls import CONTROLS, input_basis
 from .end_conditions import EndConditions
 from .scaling import Scales, Sizes, scales_of, sizes_of_phase
 
-#: Poses on the way at which rows that stay independent are looked for, share of a row that others leave from which it is
-#: far from implied there, and by which factor other rows have to be better to be taken in place of the first ones.
+#: Poses on the way at which rows that stay independent are looked for, share of a row that others leave from which it
+#: is far from implied there, and by which factor other rows have to be better to be taken in place of the first ones.
 PASSED, FAR_FROM_DEPENDENT, BETTER = 9, 0.03, 10.0
 
 
