@@ -154,7 +154,7 @@ class _Way:
             place.t = float(span[k])
             offset = np.r_[(1 - k / (span.size - 1)) * first, np.zeros(len(path))]
             rows = place.rows_with([*conditions, *path], offset)
-            outcome = solve(rows, q, numeric.weights, iterations=30, step_limit=numeric.typical_step)
+            outcome = solve(rows, q, numeric.projection_weights, iterations=30, step_limit=numeric.typical_step)
             if not outcome.converged:
                 break
             q = outcome.x
@@ -191,7 +191,7 @@ class _Way:
             for k in range(1, count + 1):
                 place.t = before + (now - before) * k / count
                 moved = q + (now - before) / count * v
-                outcome = solve(place.rows_with(path), moved, numeric.weights, iterations=30)
+                outcome = solve(place.rows_with(path), moved, numeric.projection_weights, iterations=30)
                 q = outcome.x if outcome.converged else q
                 jacobian, nu = numeric.velocity(place.t, q)
                 slope, missing = (part.full() for part in slopes(place.t, q, v, numeric.p))

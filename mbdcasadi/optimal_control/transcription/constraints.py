@@ -76,7 +76,7 @@ class MotionConstraints:
     def _implied_rows(self) -> ImpliedRows:
         eom = self.eom
         rows = sorted([*eom.explicit, *(eom.rows[k] for k in self.rows)])
-        return ImpliedRows(eom.whole, rows, self._numeric.weights)
+        return ImpliedRows(eom.whole, rows, self._numeric.projection_weights)
 
     @property
     def least_norm(self) -> ca.Function:
