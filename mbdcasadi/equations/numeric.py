@@ -31,8 +31,8 @@ from .scale import Scale, scale_of
 T = TypeVar("T")
 
 #: Share of the largest mass (and inertia) that each has at least in the metrics for assembly and projection. Beyond
-#: it the normal equations lose what a light body adds to them.
-SMALLEST_WEIGHT, SMALLEST_PROJECTION_WEIGHT = 1e-5, 1e-2
+#: it the equations lose what a light body adds to them.
+SMALLEST_WEIGHT, SMALLEST_PROJECTION_WEIGHT = 1e-10, 1e-2
 #: Largest step of Newton's method from afar, in characteristic lengths.
 FARTHEST = 3.0
 #: Left over of ``Phi_q a = gamma``, relative to its terms, from which no acceleration meets the constraints.
@@ -70,13 +70,13 @@ class NumericEquations:
     def weights(self) -> np.ndarray:
         """Metric in which poses and velocities are nearest: the masses, one if there is none at all (n,).
 
-        Masses that count for nothing beside others are raised until they count for something; what has no mass beside
-        parts that have some counts as the least of them, so that it does not hold these back.
+        What has no mass beside parts that have some counts for next to nothing, so that it does not hold these back.
         """
         if not np.any(self.mass > 0):
             return np.ones_like(self.mass)
         sizes = self.scale.coordinates
-        return self._raised(np.maximum(self.mass, 0.0) * sizes**2, SMALLEST_WEIGHT) / sizes**2
+        alike = self.mass * sizes**2
+        return np.maximum(alike, SMALLEST_WEIGHT * np.max(alike)) / sizes**2
 
     @property
     def weights_expression(self) -> ca.SX:
@@ -95,10 +95,11 @@ class NumericEquations:
         alike = self.mass * sizes**2
         there = alike[alike > 0]
         typical = float(np.exp(np.mean(np.log(there)))) if there.size else 1.0
-        return self._raised(np.where(alike > 0, alike, typical), SMALLEST_PROJECTION_WEIGHT) / sizes**2
+        return self._raised(np.where(alike > 0, alike, typical)) / sizes**2
 
-    def _raised(self, alike: np.ndarray, least: float) -> np.ndarray:
+    def _raised(self, alike: np.ndarray) -> np.ndarray:
         """Masses of which none is below a share of the largest of its body, and no body below one of the largest."""
+        least = SMALLEST_PROJECTION_WEIGHT
         bodies = np.split(alike.copy(), range(3, 3 * len(self.eom.mechanism.bodies) + 1, 3))
         most = float(np.max(alike))
         for body in bodies:
