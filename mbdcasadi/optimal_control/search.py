@@ -17,7 +17,8 @@ Before them it is looked whether the linkage reaches the waypoints and the end a
 5. With a tolerance the mesh is refined, see :func:`refine`; else a solution that jumps to another branch of the
    linkage is solved again from other guesses, see :func:`as_motion`.
 
-Each single solve adds points at which path limits are held, see :meth:`ProblemSolver.solve`. In a continuation,
+Each single solve adds points at which path limits are held, see :meth:`ProblemSolver.solve`, and rounds kinks of the
+equations that it does not get past, see :mod:`rounded_program`. In a continuation,
 step 3 is for the first values alone: later failures insert values in between, see :mod:`parameter_continuation`.
 """
 

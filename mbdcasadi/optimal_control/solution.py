@@ -204,6 +204,7 @@ class Solution(SolvedMotion):
             f"{interval_count(self.meshes)} intervals, "
             f"{s.iterations} iterations, {s.seconds:.3g} s ({s.status})"
         )
+        text += f", kinks rounded by {s.rounding:g} of their size" if s.rounding else ""
         return text + "".join(f"\n  {symbol.label} = {value:.6g}" for symbol, value in self.parameters.items())
 
     def _repr_html_(self) -> str:

@@ -24,6 +24,7 @@ from .elastic_program import ElasticProgram
 from .held_limits import LIMIT_TOLERANCE, ROUNDS, largest_share, points_to_hold
 from .limit_sides import LimitSides
 from .problem_setup import ProblemSetup
+from .rounded_program import RoundedProgram
 from .setup import Settings
 from .solvers import make_solver
 from .solvers.base import Beginning, Elsewhere, Result
@@ -33,6 +34,15 @@ from .statistics import Answer
 BRANCH_TOLERANCE = 1e-3
 #: Largest number of iterations if a cost has a kink: at one that matters the solver does not converge.
 KINKED_ITERATIONS = 200
+#: Iterations after which a solve may have stopped at a kink of the equations, and messages of the solver then; and
+#: iterations with sharp kinks from a solution with rounded ones.
+SHARP_ITERATIONS, PAST_ITERATIONS = 60, 30
+AT_KINKS = (
+    "Maximum_Iterations_Exceeded",
+    "Search_Direction_Becomes_Too_Small",
+    "Restoration_Failed",
+    "Error_In_Step_Computation",
+)
 #: Largest scaled violation of a guess with which a solver is started as warm.
 WARM_VIOLATION = 1e-2
 
@@ -98,6 +108,33 @@ class ProblemSolver(ProblemSetup):
             solution, passed = held, share
         return solution
 
+    def _run(self, begin: Beginning, warmth: str, limit: int | None) -> Result:
+        """Run the solver; with rounded kinks if it does not get past one, and else with all its iterations."""
+        run = partial(self._nlp_solver.run, begin, begin.bounds, warmth, begin.iterate)
+        most = SHARP_ITERATIONS if limit is None else min(limit, SHARP_ITERATIONS)
+        if not begin.program.nlp.is_kinked or kinks_in_costs(self.problem) or self._has_own_limit:
+            return run(limit)
+        sharp = run(most)
+        if sharp.interrupted or sharp.statistics.status not in AT_KINKS:
+            return sharp
+        rounded = RoundedProgram(begin.program, begin.x, begin.data).solve(self._nlp_solver, begin)
+        if rounded is None:
+            result = sharp if most == limit else run(limit)
+            return _after(sharp, result)
+        result, width = rounded
+        if not result.interrupted:
+            again = replace(begin, x=result.answer["x"], iterate=None)
+            exact = self._nlp_solver.run(again, begin.bounds, "warm", limit=PAST_ITERATIONS)
+            if exact.succeeded or exact.interrupted:
+                return _after(sharp, _after(result, exact))
+        statistics = replace(result.statistics, rounding=width, at_saddle=False)
+        return _after(sharp, replace(result, statistics=statistics))
+
+    @property
+    def _has_own_limit(self) -> bool:
+        """True if the user limits the iterations."""
+        return f"{self._nlp_solver.name}.max_iter" in self.settings.options
+
     def solve_further(
         self, solution: Solution, meshes: Sequence[Mesh], guess: Guess | None = None, limit: int | None = None
     ) -> Solution | None:
@@ -114,7 +151,7 @@ class ProblemSolver(ProblemSetup):
         x0 = np.clip(begin.x, begin.bounds.lower, begin.bounds.upper)
         if warmth == "warm" and program.violation(program.rows_at(x0, begin.data)) > WARM_VIOLATION:
             warmth = "cold"
-        result = self._nlp_solver.run(begin, begin.bounds, warmth, iterate, limit)
+        result = self._run(begin, warmth, limit)
         self.best.work += result.statistics.iterations * interval_count(meshes)
         solution, status = self._solution(begin, result), result.statistics.status
         error = self._other_branch(solution) if result.succeeded else explain_failure(solution, status)
@@ -242,6 +279,13 @@ class ProblemSolver(ProblemSetup):
                         time=place.t,
                     )
         return None
+
+
+def _after(first: Result, last: Result) -> Result:
+    """The last result, with the statistics of both."""
+    if last is first:
+        return last
+    return replace(last, statistics=last.statistics.after(first.statistics))
 
 
 def _further(solution: Solution, solve: Callable[[], Solution]) -> Solution | None:

@@ -16,8 +16,11 @@ from dataclasses import dataclass, field, replace
 import casadi as ca
 import numpy as np
 
+from ...numerics.graph import operations
 from ...numerics.lazy import cached_property
 
+#: Operations that bend or jump as their operands become equal, or the only one passes zero.
+BENT = (ca.OP_FABS, ca.OP_FMAX, ca.OP_FMIN, ca.OP_SIGN, ca.OP_LT, ca.OP_LE)
 #: An expression of a piece, and further symbols in it with their values for all copies.
 Part = tuple[ca.SX, list[tuple[ca.SX, ca.MX]]]
 
@@ -119,6 +122,11 @@ class SparseProgram:
     def evaluate(self) -> ca.Function:
         """``(x, p) -> (cost, rows)``."""
         return ca.Function("program", [self._x, self._p], [self._cost, self._rows], ["x", "p"], ["f", "g"])
+
+    @cached_property
+    def is_kinked(self) -> bool:
+        """True if there are operations that bend or jump."""
+        return any(next(operations([p.rows, p.cost], BENT), None) is not None for p in self.pieces)
 
     # --- values and derivatives --------------------------------------------------------------
     def _mapped(

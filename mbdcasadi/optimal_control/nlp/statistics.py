@@ -74,6 +74,9 @@ class SolveStatistics:
     at_saddle : bool or None
         True if the cost falls to second order in a direction that rows and limits leave; None if this was not looked
         for, as of a solve from a solution of the same problem. It is False if IPOPT had no curvature to add.
+    rounding : float
+        Width by which kinks of the equations are rounded in the solution, as a share of the largest value of what
+        passes zero there; 0 if they are not.
     """
 
     iterations: int
@@ -88,6 +91,7 @@ class SolveStatistics:
     stages: list[Attempt] = field(default_factory=list)
     solver: str = "ipopt"
     at_saddle: bool | None = None
+    rounding: float = 0.0
 
     def after(self, first: SolveStatistics) -> SolveStatistics:
         """Return the statistics of a solve that went on from another one."""
