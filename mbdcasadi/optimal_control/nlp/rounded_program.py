@@ -23,7 +23,7 @@ from .solvers.base import Beginning, NLPSolver, Result
 from .sparse_program import BENT, MappedBlock, SparseProgram
 
 #: Widths of rounded kinks in turn; iterations with the first one, and with each further one.
-WIDTHS, FIRST_ITERATIONS, FURTHER_ITERATIONS = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5), 150, 60
+WIDTHS, FIRST_ITERATIONS, FURTHER_ITERATIONS = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5), 150, 60
 #: Largest scaled violation of the program itself up to which a solution with rounded kinks is one.
 MISSED = 1e-4
 
