@@ -97,6 +97,14 @@ class NumericEquations:
         typical = float(np.exp(np.mean(np.log(there)))) if there.size else 1.0
         return self._raised(np.where(alike > 0, alike, typical)) / sizes**2
 
+    @property
+    def alike_masses(self) -> np.ndarray | None:
+        """The same to powers of four (n,), for multipliers of least norm beside light bodies; None without these."""
+        if self.augmentation is None:
+            return None
+        weights = self.projection_weights
+        return 4.0 ** np.round(np.log2(weights / np.max(weights)) / 2)
+
     def _raised(self, alike: np.ndarray) -> np.ndarray:
         """Masses of which none is below a share of the largest of its body, and no body below one of the largest."""
         least = SMALLEST_PROJECTION_WEIGHT
@@ -266,9 +274,10 @@ class NumericEquations:
     def forward_dynamics(self, *, redundant: bool, refinements: int = REPORT_REFINEMENTS) -> ca.Function:
         """``(t, q, v, z, u, p) -> (a, lam)`` for these masses."""
         choice: dict[str, Any] = {"redundant": redundant, "refinements": refinements}
-        key = ("forward dynamics", self.light_key, *choice.values())
+        metric = self.alike_masses if redundant else None
+        key = ("forward dynamics", self.light_key, *choice.values(), None if metric is None else metric.tobytes())
         return self.eom.shared.get_or_create(
-            key, lambda: forward_dynamics(self.eom, augmentation=self.augmentation, **choice)
+            key, lambda: forward_dynamics(self.eom, augmentation=self.augmentation, metric=metric, **choice)
         )
 
     def motion_without_mass(self, t: float, q: np.ndarray, share: float = WITHOUT_MASS) -> list[str]:

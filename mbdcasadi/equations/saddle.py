@@ -10,7 +10,9 @@ LDL factorisation. If bodies are light or have no mass, ``M`` is replaced by
 masses A of the rows (see :mod:`.augmentation`): the solution stays the same,
 since ``Phi_q a = gamma``, and the matrix is regular exactly if the joints hold
 all coordinates without mass. Redundant rows make ``S`` singular; ``S + epsilon D`` with a
-diagonal D of its size and refinement gives the multipliers of least norm.
+diagonal D of its size and refinement gives the multipliers of least norm. Effective masses
+depend on the directions of the axes, and such a D with them; the multipliers are then brought to the least norm
+of ``S`` with masses that are more nearly alike, whose D is one number for forces and one for moments.
 """
 
 from __future__ import annotations
@@ -44,6 +46,9 @@ NOTHING = 1e-150
 #: Refinement steps of multipliers that are reported: of these the least-norm solution is wanted to rounding.
 REPORT_REFINEMENTS = 4
 
+#: Share of the largest multiplier below which what one has above the least norm is rounding.
+LEAST_MORE = 1e-13
+
 
 def saddle_point_solution(
     eom: Equations, force: ca.SX, gamma: ca.SX | None = None, **options: Any
@@ -69,6 +74,7 @@ def saddle_point_solver(
     augmentation: np.ndarray | None = None,
     redundant: bool = False,
     refinements: int = REPORT_REFINEMENTS,
+    metric: np.ndarray | None = None,
 ) -> Callable[[ca.SX, ca.SX], tuple[ca.SX, ca.SX]]:
     """Return the function ``(force, gamma) -> (a, lam)`` of right sides, also of several side by side.
 
@@ -83,6 +89,8 @@ def saddle_point_solver(
         True if rows are dependent; the multipliers are then those of least norm.
     refinements : int
         Refinement steps if they are.
+    metric : numpy.ndarray, optional
+        Masses that are more nearly alike, of the coordinates (n,), for the least norm with an augmentation.
     """
     jacobian = eom.Phi_q
     weighted = None if augmentation is None else jacobian.T @ ca.diag(ca.DM(augmentation))
@@ -115,7 +123,14 @@ def saddle_point_solver(
     def solution(force: ca.SX, gamma: ca.SX) -> tuple[ca.SX, ca.SX]:
         force = force if weighted is None else force + weighted @ gamma
         lam = multipliers(jacobian @ over_mass(force) - gamma)
-        return over_mass(force - columns @ lam), lam
+        a = over_mass(force - columns @ lam)
+        if redundant and weighted is not None and metric is not None:
+            alike = jacobian @ ca.diag(ca.DM(1 / metric)) @ jacobian.T
+            more = lam - solve_redundant(alike, alike @ lam, eom.angular_rows, refinements)
+            # of rows that are independent it is rounding, which small multipliers are spared
+            rounding = LEAST_MORE * ca.repmat(ca.mmax(ca.fabs(lam)), *lam.shape)
+            lam = lam - ca.if_else(ca.fabs(more) > rounding, more, 0)
+        return a, lam
 
     return solution
 
@@ -152,7 +167,7 @@ class ImpliedRows:
     """
 
     def __init__(self, eom: Equations, rows: list[int], weights: np.ndarray):
-        self._eom, self._rows = eom, rows
+        self._eom, self._rows, self._weights = eom, rows, weights
         self._implied = [k for k in range(eom.lam.numel()) if k not in set(rows)]
         over = ca.diag(ca.DM(1 / weights)) @ eom.Phi_q.T
         right = eom.Phi_q[rows, :] @ over[:, self._implied]
@@ -165,19 +180,17 @@ class ImpliedRows:
         lam[self._rows] = self._eom.lam[self._rows] + self._shares @ self._eom.lam[self._implied]
         return self._function("independent", lam)
 
-    def least_norm(self, augmentation: np.ndarray | None) -> ca.Function:
+    def least_norm(self, *, light: bool) -> ca.Function:
         """Compile ``(t, q, lam, p) -> lam``: multipliers with the same loads, of least norm.
 
         They are those of :func:`saddle_point_solution`, without its regularisation, so that they may be differentiated
-        twice.
+        twice. `light` if some bodies are light or have no mass: the metric then takes the place of the masses.
         """
         eom, count = self._eom, len(self._implied)
         internal = ca.SX(eom.lam.numel(), count)  # multipliers without loads, by column
         internal[self._rows, :], internal[self._implied, :] = -self._shares, ca.SX.eye(count)
-        if augmentation is None:
-            sizes = row_sizes(ca.sum2(eom.Phi_q**2 @ ca.diag(1 / eom.mass_diagonal)), eom.angular_rows)
-        else:
-            sizes = ca.SX(ca.DM(1 / augmentation))
+        masses = ca.SX(ca.DM(self._weights)) if light else eom.mass_diagonal
+        sizes = row_sizes(ca.sum2(eom.Phi_q**2 @ ca.diag(1 / masses)), eom.angular_rows)
         weighted = internal.T @ ca.diag(sizes)
         return self._function("least_norm", eom.lam - internal @ ca.solve(weighted @ internal, weighted @ eom.lam))
 
@@ -223,6 +236,7 @@ def forward_dynamics(
     augmentation: np.ndarray | None = None,
     redundant: bool = False,
     refinements: int = REPORT_REFINEMENTS,
+    metric: np.ndarray | None = None,
 ) -> ca.Function:
     """Compile ``(t, q, v, z, u, p) -> (a, lam)``.
 
@@ -232,9 +246,8 @@ def forward_dynamics(
     arguments = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
     names = ["t", "q", "v", "z", "u", "p"]
     if not eom.Q_depends_on_lam:
-        a, lam = saddle_point_solution(
-            eom, eom.Q, augmentation=augmentation, redundant=redundant, refinements=refinements
-        )
+        options: dict[str, Any] = {"redundant": redundant, "refinements": refinements, "metric": metric}
+        a, lam = saddle_point_solution(eom, eom.Q, augmentation=augmentation, **options)
         return ca.Function("forward_dynamics", arguments, [a, lam], names, ["a", "lam"])
     unknowns = ca.vertcat(eom.a, eom.lam)
     residual = ca.vertcat(eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q, eom.Phi_q @ eom.a - eom.gamma)

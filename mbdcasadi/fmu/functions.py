@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -101,7 +102,8 @@ class Model:
         eom, augmentation = self.eom, self.numeric.augmentation
         if eom.Q_depends_on_lam:
             return linearised(eom, force, gamma, augmentation)
-        return saddle_point_solution(eom, force, gamma, augmentation=augmentation, redundant=self.is_redundant)
+        options: dict[str, Any] = {"redundant": self.is_redundant, "metric": self.numeric.alike_masses}
+        return saddle_point_solution(eom, force, gamma, augmentation=augmentation, **options)
 
     @property
     def _dynamics(self) -> list[Tape | NewtonLoop]:

@@ -617,6 +617,33 @@ def test_multipliers_of_redundant_rows_are_of_least_norm():
         assert state[joint.reaction_on(body).force][1] == pytest.approx(G, rel=1e-7)
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.5, np.pi / 2, 2.0])
+@pytest.mark.parametrize("order", [(0, 1, 2, 3), (3, 1, 0, 2)])
+def test_the_least_norm_beside_parts_without_mass_knows_no_axes(turn, order):
+    """Three parallel cranks, two of them without mass, turned as a whole: by the pseudoinverse of their rows."""
+    ways = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    feet, tilt = [np.array([x, 0.0]) for x in (0.0, 1.0, 1.7)], 1.1
+    arm = 0.3 * np.array([np.cos(tilt), np.sin(tilt)])
+    cranks = [
+        mbd.Body(f"crank {k}", mass=mass, inertia=0.1 * mass, pose=(*(ways @ (foot + arm)), tilt + turn))
+        for k, (foot, mass) in enumerate(zip(feet, (0.5, 0.0, 0.0), strict=True))
+    ]
+    beam = mbd.Body("beam", mass=2.0, inertia=0.4, pose=(*(ways @ (2 * arm + (0.8, 0))), turn))
+    joints = []
+    for foot, crank in zip(feet, cranks, strict=True):
+        joints.append(mbd.Revolute(f"foot {crank.name}", mbd.ground.at(*(ways @ foot)), crank.at(-0.3, 0)))
+        joints.append(mbd.Revolute(f"head {crank.name}", crank.at(0.3, 0), beam.at(foot[0] - 0.8, 0)))
+    bodies = [[*cranks, beam][k] for k in order]
+    loads = [mbd.Gravity(tuple(ways @ (1.0, -9.81))), mbd.Torque("push", beam, 3.0)]
+    model = mbd.Mechanism(bodies, [*joints[order[0] :], *joints[: order[0]]], forces=loads)
+    state = mbd.assemble(model, [cranks[0].omega == 1.2])
+    eom = mbd.equations(model)
+    jacobian, mass = eom.jacobian(0, state.q, [])[0].full(), eom.masses(np.zeros(0))
+    forces = eom.function(eom.Q)(0, state.q, state.v, state.a, [], state.lam, [], []).full().ravel()
+    least = np.linalg.pinv(jacobian.T) @ (forces - mass * state.a)
+    assert state.lam == pytest.approx(least, abs=1e-6 * np.max(np.abs(least)))
+
+
 @pytest.mark.parametrize(("angle", "omega"), [(0.4, 0.0), (0.4, 2.5), (np.pi / 2, 1.0)])
 def test_a_cart_with_a_point_mass_on_a_massless_rod(angle, omega):
     """Cart-pole in closed form; the pole has mass at its end and no inertia."""

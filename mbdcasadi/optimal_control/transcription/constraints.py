@@ -76,13 +76,14 @@ class MotionConstraints:
     def _implied_rows(self) -> ImpliedRows:
         eom = self.eom
         rows = sorted([*eom.explicit, *(eom.rows[k] for k in self.rows)])
-        return ImpliedRows(eom.whole, rows, self._numeric.projection_weights)
+        alike = self._numeric.alike_masses
+        return ImpliedRows(eom.whole, rows, self._numeric.projection_weights if alike is None else alike)
 
     @property
     def least_norm(self) -> ca.Function:
         """``(t, q, lam, p) -> lam``, of all coordinates: multipliers of least norm that load the bodies alike."""
-        augmentation = self._numeric.augmentation
-        return self.kept.get_or_create("least norm", lambda: self._implied_rows.least_norm(augmentation))
+        light = self._numeric.augmentation is not None
+        return self.kept.get_or_create("least norm", lambda: self._implied_rows.least_norm(light=light))
 
     @property
     def independent(self) -> Evaluator:
