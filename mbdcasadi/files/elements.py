@@ -146,7 +146,7 @@ class _RackAndPinion(RackAndPinion):
         self.radius = radius
         rolled = ca.dot(a.x_axis, b.position - a.position) + radius * (b.body.phi - a.body.phi)
         turn = 2 * math.pi * radius
-        phase += turn * round((float(at_poses(rolled, [a.body, b.body])) - phase) / turn)
+        phase += turn * round((float(at_poses(rolled)) - phase) / turn)
         Joint.__init__(self, name, a, b, rolled - phase)
 
 

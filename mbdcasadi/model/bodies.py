@@ -97,19 +97,20 @@ class Body(Immutable, HoldsSymbols, HasQuantities):
     def _name_coordinates(self) -> None:
         names = (("x", "vx", "ax"), ("y", "vy", "ay"), ("phi", "omega", "alpha"))
         roles = []
-        for levels in names:
+        for levels, estimate in zip(names, self.pose_estimate.tolist(), strict=True):
             symbols = [ca.SX.sym(f"{self.name}.{level}") for level in levels]
             unit = "rad" if levels[0] == "phi" else "m"
-            for kind, level, symbol, rate, per in zip(
+            for kind, level, symbol, rate, per, value in zip(
                 ("position", "velocity", "acceleration"),
                 levels,
                 symbols,
                 [*symbols[1:], None],
                 ("", "/s", "/s²"),
+                (estimate, None, None),
                 strict=True,
             ):
                 setattr(self, level, symbol)
-                roles.append(register(symbol, kind, f"{self.name}.{level}", self, rate, unit + per))
+                roles.append(register(symbol, kind, f"{self.name}.{level}", self, rate, unit + per, value))
         self._roles = tuple(roles)
 
     @classmethod
@@ -216,6 +217,7 @@ class Body(Immutable, HoldsSymbols, HasQuantities):
         x, y : float or expression
             Coordinates in the body frame (in the shape's frame after :meth:`from_shape`), m. An expression in time is a
             point that moves over the body: ``ground.at(0, 0.1 * mbd.sin(mbd.t))`` is a support that shakes, or a table.
+            What joints take from the estimated poses, as the phase of gears, they take at ``t = 0``.
         angle : float or expression, default 0
             Angle of the marker's x axis in that frame, rad.
         """

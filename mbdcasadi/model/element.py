@@ -362,11 +362,11 @@ def work_at(body: Body, point: ca.SX, force: ca.SX) -> tuple[tuple[ca.SX, ca.SX]
     return (body.position, force), (body.phi, cross(point - body.position, force))
 
 
-def at_poses(expression: Any, bodies: Sequence[Body]) -> ca.SX:
-    """Return an expression with the estimated poses substituted; parameters and time remain."""
-    moving = [body for body in bodies if not body.is_ground]
-    if not moving:
-        return ca.SX(expression)
-    symbols = ca.vertcat(*[body.q for body in moving])
-    values = ca.vertcat(*[ca.DM(body.pose_estimate) for body in moving])
-    return ca.substitute(ca.SX(expression), symbols, values)
+def at_poses(expression: Any) -> ca.SX:
+    """Return an expression with the estimated poses and ``t = 0`` substituted; parameters remain."""
+    expression = ca.SX(expression)
+    known = [(s, role.estimate) for s in symbols_of(expression) if (role := role_of(s)) and role.estimate is not None]
+    if not known:
+        return expression
+    symbols, values = zip(*known, strict=True)
+    return ca.substitute(expression, ca.vertcat(*symbols), ca.vertcat(*[ca.DM(value) for value in values]))

@@ -48,14 +48,24 @@ class Role:
     rate: Any = None
     #: its unit; empty if it is not known
     unit: str = ""
+    #: its value at the estimated poses and t = 0, of coordinates and time
+    estimate: float | None = None
 
 
 _ROLES: weakref.WeakValueDictionary[int, Role] = weakref.WeakValueDictionary()
 
 
-def register(symbol: ca.SX, kind: str, label: str, owner: Any = None, rate: Any = None, unit: str = "") -> Role:
+def register(
+    symbol: ca.SX,
+    kind: str,
+    label: str,
+    owner: Any = None,
+    rate: Any = None,
+    unit: str = "",
+    estimate: float | None = None,
+) -> Role:
     """Register the role of a symbol; it lasts as long as the caller keeps the :class:`Role`."""
-    role = Role(kind, label, owner, rate, unit)
+    role = Role(kind, label, owner, rate, unit, estimate)
     _ROLES[symbol.element_hash()] = role
     return role
 
@@ -318,7 +328,7 @@ class Coordinate(Symbol):
         self.span = (self.value, self.value) if span is None else tuple(number(end, what, "span") for end in span)
         self.velocity = ca.SX.sym(f"{label}.velocity")
         self.acceleration = ca.SX.sym(f"{label}.acceleration")
-        self._role = register(self, "position", label, rate=self.velocity)
+        self._role = register(self, "position", label, rate=self.velocity, estimate=self.value)
         self._rates = (
             register(self.velocity, "velocity", f"{label}.velocity", rate=self.acceleration),
             register(self.acceleration, "acceleration", f"{label}.acceleration"),
@@ -327,7 +337,7 @@ class Coordinate(Symbol):
 
 #: Time, s.
 t = ca.SX.sym("t")
-_TIME_ROLE = register(t, "time", "t", rate=ca.SX(1), unit="s")
+_TIME_ROLE = register(t, "time", "t", rate=ca.SX(1), unit="s", estimate=0.0)
 
 
 def as_expression(value: Any, what: str) -> ca.SX:

@@ -116,3 +116,30 @@ def test_contact_on_a_table_that_shakes(method):
         ends.append(mbd.simulate(model, duration=0.5, initial=rest, method=method).final[ball.q])
     assert abs(ends[0][2]) > 0.1
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)
+
+
+def test_wheel_on_a_table_that_shakes():
+    """A disc that rolls on it takes a third of the table's acceleration; its phase is that of t = 0."""
+    radius, course = 0.1, 0.05 * mbd.sin(6 * mbd.t)
+    wheel = mbd.Body("wheel", mass=1, inertia=0.5 * radius**2, pose=(0, radius, 0))
+    rolling = mbd.Rolling("rolling", wheel.at(0, 0), mbd.ground.at(course, 0), radius)
+    motion = mbd.simulate(mbd.Mechanism([wheel], [rolling]), np.linspace(0, 1, 11), initial=[wheel.omega == 0])
+    shake = 0.05 * np.sin(6 * motion.t)
+    np.testing.assert_allclose(motion[wheel.x], shake / 3 + 0.2 * motion.t, atol=1e-7)
+    np.testing.assert_allclose(motion[wheel.phi], (shake - motion[wheel.x]) / radius, atol=1e-9)
+
+
+def test_curve_that_shakes():
+    """A bead on a line along x that moves up and down, and with another body: the row follows both."""
+    lift = mbd.Body("lift", mass=1, inertia=1)
+    bead = mbd.Body("bead", mass=1, inertia=1, pose=(0.2, 0.1, 0))
+    line = mbd.Curve(lambda s: (s, 0), -1, 1)
+    drivers = [mbd.Driver("drive", lift.y, 0.2 * mbd.t)]
+    course = lift.y + 0.1 * mbd.cos(3 * mbd.t)
+    guides = [mbd.AbsoluteX("guide", lift.at(0, 0), 0)]
+    guides += [mbd.AbsoluteAngle(f"angle of {b.name}", b.at(0, 0), 0) for b in (lift, bead)]
+    on_line = mbd.PointOnCurve("on line", mbd.ground.at(0, course), bead.at(0, 0), line)
+    model = mbd.Mechanism([lift, bead], [on_line, *guides], drivers=drivers)
+    motion = mbd.simulate(model, np.linspace(0, 1, 11), initial=[bead.x == 0.2, bead.vx == 0.3])
+    exact = np.stack([0.2 + 0.3 * motion.t, 0.2 * motion.t + 0.1 * np.cos(3 * motion.t)], axis=-1)
+    np.testing.assert_allclose(motion[bead.position], exact, atol=1e-9)

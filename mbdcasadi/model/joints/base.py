@@ -68,9 +68,9 @@ def as_carrier(value: Any, a: Marker, b: Marker, what: str) -> Body:
     return carrier
 
 
-def from_estimate(expression: ca.SX, *bodies: Body) -> ca.SX:
-    """Return an expression less its value at the estimated poses, which so give its phase."""
-    return expression - at_poses(expression, bodies)
+def from_estimate(expression: ca.SX) -> ca.SX:
+    """Return an expression less its value at the estimated poses and ``t = 0``, which so give its phase."""
+    return expression - at_poses(expression)
 
 
 def relative_angle(a: Marker, b: Marker) -> ca.SX:
@@ -80,7 +80,7 @@ def relative_angle(a: Marker, b: Marker) -> ca.SX:
     and the assembly must not turn it back.
     """
     angle = b.angle - a.angle
-    estimate = at_poses(angle, [a.body, b.body])
+    estimate = at_poses(angle)
     turns = 0.0 if symbols_of(estimate) else np.round(float(estimate) / (2 * np.pi))
     return angle - 2 * np.pi * turns
 

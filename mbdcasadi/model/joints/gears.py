@@ -89,12 +89,11 @@ class Gear(Joint):
         distance = ca.fabs(ca.SX(self.radius_a) + sign * self.radius_b)
         if known_value(distance) == 0:
             raise ModelError(f"{what}: an internal pair needs two different radii, a gear and a larger ring")
-        bodies = [a.body, b.body, carrier]
-        along = _line_of_centres(what, a, b, carrier, bodies)
+        along = _line_of_centres(what, a, b, carrier)
         beyond = ca.atan2(along[1], along[0])
         rolled = self.radius_a * (a.angle - carrier.phi - beyond)
         rolled += sign * self.radius_b * (b.angle - carrier.phi - beyond)
-        super().__init__(name, a, b, from_estimate(rolled, *bodies))
+        super().__init__(name, a, b, from_estimate(rolled))
         off = ca.norm_2(along) - distance
         apart = (
             f"{what}: the centres are not at the distance given by the pitch radii (the sum of both, for an internal "
@@ -118,13 +117,13 @@ class Gear(Joint):
 def _rolled(a: Marker, b: Marker, radius: Any) -> ca.SX:
     """Return the row of a wheel b that rolls along the x axis of a."""
     rolled = ca.dot(a.x_axis, b.position - a.position) + radius * (b.angle - a.angle)
-    return from_estimate(rolled, a.body, b.body)
+    return from_estimate(rolled)
 
 
-def _line_of_centres(what: str, a: Marker, b: Marker, carrier: Body, bodies: list[Body]) -> ca.SX:
+def _line_of_centres(what: str, a: Marker, b: Marker, carrier: Body) -> ca.SX:
     """Return the vector from a to b (2,) in axes on the carrier, the first along it at the estimated poses."""
     d = b.position - a.position
-    estimate = values_of(at_poses(rotation(-carrier.phi) @ d, bodies)).ravel()
+    estimate = values_of(at_poses(rotation(-carrier.phi) @ d)).ravel()
     if np.hypot(*estimate) <= 1e-12:
         raise ModelError(
             f"{what}: the centres coincide at the estimated poses, which then do not give the phase; "
@@ -248,7 +247,7 @@ class Coupler(Joint):
         self.carrier = as_carrier(carrier, a, b, what)
         self.leans_on_ground = self.carrier.is_ground
         turned = (b.angle - carrier.phi) - self.ratio * (a.angle - carrier.phi)
-        super().__init__(name, a, b, from_estimate(turned, a.body, b.body, carrier))
+        super().__init__(name, a, b, from_estimate(turned))
 
     @cached_property
     def torque(self) -> ca.SX:
@@ -295,7 +294,7 @@ class Belt(Joint):
         self.leans_on_ground = self.carrier.is_ground
         sign = 1 if self.crossed else -1
         wound = self.radius_a * (a.angle - carrier.phi) + sign * self.radius_b * (b.angle - carrier.phi)
-        super().__init__(name, a, b, from_estimate(wound, a.body, b.body, carrier))
+        super().__init__(name, a, b, from_estimate(wound))
 
     @cached_property
     def tension_difference(self) -> ca.SX:

@@ -18,15 +18,14 @@ from ..quantities import Limit
 from ..symbols import symbols_of, values_of
 
 
-def _in_frame(a: Marker, vector: ca.SX, bodies: list) -> np.ndarray:
+def _in_frame(a: Marker, vector: ca.SX) -> np.ndarray:
     """Return a global vector (2,) in the axes of marker a, at the estimated poses."""
-    return values_of(at_poses(rotation(-a.angle) @ vector, bodies)).ravel()
+    return values_of(at_poses(rotation(-a.angle) @ vector)).ravel()
 
 
 def touching_place(outline: CamOutline, a: Marker, b: Marker) -> float:
     """Return the parameter at which the outline touches the line of the face, or comes closest, on the nearer side."""
-    bodies = [a.body, b.body]
-    normal, origin = _in_frame(a, b.y_axis, bodies), _in_frame(a, b.position - a.position, bodies)
+    normal, origin = _in_frame(a, b.y_axis), _in_frame(a, b.position - a.position)
 
     def height(parameters: np.ndarray) -> np.ndarray:
         return normal @ outline.points_and_normals(parameters)[0] - normal @ origin
@@ -37,7 +36,7 @@ def touching_place(outline: CamOutline, a: Marker, b: Marker) -> float:
 
 def nearest_place(curve: Curve, a: Marker, b: Marker, beside: float) -> float:
     """Return the parameter of the point nearest to b on a curve, or on the one parallel to it at a distance."""
-    point = _in_frame(a, b.position - a.position, [a.body, b.body])
+    point = _in_frame(a, b.position - a.position)
 
     def away(parameters: np.ndarray) -> np.ndarray:
         points, normals = curve.points_and_normals(parameters)
@@ -48,9 +47,8 @@ def nearest_place(curve: Curve, a: Marker, b: Marker, beside: float) -> float:
 
 def touching_places(one: CamOutline, other: CamOutline, a: Marker, b: Marker) -> tuple[float, float]:
     """Return the parameters at which two outlines come closest with opposite outward normals."""
-    bodies = [a.body, b.body]
-    offset = _in_frame(a, b.position - a.position, bodies)
-    turn = float(values_of(at_poses(b.angle - a.angle, bodies))[0, 0])
+    offset = _in_frame(a, b.position - a.position)
+    turn = float(values_of(at_poses(b.angle - a.angle))[0, 0])
     matrix = rotation_matrix(turn)
     size = max(one.size, other.size)
     grids = [np.linspace(0, 2 * np.pi, 180, endpoint=False)] * 2
