@@ -325,7 +325,10 @@ class Coordinate(Symbol):
         super().__init__(label)
         what = f"coordinate '{label}'"
         self.value = number(value, what, "value")
-        self.span = (self.value, self.value) if span is None else tuple(number(end, what, "span") for end in span)
+        ends = (self.value, self.value) if span is None else span
+        if not isinstance(ends, list | tuple | np.ndarray) or len(ends) != 2:
+            raise ModelError(f"{what}: span takes its first and last value, (lower, upper), got {span!r}")
+        self.span = tuple(number(end, what, "span") for end in ends)
         self.velocity = ca.SX.sym(f"{label}.velocity")
         self.acceleration = ca.SX.sym(f"{label}.acceleration")
         self._role = register(self, "position", label, rate=self.velocity, estimate=self.value)

@@ -506,7 +506,8 @@ class Run:
         if corner is not None:
             cause = f"{corner}, and the expression has no accurate derivative close to it; {corner.remedy}"
         else:
-            cause = cause_of_failure(self._arc.numeric, reached, last, failure.flag, ahead, self.integrator.name)
+            outputs, method = self._arc.stepper.tolerant_outputs, self.integrator.name
+            cause = cause_of_failure(outputs, reached, last, failure.flag, ahead, method)
         return SimulationError(
             f"the simulation stopped at t = {reached:.6g} s: {cause}; what was computed is in .partial",
             time=reached,

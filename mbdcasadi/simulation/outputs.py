@@ -66,6 +66,12 @@ class Outputs:
         _, q, v, a, z, lam, u = (part[0] for part in self.block(np.array([time]), x[None, :]))
         return State(self.numeric.eom.mechanism, time, q, v, a, z, lam, u, self.numeric.p)
 
+    def inputs_at(self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """Inputs at one state (n_u,)."""
+        p, eom = self.numeric.p, self.numeric.eom
+        values: np.ndarray = self.signals.values(t, q[None], v[None], z[None], p, eom, levels=self._levels)[0]
+        return values
+
     def rule(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Inputs at interpolated states: what a controller held is taken as interpolated, all else is evaluated."""
         if self.signals.controller is not None:

@@ -224,3 +224,9 @@ def test_help_begins_with_the_symbol_s_own_text(kind):
     assert inspect.getdoc(kind.__init__) == "Make the symbol; see the class for its arguments."
     text = pydoc.plain(pydoc.render_doc(kind))
     assert text.index(inspect.getdoc(kind).splitlines()[0]) < 300
+
+
+@pytest.mark.parametrize("span", [5, (1,), (0, 1, 2), ("low", 1)])
+def test_span_of_a_coordinate_has_two_ends(span):
+    with pytest.raises(mbd.ModelError, match="coordinate 's': span"):
+        mbd.Coordinate("s", 0.4, span)

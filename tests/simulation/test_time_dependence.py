@@ -218,3 +218,12 @@ def test_a_spline_of_scipy_as_input(method):
     np.testing.assert_allclose(motion[push], course(motion.t), atol=1e-12)
     np.testing.assert_allclose(motion[body.vx], course.antiderivative()(motion.t), atol=1e-7)
     np.testing.assert_allclose(motion[body.x], course.antiderivative(2)(motion.t), atol=1e-7)
+
+
+@pytest.mark.parametrize("method", ["idas", "dop853"])
+def test_an_input_that_ends_before_the_run(method):
+    """Where it has no value any more the error names the input."""
+    push = mbd.Input("push")
+    _, mechanism = sled(push, inputs=[push])
+    with pytest.raises(mbd.SimulationError, match=r"stopped at t = 0\.5\d* s: input 'push' is not finite"):
+        mbd.simulate(mechanism, [0, 1], inputs={push: CubicSpline([0, 0.2, 0.5], [0, 2, 3])}, method=method)

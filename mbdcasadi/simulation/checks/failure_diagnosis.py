@@ -9,6 +9,7 @@ from ...errors import SimulationError
 from ...integrators.failures import in_words
 from ...kinematics.singular import describe_singularity
 from ...results.validity import broken_at_pose
+from ..outputs import Outputs
 from ..tolerances import narrowest_friction
 
 #: Smallest singular value, relative to the largest, from which a pose counts as near a singular one.
@@ -17,13 +18,13 @@ NEAR_SINGULAR = 0.02
 NARROW_FRICTION = 1e-6
 
 
-def cause_of_failure(
-    numeric: NumericEquations, t: float, x: np.ndarray, flag: str, ahead: float, method: str = ""
-) -> str:
+def cause_of_failure(outputs: Outputs, t: float, x: np.ndarray, flag: str, ahead: float, method: str = "") -> str:
     """Likely cause of a failure after the state that was reached last.
 
     Parameters
     ----------
+    outputs : Outputs
+        What makes the outputs of the run.
     t : float
         Time of the last state.
     x : numpy.ndarray
@@ -35,17 +36,20 @@ def cause_of_failure(
     method : str, optional
         Name of the integrator, which is not advised again.
     """
+    numeric = outputs.numeric
     eom, n = numeric.eom, numeric.eom.q.numel()
     (q, v, z), said = np.split(x, [n, 2 * n]), in_words(flag)
     remarks = "".join(f"; {sentence}" for sentence in broken_at_pose(numeric, t, q))
     for time, pose in ((t, q), (t + ahead, q + ahead * v)):
-        broken = numeric.not_finite(time, pose, v, z, numeric.eom.input_values)
+        u = outputs.inputs_at(time, pose, v, z)
+        own = [f"input '{i.label}'" for i, value in zip(eom.mechanism.inputs, u, strict=True) if not np.isfinite(value)]
+        broken = own or numeric.not_finite(time, pose, v, z, u)
         if broken:
             return (
                 f"{', '.join(broken)} is not finite there: a spline outside its data, a division by zero, "
                 f"or a root of a negative number ({said}){remarks}"
             )
-    bent = numeric.not_finite(t, q, v, z, numeric.eom.input_values, slopes=True)
+    bent = numeric.not_finite(t, q, v, z, outputs.inputs_at(t, q, v, z), slopes=True)
     if bent:
         return (
             f"{', '.join(bent)} has no finite slope there, as a root or a power at zero, and this method needs one; "
