@@ -143,3 +143,11 @@ def test_curve_that_shakes():
     motion = mbd.simulate(model, np.linspace(0, 1, 11), initial=[bead.x == 0.2, bead.vx == 0.3])
     exact = np.stack([0.2 + 0.3 * motion.t, 0.2 * motion.t + 0.1 * np.cos(3 * motion.t)], axis=-1)
     np.testing.assert_allclose(motion[bead.position], exact, atol=1e-9)
+
+
+def test_outline_that_another_body_moves():
+    """That body would not feel the contact."""
+    crank, ball = mbd.Body("crank", mass=1, inertia=1), mbd.Body("ball", mass=1, inertia=1)
+    table = mbd.HalfPlane(mbd.ground.at(0, 0.1 * mbd.sin(crank.phi)))
+    with pytest.raises(mbd.ExpressionError, match=r"contact 'c': the place of HalfPlane .* position 'crank.phi'"):
+        mbd.Contact("c", mbd.Circle(ball.at(0, 0), 0.05), table, mbd.HuntCrossley(1e4))

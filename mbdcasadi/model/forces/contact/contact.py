@@ -10,7 +10,7 @@ import casadi as ca
 from ....errors import ModelError
 from ....numerics.lazy import cached_property
 from ...bodies import Marker
-from ...element import Element, work_at
+from ...element import BEYOND_COORDINATES, Element, refuse_kinds, work_at
 from ...expressions import if_else
 from ...quantities import function_of
 from ...rates import time_derivative
@@ -89,6 +89,13 @@ class Contact(Element):
         for outline in (a, b):
             if not isinstance(outline, Outline):
                 raise ModelError(f"{self.description}: takes outlines such as Circle(marker, radius), got {outline!r}")
+            refuse_kinds(
+                ca.vertcat(outline.marker.local, outline.marker.local_angle),
+                ("position", *BEYOND_COORDINATES),
+                f"{self.description}: the place of {outline.description}",
+                "an outline moves over its body with time alone, since nothing else would feel the contact; put it on "
+                "a body of its own, which may be massless",
+            )
         if a.marker.body is b.marker.body:
             raise ModelError(
                 f"{self.description}: both outlines are on body '{a.marker.body.name}'; they must be on two bodies"
