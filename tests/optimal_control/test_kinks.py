@@ -1,5 +1,9 @@
 """Equations with kinks: ropes, stops and springs that push on one side alone."""
 
+import signal
+import time
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -9,6 +13,7 @@ from scipy.optimize import minimize
 
 import mbdcasadi as mbd
 from mbdcasadi.optimal_control.nlp.rounded_program import _borders, _rounded
+from mbdcasadi.optimal_control.nlp.solvers import ipopt
 from mbdcasadi.optimal_control.nlp.sparse_program import MappedBlock
 
 STIFFNESS, BUFFER, MASS = 50.0, 0.5, 1.0
@@ -33,7 +38,7 @@ def test_rounded_kinks_tend_to_sharp_ones(name):
     x, none, width = ca.SX.sym("x", 2), ca.SX(0, 1), ca.SX.sym("w")
     sharp = KINKS[name](x[0], x[1])
     piece = MappedBlock(x, none, none, ca.SX(sharp), ca.SX(0), np.zeros((2, 1), int))
-    smooth = _rounded(piece, width, np.ones(_borders([piece.rows, piece.cost]).numel())).rows
+    smooth = _rounded(piece, width, np.ones(_borders(piece).numel())).rows
     values = ca.Function("values", [x, width], [sharp, smooth, ca.gradient(smooth, x), ca.hessian(smooth, x)[0]])
     random = np.random.default_rng(0)
     places = [
@@ -125,3 +130,51 @@ def test_limits_of_the_user_are_kept():
     with pytest.raises(mbd.OptimizationError, match="max_iter") as caught:
         mbd.optimize(against_buffer(np.inf), intervals=40, options={"ipopt.max_iter": 70})
     assert caught.value.partial.statistics.iterations == 70
+
+
+def test_kinks_that_no_variable_moves():
+    """Jumps at an instant, or of a parameter, stay as they are."""
+    x, t, p = (ca.SX.sym(name) for name in "xtp")
+    rows = mbd.if_else(t > 0.5, x, 0) * ca.fabs(p)
+    piece = MappedBlock(x, t, p, rows + ca.fabs(x), ca.SX(0), np.zeros((1, 1), int))
+    assert [str(node) for _, node in piece.kinks] == ["fabs(x)"]
+    assert replace(piece, rows=ca.fmax(x, -x)).kinks
+    width = ca.SX.sym("w")
+    rounded = _rounded(piece, width, np.ones(1)).rows
+    values = ca.Function("values", [x, t, p, width], [rounded - rows])
+    assert [float(values(0.2, at, -3, 0.1)) for at in (0.4, 0.5, 0.6)] == pytest.approx([np.hypot(0.2, 0.1)] * 3)
+    assert not replace(piece, rows=rows).kinks
+
+
+def test_the_time_of_all_solves_is_counted_once():
+    """The statistics have no more seconds than the call took."""
+    began = time.perf_counter()
+    statistics = mbd.optimize(against_buffer(np.inf), intervals=40).statistics
+    assert statistics.rounding > 0
+    assert statistics.build_seconds < statistics.seconds < time.perf_counter() - began
+
+
+@pytest.mark.parametrize(
+    ("number", "rounding", "kept"),
+    [(1, 0.1, "the last iterate"), (5, 0.003, "the best solution"), (10, 1e-5, "the best solution")],
+)
+def test_ctrl_c_keeps_the_solution_with_the_narrowest_kinks(monkeypatch, number, rounding, kept):
+    """In the first solve with rounded kinks, in a later one, and in the last solve, with sharp kinks."""
+    solves, run, call = [], ipopt.Ipopt.run, ipopt.SolverCallback.eval_buffer
+
+    def counting(self, *arguments, **named):
+        solves.append(0)
+        return run(self, *arguments, **named)
+
+    def pressing(self, *arguments):
+        solves[-1] += 1
+        if len(solves) == number + 1 and solves[-1] == 2:
+            signal.raise_signal(signal.SIGINT)
+        return call(self, *arguments)
+
+    monkeypatch.setattr(ipopt.Ipopt, "run", counting)
+    monkeypatch.setattr(ipopt.SolverCallback, "eval_buffer", pressing)
+    with pytest.raises(mbd.Interrupted, match=kept) as caught:
+        mbd.optimize(against_buffer(np.inf), intervals=40)
+    assert len(solves) == number + 1
+    assert caught.value.partial.statistics.rounding == rounding

@@ -117,18 +117,18 @@ class ProblemSolver(ProblemSetup):
         sharp = run(most)
         if sharp.interrupted or sharp.statistics.status not in AT_KINKS:
             return sharp
-        rounded = RoundedProgram(begin.program, begin.x, begin.data).solve(self._nlp_solver, begin)
+        again = begin.again()
+        rounded = RoundedProgram(begin.program, begin.x, begin.data).solve(self._nlp_solver, again)
         if rounded is None:
-            result = sharp if most == limit else run(limit)
-            return _after(sharp, result)
+            if most == limit:
+                return sharp
+            return self._nlp_solver.run(begin.again(), begin.bounds, warmth, begin.iterate, limit).after(sharp)
         result, width = rounded
-        if not result.interrupted:
-            again = replace(begin, x=result.answer["x"], iterate=None)
-            exact = self._nlp_solver.run(again, begin.bounds, "warm", limit=PAST_ITERATIONS)
-            if exact.succeeded or exact.interrupted:
-                return _after(sharp, _after(result, exact))
-        statistics = replace(result.statistics, rounding=width, at_saddle=False)
-        return _after(sharp, replace(result, statistics=statistics))
+        result = replace(result, statistics=replace(result.statistics, rounding=width, at_saddle=False)).after(sharp)
+        if result.interrupted:
+            return result
+        exact = self._nlp_solver.run(begin.again(x=result.answer["x"]), begin.bounds, "warm", limit=PAST_ITERATIONS)
+        return exact.after(result) if exact.succeeded else replace(result.after(exact), interrupted=exact.interrupted)
 
     @property
     def _has_own_limit(self) -> bool:
@@ -279,13 +279,6 @@ class ProblemSolver(ProblemSetup):
                         time=place.t,
                     )
         return None
-
-
-def _after(first: Result, last: Result) -> Result:
-    """The last result, with the statistics of both."""
-    if last is first:
-        return last
-    return replace(last, statistics=last.statistics.after(first.statistics))
 
 
 def _further(solution: Solution, solve: Callable[[], Solution]) -> Solution | None:

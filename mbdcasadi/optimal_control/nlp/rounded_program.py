@@ -20,7 +20,7 @@ from ...numerics.lending import Lending
 from .collocation_program import CollocationProgram
 from .compiled import OPTION_SETS
 from .solvers.base import Beginning, NLPSolver, Result
-from .sparse_program import BENT, MappedBlock, SparseProgram
+from .sparse_program import MappedBlock, SparseProgram
 
 #: Widths of rounded kinks in turn; iterations with the first one, and with each further one.
 WIDTHS, FIRST_ITERATIONS, FURTHER_ITERATIONS = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5), 150, 60
@@ -36,7 +36,7 @@ class RoundedProgram:
 
     def __init__(self, program: CollocationProgram, x: np.ndarray, data: np.ndarray):
         nlp, width = program.nlp, ca.SX.sym("width")
-        borders = [_borders([piece.rows, piece.cost]) for piece in nlp.pieces]
+        borders = [_borders(piece) for piece in nlp.pieces]
         pieces = [replace(p, rows=b, cost=ca.SX(0)) for p, b in zip(nlp.pieces, borders, strict=True)]
         values = SparseProgram(nlp.size, pieces, nlp.parameters).evaluate(x, data)[1].full().ravel()
         ends = np.cumsum([b.numel() * p.index.shape[1] for b, p in zip(borders, pieces, strict=True)])
@@ -53,31 +53,37 @@ class RoundedProgram:
     def solve(self, solver: NLPSolver, begin: Beginning) -> tuple[Result, float] | None:
         """Solve with kinks that get sharper, from the start of the program itself, as far as that succeeds.
 
-        Returned are the last result, with cost and rows of the program itself, and the width of its kinks. It is None
-        if the result does not meet the rows of the program itself nearly enough.
+        Returned are the last solution, with cost and rows of the program itself, and the width of its kinks, or the
+        last iterate if the user stopped before there was one. It is None if the last solution does not meet the rows of
+        the program itself nearly enough.
         """
-        program, last, x = begin.program, None, begin.x
+        last, x = None, begin.x
         for width in WIDTHS:
             data = np.insert(begin.data, self._first, width)
             there = replace(begin, program=self._program, x=x, data=data, iterate=None)
             limit, warmth = (FIRST_ITERATIONS, "cold") if last is None else (FURTHER_ITERATIONS, "warm")
-            result = solver.run(there, begin.bounds, warmth, limit=limit)
-            result = result if last is None else replace(result, statistics=result.statistics.after(last[0].statistics))
-            if result.interrupted:
-                return result, width
+            result = _in_sharp(begin, solver.run(there, begin.bounds, warmth, limit=limit))
             if not result.succeeded:
                 break
-            last, x = (result, width), result.answer["x"]
-        if last is None:
-            return None
-        cost, rows = (value.full().ravel() for value in program.nlp.evaluate(x, begin.data))
-        last[0].answer.update(f=cost, g=rows)
-        return last if program.violation(rows) <= MISSED else None
+            last, reached, x = result if last is None else result.after(last), width, result.answer["x"]
+            if result.interrupted:
+                break
+            begin = begin.again()
+        if last is not None and begin.program.violation(last.answer["g"]) <= MISSED:
+            last = last if result.succeeded else last.after(result)
+            return replace(last, interrupted=result.interrupted), reached
+        return (result, width) if result.interrupted else None
 
 
-def _borders(expressions: Sequence[ca.SX]) -> ca.SX:
+def _in_sharp(begin: Beginning, result: Result) -> Result:
+    """A result with cost and rows of the program itself."""
+    cost, rows = (value.full().ravel() for value in begin.program.nlp.evaluate(result.answer["x"], begin.data))
+    return replace(result, answer=result.answer | {"f": cost, "g": rows})
+
+
+def _borders(piece: MappedBlock) -> ca.SX:
     """What passes zero at each kink (k,)."""
-    return ca.vertcat(ca.SX(0, 1), *[_border(op, operands(node)) for op, node in operations(expressions, BENT)])
+    return ca.vertcat(ca.SX(0, 1), *[_border(op, operands(node)) for op, node in piece.kinks])
 
 
 def _border(op: int, between: Sequence[ca.SX]) -> ca.SX:
@@ -91,16 +97,17 @@ def _rounded(piece: MappedBlock, width: ca.SX, sizes: np.ndarray) -> MappedBlock
     """A piece with its kinks rounded, each by a width times its size."""
     replaced: dict[int, ca.SX] = {}
     positive: dict[int, ca.SX] = {}
-    widths = iter([width * float(size or 1.0) for size in sizes])
+    hashes = [node.element_hash() for _, node in piece.kinks]
+    widths = {key: width * float(size or 1.0) for key, size in zip(hashes, sizes, strict=True)}
 
     def now(nodes: Sequence[ca.SX]) -> list[ca.SX]:
         return [replaced.get(node.element_hash(), node) for node in nodes]
 
     for op, node in list(operations([piece.rows, piece.cost])):
         before, key = operands(node), node.element_hash()
-        if op in BENT:
+        if key in widths:
             border = _border(op, now(before))
-            size = ca.sqrt(border**2 + next(widths) ** 2)
+            size = ca.sqrt(border**2 + widths[key] ** 2)
             replaced[key], positive[key] = _smooth(op, now(before), border, size), (border + size) / 2
         elif any(x.element_hash() in replaced for x in before):
             guarded = _guarding(node)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 import casadi as ca
 import numpy as np
 
-from ...numerics.graph import operations
+from ...numerics.graph import operands, operations
 from ...numerics.lazy import cached_property
 
 #: Operations that bend or jump as their operands become equal, or the only one passes zero.
@@ -70,6 +70,17 @@ class MappedBlock:
     def _slopes(self) -> ca.SX:
         """Jacobian of the states by the variables."""
         return ca.jacobian(self.states, self.variables)
+
+    @cached_property
+    def kinks(self) -> list[tuple[int, ca.SX]]:
+        """Operations that bend or jump as the variables change, by kind, operands before the operations on them."""
+        bent = list(operations([self.rows, self.cost], BENT))
+        if not bent:
+            return []
+        unknown = ca.vertcat(self.variables, self.symbols)
+        squares = [ca.sumsqr(ca.vertcat(*operands(node))) for _, node in bent]  # nothing in them cancels
+        depend = ca.which_depends(ca.vertcat(*squares), unknown, 1, True)
+        return [kink for kink, moved in zip(bent, depend, strict=True) if moved]
 
     def without_repetitions(self) -> MappedBlock:
         """Return the same with what occurs several times computed once.
@@ -125,8 +136,8 @@ class SparseProgram:
 
     @cached_property
     def is_kinked(self) -> bool:
-        """True if there are operations that bend or jump."""
-        return any(next(operations([p.rows, p.cost], BENT), None) is not None for p in self.pieces)
+        """True if there are operations that bend or jump as the variables change."""
+        return any(piece.kinks for piece in self.pieces)
 
     # --- values and derivatives --------------------------------------------------------------
     def _mapped(

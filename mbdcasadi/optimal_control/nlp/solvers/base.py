@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar, TypeVar
 
@@ -57,6 +57,10 @@ class Beginning:
     #: scaled cost above which the solve is given up after a while
     ceiling: float
 
+    def again(self, **changes: Any) -> Beginning:
+        """Return the start of a further solve, which begins now, with other attributes."""
+        return replace(self, began=clock.perf_counter(), **changes)
+
 
 @dataclass(frozen=True)
 class Result:
@@ -69,6 +73,10 @@ class Result:
     succeeded: bool
     #: whether the user stopped the run
     interrupted: bool
+
+    def after(self, other: Result) -> Result:
+        """Return the same with the work of another run added to its own."""
+        return replace(self, statistics=self.statistics.after(other.statistics))
 
 
 class Elsewhere:
