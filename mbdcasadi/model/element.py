@@ -173,10 +173,7 @@ class ConstraintElement(Element):
     ):
         super().__init__(name)
         self.rows = ca.vec(rows)
-        others = ("velocity", "acceleration", "input", "state")
-        refuse_kinds(
-            self.rows, others, self.description, "position constraints contain coordinates, parameters and time only"
-        )
+        self.refuse_beyond_coordinates(self.rows)
         if velocity_rows is not None:
             self.velocity_rows = ca.vec(velocity_rows)
         self.row_labels = row_labels
@@ -186,6 +183,15 @@ class ConstraintElement(Element):
         self._roles = tuple(
             register(self.multipliers[k], "multiplier", f"{name}.lam" + (f"[{k}]" if count > 1 else ""), self)
             for k in range(count)
+        )
+
+    def refuse_beyond_coordinates(self, expression: Any) -> None:
+        """Raise an error if an expression that enters the position rows contains what they may not."""
+        refuse_kinds(
+            expression,
+            ("velocity", "acceleration", "input", "state"),
+            self.description,
+            "position constraints contain coordinates, parameters and time only",
         )
 
     @cached_property

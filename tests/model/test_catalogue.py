@@ -415,6 +415,33 @@ def test_whole_turns_of_the_estimates_stay(kind, turns):
     assert float(angle(2 * np.pi * (turns + 1))) == pytest.approx(2 * np.pi)
 
 
+@pytest.mark.parametrize("angle", [mbd.Parameter("tilt", 0.1), 0.1 + 0.2 * mbd.t], ids=["parameter", "time"])
+def test_whole_turns_stay_on_a_guide_whose_angle_varies(angle):
+    """The estimate counts at the parameters' own values and t = 0."""
+    block = mbd.Body("block", mass=1, inertia=1, pose=(0, 0, 4 * np.pi + 0.3))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0, angle), block.at(0, 0))
+    parameters = [angle] if isinstance(angle, mbd.Parameter) else []
+    state = mbd.assemble(mbd.Mechanism([block], [guide], parameters=parameters))
+    assert state[block.phi] == pytest.approx(4 * np.pi + 0.1, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "joint",
+    [
+        mbd.Revolute,
+        mbd.Translational,
+        lambda name, a, b: mbd.Gear(name, a, b, 0.1, 0.2),
+        lambda name, a, b: mbd.PointOnCurve(name, a, b, mbd.Curve(lambda s: (s, 0), -1, 1)),
+    ],
+    ids=["Revolute", "Translational", "Gear", "PointOnCurve"],
+)
+@pytest.mark.parametrize("symbol", [mbd.Input("u"), mbd.StateVariable("z")], ids=["input", "state"])
+def test_places_of_joints_depend_on_coordinates_and_time_only(joint, symbol):
+    wheel = mbd.Body("wheel", mass=1, inertia=1, pose=(0.3, 0, 0))
+    with pytest.raises(mbd.ExpressionError, match=rf"joint 'j' depends on the \w+ '{symbol.label}'"):
+        joint("j", mbd.ground.at(symbol, 0, 0.1 * symbol), wheel.at(0, 0))
+
+
 # --- inertia and forces -----------------------------------------------------------------------
 MASSES = np.array([1.2, 0.7])
 INERTIAS = np.array([0.3, 0.2])

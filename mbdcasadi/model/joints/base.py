@@ -12,7 +12,7 @@ from ...numerics.lazy import cached_property
 from ..bodies import Body, Marker, as_body, markers_on_two
 from ..element import ConstraintElement, at_poses
 from ..rates import time_derivative
-from ..symbols import check_name, symbols_of
+from ..symbols import check_name, values_of
 
 
 class Joint(ConstraintElement):
@@ -54,7 +54,9 @@ class Joint(ConstraintElement):
             Names of the arguments by which the user gives them, for messages.
         """
         self.name = check_name(name, type(self).__name__)
-        return markers_on_two(a, b, self.description, names)
+        a, b = markers_on_two(a, b, self.description, names)
+        self.refuse_beyond_coordinates(ca.vertcat(a.local, a.local_angle, b.local, b.local_angle))
+        return a, b
 
 
 def as_carrier(value: Any, a: Marker, b: Marker, what: str) -> Body:
@@ -80,9 +82,7 @@ def relative_angle(a: Marker, b: Marker) -> ca.SX:
     and the assembly must not turn it back.
     """
     angle = b.angle - a.angle
-    estimate = at_poses(angle)
-    turns = 0.0 if symbols_of(estimate) else np.round(float(estimate) / (2 * np.pi))
-    return angle - 2 * np.pi * turns
+    return angle - 2 * np.pi * np.round(float(values_of(at_poses(angle))[0, 0]) / (2 * np.pi))
 
 
 class AlongLine:
