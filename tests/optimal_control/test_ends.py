@@ -144,3 +144,14 @@ def test_the_launch_that_hits_a_mark():
     launch = mbd.optimize(mbd.OptimalControlProblem(flight, 0.8, **places)).trajectory.initial
     expected = 3 / 0.8, 1 / 0.8 + 0.4 * 9.81
     assert (launch[ball.vx], launch[ball.vy]) == pytest.approx(expected, rel=1e-9)
+
+
+def test_more_demands_than_unknowns_of_a_passive_motion():
+    """The solver does not begin: no iteration is reported, and nothing about an iterate."""
+    ball = mbd.Body("ball", mass=1, inertia=1)
+    flight = mbd.Mechanism([ball], forces=[mbd.Gravity()])
+    start = [mbd.at_start(symbol) == 0 for symbol in (ball.x, ball.y, ball.phi, ball.vx, ball.vy, ball.omega)]
+    problem = mbd.OptimalControlProblem(flight, 0.8, boundary=start, final=[ball.x == 1])
+    with pytest.raises(mbd.OptimizationError, match="leave one of them out.*free; after 0 iterations") as caught:
+        mbd.optimize(problem, intervals=5)
+    assert " met " not in str(caught.value)

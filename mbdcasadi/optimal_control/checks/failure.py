@@ -15,7 +15,7 @@ from ...errors import MechanismError
 from ..nlp.limit_sides import LimitSides, Side
 from ..nlp.limits import label_of
 from ..nlp.rows import violations
-from ..nlp.solvers.base import UNBOUNDED_COST
+from ..nlp.solvers.base import REFUSED, UNBOUNDED_COST
 from ..solution import Solution
 from ..statement import ProblemStatement
 from .connected import Separated
@@ -34,7 +34,8 @@ _MESSAGES = {
     "Invalid_Option": "the solver refuses an option, or lacks what it names (another linear solver?)",
     "Maximum_CpuTime_Exceeded": "the solver ran out of time",
     "Maximum_WallTime_Exceeded": "the solver ran out of time",
-    "Not_Enough_Degrees_Of_Freedom": "there are more independent demands than unknowns",
+    REFUSED: "there are more independent demands than unknowns: leave one of them out, or leave a part of the start, a "
+    "duration or a parameter free",
     "Invalid_Number_Detected": "an expression or its slope is not finite (a division by zero, a root or norm at zero?)",
     "Search_Direction_Becomes_Too_Small": "the solver got stuck: demands that contradict each other, or poor scaling",
     "Diverging_Iterates": "the iterates diverge: something that is free should be bounded",
@@ -126,7 +127,9 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
             partial=solution,
         )
     message = _MESSAGES.get(status, f"the solver stopped: {status}")
-    if status == "Solved_To_Acceptable_Level" or not violations:
+    if status == REFUSED:
+        worst = ""
+    elif status == "Solved_To_Acceptable_Level" or not violations:
         worst = "; all demands are met at the last iterate" if not violations else ""
     else:
         worst = f"; least met is: {violations[0]}"

@@ -33,6 +33,8 @@ Made = TypeVar("Made")
 UNBOUNDED_COST, UNBOUNDED_ITERATES = -1e6, 20
 #: Iterate from which a solve whose cost is above its ceiling is given up.
 GIVEN_UP = 20
+#: Status of a program with more equations than variables, with which IPOPT does not begin.
+REFUSED = "Not_Enough_Degrees_Of_Freedom"
 #: Types of options by whose text a solver is found again.
 PLAIN = (str, int, float, list, tuple, dict)
 #: Options of CasADi for solvers whose failures are reported by their status.
@@ -260,8 +262,9 @@ class NLPSolver(ABC):
 def _result(begin: Beginning, built: float, answer: dict[str, Any], stats: dict[str, Any], interrupted: bool) -> Result:
     """Result of a run from its answer as arrays, and its statistics in CasADi."""
     seconds = clock.perf_counter() - begin.began
-    # CasADi leaves the count open if the solver refuses to begin
-    iterations, status = max(int(stats["iter_count"]), 0), str(stats["return_status"])
+    status = str(stats["return_status"])
+    # CasADi leaves the count open if the solver refuses to begin: it is any number then
+    iterations = 0 if status == REFUSED else max(int(stats["iter_count"]), 0)
     sizes = begin.program.size, begin.program.lower.size
     added = stats.get("iterations", {}).get("regularization_size", [])[1:]
     at_saddle = False if added and added[-1] == 0 else None
