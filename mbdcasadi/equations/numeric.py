@@ -68,14 +68,14 @@ class NumericEquations:
 
     @cached_property
     def weights(self) -> np.ndarray:
-        """Metric in which poses and velocities are nearest: the masses, one if there is none at all (n,).
+        """Metric in which poses and velocities are nearest: the masses; if there are none at all, by the sizes (n,).
 
         What has no mass beside parts that have some counts for next to nothing, so that it does not hold these back.
         """
-        if not np.any(self.mass > 0):
-            return np.ones_like(self.mass)
         sizes = self.scale.coordinates
         alike = self.mass * sizes**2
+        if not np.any(alike > 0):
+            return 1 / sizes**2
         return np.maximum(alike, SMALLEST_WEIGHT * np.max(alike)) / sizes**2
 
     @property

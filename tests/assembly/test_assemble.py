@@ -918,3 +918,21 @@ def test_a_speed_is_met_from_rest(relation):
         assert state[body.vx] ** 2 + state[body.vy] ** 2 == pytest.approx(25, rel=1e-7)
     with pytest.raises(mbd.ConditionError, match="cannot all be met"):
         mbd.assemble(mechanism, [upper.omega == 0, lower.omega == 0, speed == 25])
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e3])
+def test_starts_without_any_mass_are_the_same_in_any_unit(size):
+    """Poses and velocities nearest to estimates that do not fit, of two links without mass that a rail guides."""
+
+    def start(unit):
+        first = mbd.Body("first", 0, 0, pose=(0.2 * unit, 0.1 * unit, 0.5), velocity=(0, 0.5 * unit, 1.2))
+        second = mbd.Body("second", 0, 0, pose=(0.8 * unit, 0, -0.4), velocity=(0.2 * unit, 0, 0.7))
+        joints = [
+            mbd.Revolute("hinge", mbd.ground.at(0, 0), first.at(-0.3 * unit, 0)),
+            mbd.Revolute("elbow", first.at(0.3 * unit, 0), second.at(-0.4 * unit, 0)),
+            mbd.AbsoluteY("rail", second.at(0.4 * unit, 0), 0),
+        ]
+        state = mbd.assemble(mbd.Mechanism([first, second], joints))
+        return state[[first.phi, second.phi, first.omega, second.omega]]
+
+    np.testing.assert_allclose(start(size), start(1.0), rtol=1e-8)
