@@ -29,8 +29,8 @@ def assemble(
 
     Position, then velocity, each nearest to the bodies' estimates in the mass
     metric among all that meet the constraints and the conditions: parts without
-    mass follow those that have some, and all count alike if none has any. Then
-    accelerations and multipliers from the
+    mass follow those that have some; if none has any, lengths and angles count by
+    the size of the mechanism. Then accelerations and multipliers from the
     equations of motion. From the nearest consistent pose the conditions are
     approached by continuation, so that the branch of the linkage is kept.
 

@@ -10,9 +10,10 @@ LDL factorisation. If bodies are light or have no mass, ``M`` is replaced by
 masses A of the rows (see :mod:`.augmentation`): the solution stays the same,
 since ``Phi_q a = gamma``, and the matrix is regular exactly if the joints hold
 all coordinates without mass. Redundant rows make ``S`` singular; ``S + epsilon D`` with a
-diagonal D of its size and refinement gives the multipliers of least norm. Effective masses
-depend on the directions of the axes, and such a D with them; the multipliers are then brought to the least norm
-of ``S`` with masses that are more nearly alike, whose D is one number for forces and one for moments.
+diagonal D of its size and refinement gives the multipliers of least norm. Effective
+masses depend on the directions of the axes, and a D of their size with them: with an
+augmentation the multipliers are brought to the least norm of ``S`` with masses that are
+more nearly alike, whose D is one number for forces and one for moments.
 """
 
 from __future__ import annotations
@@ -45,7 +46,6 @@ ROUNDED = 1e-3
 NOTHING = 1e-150
 #: Refinement steps of multipliers that are reported: of these the least-norm solution is wanted to rounding.
 REPORT_REFINEMENTS = 4
-
 #: Share of the largest multiplier below which what one has above the least norm is rounding.
 LEAST_MORE = 1e-13
 
@@ -90,7 +90,7 @@ def saddle_point_solver(
     refinements : int
         Refinement steps if they are.
     metric : numpy.ndarray, optional
-        Masses that are more nearly alike, of the coordinates (n,), for the least norm with an augmentation.
+        Masses that are more nearly alike, of the coordinates (n,), for the least norm; given with an augmentation.
     """
     jacobian = eom.Phi_q
     weighted = None if augmentation is None else jacobian.T @ ca.diag(ca.DM(augmentation))
@@ -124,7 +124,7 @@ def saddle_point_solver(
         force = force if weighted is None else force + weighted @ gamma
         lam = multipliers(jacobian @ over_mass(force) - gamma)
         a = over_mass(force - columns @ lam)
-        if redundant and weighted is not None and metric is not None:
+        if redundant and metric is not None:
             alike = jacobian @ ca.diag(ca.DM(1 / metric)) @ jacobian.T
             more = lam - solve_redundant(alike, alike @ lam, eom.angular_rows, refinements)
             # of rows that are independent it is rounding, which small multipliers are spared

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 
 import casadi as ca
 
@@ -52,6 +52,50 @@ def count_of_operations(expressions: ca.SX) -> int:
 def operands(node: ca.SX) -> list[ca.SX]:
     """Return the operands of an operation."""
     return [node.dep(k) for k in range(node.n_dep())]
+
+
+def operation(kind: int, operands: Sequence[ca.SX]) -> ca.SX:
+    """Return the operation of a kind on one or two operands."""
+    return ca.SX.unary(kind, operands[0]) if len(operands) == 1 else ca.SX.binary(kind, *operands)
+
+
+def rewritten(
+    expressions: Sequence[ca.SX],
+    replace: Callable[[int, ca.SX, list[ca.SX]], ca.SX | None],
+    combine: Callable[[int, ca.SX, list[ca.SX]], ca.SX] = lambda kind, _, operands: operation(kind, operands),
+) -> list[ca.SX]:
+    """Return expressions with others in the place of some of their operations.
+
+    Parameters
+    ----------
+    expressions : sequence of casadi.SX
+        Of any shapes.
+    replace : callable
+        ``(kind, node, operands) -> expression``: what takes the place of an operation, or None; the operands are those
+        that the node has by now. It is called for one after the other, for operands before the operations on them.
+    combine : callable, optional
+        The same for other operations of which an operand has changed: what they are on the new operands.
+
+    Examples
+    --------
+    >>> x = ca.SX.sym("x")
+    >>> rewritten([ca.sin(x) + 2], lambda kind, node, operands: ca.cos(x) if kind == ca.OP_SIN else None)
+    [SX((cos(x)+2))]
+    """
+    replaced: dict[int, ca.SX] = {}
+
+    def now(nodes: Sequence[ca.SX]) -> list[ca.SX]:
+        return [replaced.get(node.element_hash(), node) for node in nodes]
+
+    for kind, node in list(operations(expressions)):
+        before = operands(node)
+        new = replace(kind, node, now(before))
+        if new is None and any(x.element_hash() in replaced for x in before):
+            new = combine(kind, node, now(before))
+        if new is not None:
+            replaced[node.element_hash()] = new
+    entries = [now([e.nz[k] for k in range(e.nnz())]) for e in expressions]
+    return [ca.SX(e.sparsity(), ca.vertcat(ca.SX(0, 1), *new)) for e, new in zip(expressions, entries, strict=True)]
 
 
 def components_of_norm(node: ca.SX) -> list[ca.SX] | None:

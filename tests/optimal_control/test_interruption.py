@@ -7,36 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from keyboard import interrupted_in
 from motions import crank_rocker, guided_block, half_turn, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
 from mbdcasadi.optimal_control.nlp.problem_solver import ProblemSolver
-from mbdcasadi.optimal_control.nlp.solvers.ipopt import SolverCallback
 
 PACKAGE = str(Path(mbd.__file__).parent)
 
 
 def interrupted_in_solve(monkeypatch, number, call):
-    """The exception of a search with Ctrl-C in the second iteration of its n-th solve, counted from zero."""
-    solves, original, solve = [], SolverCallback.eval_buffer, ProblemSolver.solve
-
-    def counting(self, *arguments, **named):
-        solves.append(0)
-        return solve(self, *arguments, **named)
-
-    def pressing(self, *arguments):
-        solves[-1] += 1
-        if len(solves) == number + 1 and solves[-1] == 2:
-            signal.raise_signal(signal.SIGINT)
-        return original(self, *arguments)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(ProblemSolver, "solve", counting)
-        patched.setattr(SolverCallback, "eval_buffer", pressing)
-        with pytest.raises(mbd.Interrupted) as caught:
-            call()
-    assert len(solves) == number + 1, "nothing is solved after Ctrl-C"
-    return caught.value
+    """The exception of a search with Ctrl-C in its n-th solve, counted from zero."""
+    return interrupted_in(monkeypatch, number, call, ProblemSolver)
 
 
 @cache

@@ -14,8 +14,10 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from ...numerics.graph import operands, operations
+from ...numerics.graph import operands, operations, rewritten
 
+#: Operations whose slope jumps where their operands are equal, or the only one is zero.
+BENDING = (ca.OP_FABS, ca.OP_FMAX, ca.OP_FMIN)
 #: Operations whose value jumps where a quantity passes zero, or a whole number. Of equalities nothing remains but
 #: instants; absolute values, minima and maxima bend without a jump.
 JUMPING = frozenset(
@@ -93,24 +95,18 @@ def hold(
     >>> ca.symvar(held[0]), switches[0].quantity
     ([SX(side 0)], SX((x-2)))
     """
-    replaced: dict[int, ca.SX] = {}
     switches: list[Switch] = []
 
-    def now(nodes: Sequence[ca.SX]) -> list[ca.SX]:
-        return [replaced.get(node.element_hash(), node) for node in nodes]
+    def held(op: int, node: ca.SX, now: list[ca.SX]) -> ca.SX | None:
+        key = node.element_hash()
+        if op not in JUMPING or key in free:
+            return None
+        side, whole = symbol(f"side {len(switches)}"), op in _AT_WHOLE_NUMBERS
+        quantity, natural = quantity_of(op, now), quantity_of(op, operands(node))
+        switches.append(Switch(key, side, quantity, natural, whole, description))
+        return _held(op, now, side)
 
-    for op, node in list(operations(expressions)):
-        key, before = node.element_hash(), operands(node)
-        if op in JUMPING and key not in free:
-            side, whole = symbol(f"side {len(switches)}"), op in _AT_WHOLE_NUMBERS
-            quantity, natural = _quantity(op, now(before)), _quantity(op, before)
-            switches.append(Switch(key, side, quantity, natural, whole, description))
-            replaced[key] = _held(op, now(before), side)
-        elif any(x.element_hash() in replaced for x in before):
-            replaced[key] = _operation(op, now(before))
-    entries = [now([e.nz[k] for k in range(e.nnz())]) for e in expressions]
-    held = [ca.SX(e.sparsity(), ca.vertcat(ca.SX(0, 1), *new)) for e, new in zip(expressions, entries, strict=True)]
-    return held, switches
+    return rewritten(expressions, held), switches
 
 
 def sides_of(values: np.ndarray, whole: np.ndarray) -> np.ndarray:
@@ -134,9 +130,11 @@ def margin_rates_of(values: np.ndarray, rates: np.ndarray, sides: np.ndarray, wh
     return np.where(towards_above, rates, -rates)
 
 
-def _quantity(op: int, operands: Sequence[ca.SX]) -> ca.SX:
-    """The quantity that passes zero, or whole numbers, at a jump of an operation."""
+def quantity_of(op: int, operands: Sequence[ca.SX]) -> ca.SX:
+    """Return the quantity that passes zero, or whole numbers, where an operation bends or jumps."""
     a, b = operands[0], operands[-1]
+    if op in BENDING:
+        return a if len(operands) == 1 else a - b
     if op in (ca.OP_LT, ca.OP_LE):
         return b - a
     if op == ca.OP_CEIL:
@@ -168,7 +166,3 @@ def _held(op: int, operands: Sequence[ca.SX], side: ca.SX) -> ca.SX:
         return a - b * side
     # the angle from the axis of its half plane, ±π/2
     return sign * np.pi / 2 + ca.atan2(-sign * b, sign * a)
-
-
-def _operation(op: int, operands: Sequence[ca.SX]) -> ca.SX:
-    return ca.SX.unary(op, operands[0]) if len(operands) == 1 else ca.SX.binary(op, *operands)

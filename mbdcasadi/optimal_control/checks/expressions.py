@@ -8,8 +8,8 @@ import casadi as ca
 import numpy as np
 
 from ...equations.switching.continuity import Surroundings, continuous_switches
-from ...equations.switching.switches import JUMPING, Switch, hold
-from ...numerics.graph import operations
+from ...equations.switching.switches import BENDING, JUMPING, Switch, hold, quantity_of
+from ...numerics.graph import operands, operations
 from ...printing import to_text
 from ..phase import Phase
 from ..phase_solution import PhaseSolution
@@ -17,8 +17,6 @@ from ..placeholders import placeholders_in
 from ..problem import OptimalControlProblem
 from ..solution import Solution
 
-#: Operations whose slope jumps where their operands are equal, or the only one is zero.
-BENDING = (ca.OP_FABS, ca.OP_FMAX, ca.OP_FMIN)
 #: Longest text of an expression in a message.
 _LONGEST = 60
 
@@ -44,7 +42,7 @@ def kinks_in(expression: ca.SX) -> list[str]:
 
 def _named(sharp: list[Switch], bends: list[ca.SX], symbols: ca.SX) -> list[str]:
     """Switches over which a slope jumps, in words, each by the operation of `bends` whose border is the same."""
-    borders = [node.dep(0) if node.n_dep() == 1 else node.dep(0) - node.dep(1) for node in bends]
+    borders = [quantity_of(node.op(), operands(node)) for node in bends]
     place = np.random.default_rng(0).uniform(0.5, 1.5, symbols.numel())
     passed = ca.Function("passed", [symbols], [ca.vertcat(*[switch.natural for switch in sharp], *borders)])
     values = np.abs(passed(place).full().ravel())

@@ -24,14 +24,13 @@ import casadi as ca
 import numpy as np
 
 from ...equations.numeric import NumericEquations
-from ...equations.switching.switches import JUMPING
+from ...equations.switching.switches import BENDING, JUMPING
 from ...model.conditions import Condition
 from ...numerics.graph import operations
 from ...numerics.solution_curve import points_along
 from ...results.state import State
 from ..nlp.problem_setup import ProblemSetup
 from ..phase import on_positions, on_states
-from .expressions import BENDING
 from .reach import Stated, places
 
 #: Number of poses on either side of the start to begin with, which is doubled, and the largest one.

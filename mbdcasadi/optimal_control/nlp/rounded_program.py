@@ -14,8 +14,9 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
+from ...equations.switching.switches import quantity_of
 from ...model.cache import Cache
-from ...numerics.graph import operands, operations
+from ...numerics.graph import operands, operation, rewritten
 from ...numerics.lending import Lending
 from .collocation_program import CollocationProgram
 from .compiled import OPTION_SETS
@@ -83,40 +84,29 @@ def _in_sharp(begin: Beginning, result: Result) -> Result:
 
 def _borders(piece: MappedBlock) -> ca.SX:
     """What passes zero at each kink (k,)."""
-    return ca.vertcat(ca.SX(0, 1), *[_border(op, operands(node)) for op, node in piece.kinks])
-
-
-def _border(op: int, between: Sequence[ca.SX]) -> ca.SX:
-    """What passes zero at a kink: positive if the first operand is the larger one, or a comparison holds."""
-    if len(between) == 1:
-        return between[0]
-    return between[1] - between[0] if op in (ca.OP_LT, ca.OP_LE) else between[0] - between[1]
+    return ca.vertcat(ca.SX(0, 1), *[quantity_of(op, operands(node)) for op, node in piece.kinks])
 
 
 def _rounded(piece: MappedBlock, width: ca.SX, sizes: np.ndarray) -> MappedBlock:
     """A piece with its kinks rounded, each by a width times its size."""
-    replaced: dict[int, ca.SX] = {}
     positive: dict[int, ca.SX] = {}
     hashes = [node.element_hash() for _, node in piece.kinks]
     widths = {key: width * float(size or 1.0) for key, size in zip(hashes, sizes, strict=True)}
 
-    def now(nodes: Sequence[ca.SX]) -> list[ca.SX]:
-        return [replaced.get(node.element_hash(), node) for node in nodes]
+    def smooth(op: int, node: ca.SX, now: list[ca.SX]) -> ca.SX | None:
+        key = node.element_hash()
+        if key not in widths:
+            return None
+        border = quantity_of(op, now)
+        size = ca.sqrt(border**2 + widths[key] ** 2)
+        positive[key] = (border + size) / 2
+        return _smooth(op, now, border, size)
 
-    for op, node in list(operations([piece.rows, piece.cost])):
-        before, key = operands(node), node.element_hash()
-        if key in widths:
-            border = _border(op, now(before))
-            size = ca.sqrt(border**2 + widths[key] ** 2)
-            replaced[key], positive[key] = _smooth(op, now(before), border, size), (border + size) / 2
-        elif any(x.element_hash() in replaced for x in before):
-            guarded = _guarding(node)
-            replaced[key] = _combined(op, now(before)) if guarded is None else positive[guarded]
-    entries = [now([e.nz[k] for k in range(e.nnz())]) for e in (piece.rows, piece.cost)]
-    rows, cost = (
-        ca.SX(e.sparsity(), ca.vertcat(ca.SX(0, 1), *new))
-        for e, new in zip((piece.rows, piece.cost), entries, strict=True)
-    )
+    def combined(op: int, node: ca.SX, now: list[ca.SX]) -> ca.SX:
+        guarded = _guarding(node)
+        return _combined(op, now) if guarded is None else positive[guarded]
+
+    rows, cost = rewritten([piece.rows, piece.cost], smooth, combined)
     return replace(piece, rows=rows, cost=cost, parameters=ca.vertcat(piece.parameters, width))
 
 
@@ -139,7 +129,7 @@ def _combined(op: int, now: Sequence[ca.SX]) -> ca.SX:
         return now[0] * now[1]
     if op == ca.OP_OR:
         return now[0] + now[1] - now[0] * now[1]
-    return ca.SX.unary(op, now[0]) if len(now) == 1 else ca.SX.binary(op, *now)
+    return operation(op, now)
 
 
 def _guarding(node: ca.SX) -> int | None:

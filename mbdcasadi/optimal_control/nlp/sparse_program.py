@@ -16,11 +16,12 @@ from dataclasses import dataclass, field, replace
 import casadi as ca
 import numpy as np
 
+from ...equations.switching.switches import BENDING
 from ...numerics.graph import operands, operations
 from ...numerics.lazy import cached_property
 
 #: Operations that bend or jump as their operands become equal, or the only one passes zero.
-BENT = (ca.OP_FABS, ca.OP_FMAX, ca.OP_FMIN, ca.OP_SIGN, ca.OP_LT, ca.OP_LE)
+BENT = (*BENDING, ca.OP_SIGN, ca.OP_LT, ca.OP_LE)
 #: An expression of a piece, and further symbols in it with their values for all copies.
 Part = tuple[ca.SX, list[tuple[ca.SX, ca.MX]]]
 
