@@ -182,6 +182,9 @@ class BorderPassage:
         """First switch whose border is passed between states, its time, the state there, and its largest rate."""
         whole, watched = self._system.whole, self._watched
         w, rates, _ = self._call(self._system.switching, times, x, self.sides)
+        rests = self._rests(w, rates, self.sides[:, None])
+        for k in np.flatnonzero(np.any(rests[:, 1:] & rests[:, :-1], axis=1) & np.isin(range(whole.size), watched)):
+            raise self._resting(int(k), float(times[int(np.argmax(rests[k]))]))
         margins = margins_of(w, self.sides, whole)[watched]
         slopes = margin_rates_of(w, rates, self.sides, whole)[watched]
         # what stands at its border at the start goes inside from there
@@ -224,7 +227,10 @@ class BorderPassage:
     # --- at a border ----------------------------------------------------------------------------
     def _pass(self, k: int, fastest: float) -> None:
         """Change the side of a switch at its border, and of those that depend on it."""
-        rate = float(self._switching(self.sides)[1][k])
+        w, rates, _ = self._switching(self.sides)
+        rate = float(rates[k])
+        if w[k] == 0 and rate == 0:
+            raise self._resting(k, self._time)
         if abs(rate) <= STANDSTILL * fastest:
             raise SimulationError(
                 f"{self._name(k)} jumps at t = {self._time:.6g} s, where the motion only touches the border of the "
@@ -240,22 +246,37 @@ class BorderPassage:
         self._flip(k, rate)
         self._leave_borders(passed=k)
 
+    def _rests(self, w: np.ndarray, rates: np.ndarray, sides: np.ndarray) -> np.ndarray:
+        """True for switches on the side of positive quantities whose own is zero, and stays so."""
+        whole = self._system.whole.reshape(-1, *[1] * (w.ndim - 1))
+        rests: np.ndarray = (w == 0) & (rates == 0) & (sides > 0) & ~whole
+        return rests
+
+    def _resting(self, k: int, time: float) -> SimulationError:
+        return SimulationError(
+            f"{self._name(k)} jumps near t = {time:.6g} s, where what decides about the jump is zero over a stretch of "
+            "the motion: that instant has no derivative; compare a quantity that passes zero, as x > 0.1 in place of "
+            "fmax(x - 0.1, 0) * k > 0",
+            time=time,
+        )
+
     def _flip(self, k: int, rate: float, *, at_start: bool = False) -> None:
         """Change the side of a switch that stands at its border, with its copies."""
         system = self._system
         w, rates, _ = self._switching(self.sides)
-        near = np.abs(margins_of(w, self.sides, system.whole)) <= self._near(rates)
+        leaves = np.abs(margins_of(w, self.sides, system.whole)) <= self._near(rates)
+        leaves &= margin_rates_of(w, rates, self.sides, system.whole) < 0
         slopes = self._call(system.slopes, np.array([self._time]), self._x[None, :], self.sides, columns=True)[0]
         copies = [
             int(j)
             for j in self._watched
-            if j != k and near[j] and rate != 0 and _same_derivative(slopes[j], rates[j], slopes[k], rate)
+            if j != k and leaves[j] and rate != 0 and _same_derivative(slopes[j], rates[j], slopes[k], rate)
         ]
         after = self.sides.copy()
         for j in (k, *copies):
             after[j] = after[j] + np.sign(rates[j]) if system.whole[j] else 1 - after[j]
-        self._refuse_to_stay(k, rate, after)
         after = self._settled(after)
+        self._refuse_to_stay(k, rate, after)
         if at_start:
             self.sides = after
         else:
@@ -279,7 +300,7 @@ class BorderPassage:
         for _ in range(system.size + 1):
             w, rates, _ = self._switching(sides)
             beyond = margins_of(w, sides, system.whole) < (0 if everything else -self._near(rates))
-            change = [k for k in self._watched if beyond[k]]
+            change = [k for k in self._watched if beyond[k] or self._rests(w, rates, sides)[k]]
             if not change:
                 break
             sides[change] = sides_of(w, system.whole)[change]

@@ -12,7 +12,7 @@ from ...model.symbols import Parameter
 from ..derivation import Equations
 from ..numeric import NumericEquations
 from .continuity import Surroundings, continuous_switches
-from .switches import Switch, hold, jumps_anywhere
+from .switches import Switch, hold, jumps_anywhere, strictly_compared
 
 #: Typical sizes of velocities, accelerations and first-order states, of multipliers and inputs, and of times.
 RATES, LOADS, TIMES = 3.0, 10.0, 3.0
@@ -29,7 +29,8 @@ class JumpingPart:
     place : int or tuple of int
         Its rows, or its position among those of its kind.
     expressions : tuple of casadi.SX
-        Of rows ``Phi``, ``Phi_q``, ``nu`` and ``gamma``; of a force its share of Q; else one expression.
+        Of rows ``Phi``, ``Phi_q``, ``nu`` and ``gamma``; of a force its share of Q; else one expression. As they are
+        :func:`~.switches.strictly_compared`.
     description : str
         To whom they belong, in words.
     nodes, continuous : frozenset of int
@@ -75,6 +76,7 @@ def part_of(
     if not jumps_anywhere(expressions):
         return []
     eom = numeric.eom
+    expressions = tuple(strictly_compared(expressions))
     held, switches = hold(expressions)
     n, loads = eom.q.numel(), eom.lam.numel() + eom.u.numel()
     symbols = ca.vertcat(eom.t, eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u)

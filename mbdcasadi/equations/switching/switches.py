@@ -23,6 +23,13 @@ BENDING = (ca.OP_FABS, ca.OP_FMAX, ca.OP_FMIN)
 JUMPING = frozenset(
     (ca.OP_LT, ca.OP_LE, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_ATAN2)
 )
+#: Operations that may be constant over a stretch while their operands change, and with them what is made of them.
+_RESTING = frozenset(
+    (
+        *(ca.OP_IF_ELSE_ZERO, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_NOT, ca.OP_SIGN),
+        *(ca.OP_FLOOR, ca.OP_CEIL, *BENDING),
+    )
+)
 #: Those that jump at whole numbers.
 _AT_WHOLE_NUMBERS = frozenset((ca.OP_FLOOR, ca.OP_CEIL, ca.OP_FMOD, ca.OP_REMAINDER))
 
@@ -107,6 +114,81 @@ def hold(
         return _held(op, now, side)
 
     return rewritten(expressions, held), switches
+
+
+def strictly_compared(expressions: Sequence[ca.SX]) -> list[ca.SX]:
+    """Return the same expressions, in which a switch has its value at zero wherever its quantity is not positive.
+
+    A quantity may be zero over a stretch, as a penetration, ``fmax(x, 0)``, or a dead zone. Then ``<=`` is true there
+    and a sign zero: they are put together from ``<``, which of ``fmax(x, 0) > 0`` makes ``x > 0``.
+
+    Examples
+    --------
+    >>> x = ca.SX.sym("x")
+    >>> strictly_compared([ca.fmax(x, 0) <= 0, ca.sign(ca.if_else(ca.fabs(x) > 1, x, 0)), ca.sign(x)])
+    [SX((!(0<x))), SX(@1=0, @2=((1<fabs(x))?x:0), ((@1<@2)-(@2<@1))), SX(sign(x))]
+    """
+
+    def strict(op: int, node: ca.SX, now: list[ca.SX]) -> ca.SX | None:
+        a, b = now[0], now[-1]
+        if op == ca.OP_LT:
+            return _less(a, b)
+        if op == ca.OP_LE:
+            return ca.logic_not(_less(b, a))
+        if op == ca.OP_SIGN and any(operations(a, _RESTING)):
+            return _less(ca.SX(0), a) - _less(a, ca.SX(0))
+        if op == ca.OP_COPYSIGN and any(operations(b, _RESTING)):
+            return ca.fabs(a) * (1 - 2 * _less(b, ca.SX(0)))
+        return None
+
+    return rewritten(expressions, strict)
+
+
+def _less(a: ca.SX, b: ca.SX) -> ca.SX:
+    """``a < b``, of quantities that are not equal over a stretch if there are such."""
+    zero = ca.SX(0)
+    while True:
+        if _beside(ca.OP_FMAX, a, b) is not None or _beside(ca.OP_FMIN, b, a) is not None:
+            return zero  # fmax(x, b) < b
+        for left, right in (
+            (a, _beside(ca.OP_FMAX, b, a)),  # a < fmax(x, a)
+            (_beside(ca.OP_FMIN, a, b), b),
+            (zero, _of_equal_sign(b) if a.is_zero() else None),
+            (_of_equal_sign(a) if b.is_zero() else None, zero),
+            (b.dep(0) if a.is_zero() and b.op() == ca.OP_NEG else None, zero),
+            (zero, a.dep(0) if b.is_zero() and a.op() == ca.OP_NEG else None),
+        ):
+            if left is not None and right is not None:
+                a, b = left, right
+                break
+        else:
+            return a < b
+
+
+def _beside(op: int, node: ca.SX, known: ca.SX) -> ca.SX | None:
+    """The other operand of an operation of which one is known; None if it is another operation, or on others."""
+    if node.op() != op:
+        return None
+    for one, other in ((0, 1), (1, 0)):
+        part = node.dep(one)
+        equal = part.is_constant() and known.is_constant() and float(part) == float(known)
+        if equal or part.element_hash() == known.element_hash():
+            return node.dep(other)
+    return None
+
+
+def _of_equal_sign(node: ca.SX) -> ca.SX | None:
+    """What is positive, zero and negative where a multiple or a bounded value of it is; None for anything else."""
+    op = node.op()
+    if op == ca.OP_TWICE:
+        return node.dep(0)
+    if op not in (ca.OP_MUL, ca.OP_DIV, ca.OP_FMIN, ca.OP_FMAX):
+        return None
+    for one, other in ((1, 0), (0, 1)):
+        part = node.dep(one)
+        if part.is_constant() and (float(part) < 0 if op == ca.OP_FMAX else float(part) > 0):
+            return None if op == ca.OP_DIV and one == 0 else node.dep(other)
+    return None
 
 
 def sides_of(values: np.ndarray, whole: np.ndarray) -> np.ndarray:
