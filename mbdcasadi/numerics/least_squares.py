@@ -70,13 +70,18 @@ def project_velocity(
     return v + least_norm(jacobian * scale[:, None], missing * scale, weights)
 
 
-def row_scale(jacobian: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Inverse of the size of each row in the metric of the weights: rows in metres and in radians then compare (m,)."""
-    size = np.sqrt((jacobian * jacobian) @ (1 / weights))
+def row_scale(jacobian: np.ndarray, weights: np.ndarray, sizes: np.ndarray | float | None = None) -> np.ndarray:
+    """Inverse of the size of each row in the metric of the weights: rows in metres and in radians then compare (m,).
+
+    With the `sizes` of the unknowns (n,) it is by these that a row has no slope, however light what others move is.
+    """
+    squares = jacobian * jacobian
+    size = np.sqrt(squares @ (1 / weights))
     most = largest(size)
     if most**2 < np.finfo(float).tiny / EPSILON:
         return np.zeros(size.size)  # no row has a slope: no step is better than another
-    return 1 / np.where(size > FLAT * most, size, most)
+    slope = size if sizes is None or np.ndim(sizes) == 0 else np.sqrt(squares @ np.square(sizes))
+    return 1 / np.where(slope > FLAT * largest(slope), size, most)
 
 
 def least_norm_step(

@@ -114,7 +114,7 @@ def solve(
     """
     x = np.array(start, float)
     residual, jacobian = equations(x)
-    scale = row_scale(jacobian, weights)
+    scale = row_scale(jacobian, weights, sizes)
     terms = _Terms(sizes)
     damping = 0.0
     for _ in range(iterations):
@@ -127,7 +127,7 @@ def solve(
         if np.isfinite(new_size) and new_size < size:
             stalled = new_size > (1 - 1e-12) * size and damping > 0
             x, residual, jacobian = x + step, new_residual, new_jacobian
-            scale = row_scale(jacobian, weights)
+            scale = row_scale(jacobian, weights, sizes)
             damping = 0.0 if damping < 1e-6 else damping / 10
             if stalled:
                 break
@@ -196,7 +196,7 @@ def refine_root(
     terms = _Terms(sizes)
     size = terms.relative(x, residual, jacobian)
     for _ in range(5 if size > 0 else 0):
-        trial = x + least_norm_step(jacobian, residual, weights, 0.0)
+        trial = x + least_norm_step(jacobian, residual, weights, 0.0, row_scale(jacobian, weights, sizes))
         new_residual, new_jacobian = equations(trial)
         new_size = terms.relative(x, new_residual, new_jacobian)
         if not new_size < size:
