@@ -208,3 +208,62 @@ def test_starts_of_cams(units):
         state = mbd.assemble(mbd.Mechanism([cam, tappet], joints))
         poses.append([state[cam.phi], state[tappet.y] / size])
     assert poses[1] == pytest.approx(poses[0], rel=1e-7)
+
+
+def welded_beams(units, light):
+    """A beam and a plate with too many welds, with a weight that hangs from the beam by a spring in a guide."""
+    length = units.length
+    beam = mbd.Body("beam", mass=units.mass, inertia=0.3 * units.inertia, pose=(0.5 * length, 0, 0))
+    mass, inertia = light * units.mass, 0.1 * light * units.inertia
+    plate = mbd.Body("plate", mass=mass, inertia=inertia, pose=(1.3 * length, 0.1 * length, 0))
+    weight = mbd.Body("weight", mass=units.mass, inertia=0.1 * units.inertia, pose=(0.5 * length, -1.0 * length, 0))
+    down = -np.pi / 2
+    joints = [
+        mbd.Weld("left", mbd.ground.at(0, 0), beam.at(-0.5 * length, 0)),
+        mbd.Weld("middle", beam.at(0.5 * length, 0), plate.at(-0.3 * length, -0.1 * length)),
+        mbd.Weld("above", beam.at(0.4 * length, 0.2 * length), plate.at(-0.4 * length, 0.1 * length)),
+        mbd.Weld("right", mbd.ground.at(1.3 * length, 0.3 * length), plate.at(0, 0.2 * length)),
+        mbd.Translational("guide", beam.at(0, 0, down), weight.at(0, 0, down)),
+    ]
+    pull = mbd.Input("pull")
+    ends, stiffness = (beam.at(0, 0), weight.at(0, 0)), 20 * units.force / length
+    spring = mbd.TSDA("spring", *ends, stiffness=stiffness, free_length=0.5 * length, actuator=pull)
+    return mbd.Mechanism([beam, plate, weight], joints, forces=[units.gravity(), spring], inputs=[pull]), weight, pull
+
+
+@pytest.mark.parametrize("light", [0.0, 0.2])
+def test_reactions_that_are_not_unique_are_the_same_in_all_analyses_and_units(light):
+    """Forces and moments of least norm: at rest, as states are assembled, simulated, and for a given motion."""
+    found = []
+    for units in (ONE, MICRO, GIANT, Units(1.3)):
+        mechanism, weight, pull = welded_beams(units, light)
+        rest = mbd.equilibrium(mechanism)
+        still = mbd.assemble(mechanism, [weight.y == rest[weight.y], weight.vy == 0])
+        times = np.linspace(0, 0.2, 5) * units.time
+        start = [weight.vy == 0.3 * units.speed, weight.y == -1.2 * units.length]
+        run = mbd.simulate(mechanism, times=times, initial=start)
+        given = mbd.inverse_dynamics(mechanism, times, motion=run, efforts=[pull])
+        assert given[pull] / units.force == pytest.approx(0, abs=1e-5)
+        size = np.max(np.abs(still.lam))
+        assert rest.lam == pytest.approx(still.lam, abs=1e-6 * size)
+        assert given.lam == pytest.approx(run.lam, abs=1e-5 * size)
+        welds = mechanism.joints[:4]
+        for result in (rest, given):
+            for weld in welds:
+                reaction = weld.reaction_on(weld.b.body)
+                found.append(np.ravel(result[reaction.force]) / units.force)
+                found.append(np.ravel(result[reaction.torque]) / (units.force * units.length))
+    of_one = len(found) // 4
+    for k, value in enumerate(found[of_one:]):
+        assert value == pytest.approx(found[k % of_one], abs=1e-4)
+
+
+@pytest.mark.parametrize("light", [0.0, 1e-9])
+def test_poses_are_met_beside_light_parts_in_any_units(light):
+    """A row in metres has a slope, though in micrometres it is small beside those in radians of a massless plate."""
+    for units in (ONE, Units(1e-4), MICRO, GIANT):
+        mechanism, weight, _ = welded_beams(units, light)
+        for place in (-0.95, -1.3):
+            state = mbd.assemble(mechanism, [weight.y == place * units.length, weight.vy == 0.3 * units.speed])
+            assert state[weight.y] == pytest.approx(place * units.length, rel=1e-9)
+            assert state[weight.vy] == pytest.approx(0.3 * units.speed, rel=1e-9)

@@ -25,7 +25,7 @@ from ..numerics.rank import (
 from ..numerics.tolerances import EPSILON, RANK
 from .augmentation import effective_masses
 from .derivation import Equations
-from .saddle import REPORT_REFINEMENTS, forward_dynamics
+from .saddle import REPORT_REFINEMENTS, forward_dynamics, norm_of_multipliers
 from .scale import Scale, scale_of
 
 T = TypeVar("T")
@@ -280,6 +280,30 @@ class NumericEquations:
             key, lambda: forward_dynamics(self.eom, augmentation=self.augmentation, metric=metric, **choice)
         )
 
+    def of_least_norm(self, t: np.ndarray, q: np.ndarray, lam: np.ndarray, p: np.ndarray | None = None) -> np.ndarray:
+        """Multipliers with the same loads (k, m) of least norm, as those of :attr:`forward_dynamics` are.
+
+        Parameters
+        ----------
+        t, q, lam : numpy.ndarray
+            Times (k,), coordinates (k, n) and multipliers (k, m) by row.
+        p : numpy.ndarray, optional
+            Parameter values other than these.
+        """
+        metric, (count, m) = self.alike_masses, lam.shape
+
+        def make() -> ca.Function:
+            norm = ca.densify(norm_of_multipliers(self.eom, metric))
+            return ca.Function("norm", [self.eom.t, self.eom.q, self.eom.p], [ca.densify(self.eom.Phi_q), norm])
+
+        key = ("norm of multipliers", None if metric is None else metric.tobytes())
+        function = self.eom.shared.get_or_create(key, make)
+        found = [part.full() for part in function.map(count)(t[None, :], q.T, ca.DM(self.p if p is None else p))]
+        jacobians = found[0].reshape(m, count, -1).transpose(1, 2, 0)
+        root = 1 / np.sqrt(found[1].T)
+        scaled = self.column_scale[:, None] * jacobians * root[:, None, :]
+        return root * np.einsum("kmn,knl,kl->km", np.linalg.pinv(scaled, rcond=RANK), scaled, lam / root)
+
     def motion_without_mass(self, t: float, q: np.ndarray, share: float = WITHOUT_MASS) -> list[str]:
         """Coordinates in which something moves that neither has mass nor is held by joints.
 
@@ -414,7 +438,8 @@ class NumericEquations:
             function = self.forward_dynamics(redundant=redundant)
             return Evaluator(function) if function.is_a("SXFunction") else None
 
-        key = ("forward dynamics by row", self.light_key, redundant)
+        metric = self.alike_masses if redundant else None
+        key = ("forward dynamics by row", self.light_key, redundant, None if metric is None else metric.tobytes())
         return self.eom.shared.get_or_create(key, make)
 
     def accelerations_of_rows(

@@ -12,8 +12,8 @@ since ``Phi_q a = gamma``, and the matrix is regular exactly if the joints hold
 all coordinates without mass. Redundant rows make ``S`` singular; ``S + epsilon D`` with a
 diagonal D of its size and refinement gives the multipliers of least norm. Effective
 masses depend on the directions of the axes, and a D of their size with them: with an
-augmentation the multipliers are brought to the least norm of ``S`` with masses that are
-more nearly alike, whose D is one number for forces and one for moments.
+augmentation the multipliers are brought to the least norm by ``S`` with masses that are
+more nearly alike, and a D in which moments count by the levers of the forces.
 """
 
 from __future__ import annotations
@@ -46,6 +46,9 @@ ROUNDED = 1e-3
 NOTHING = 1e-150
 #: Refinement steps of multipliers that are reported: of these the least-norm solution is wanted to rounding.
 REPORT_REFINEMENTS = 4
+#: Share of the squared length by the masses that counts as a squared lever where levers vanish, and the largest ratio
+#: of moments in the norm by levers to those by masses, with which the regularised solution converges.
+NO_LEVER, MOST_BY_LEVERS = 1e-9, 1e3
 #: Share of the largest multiplier below which what one has above the least norm is rounding.
 LEAST_MORE = 1e-13
 
@@ -126,7 +129,8 @@ def saddle_point_solver(
         a = over_mass(force - columns @ lam)
         if redundant and metric is not None:
             alike = jacobian @ ca.diag(ca.DM(1 / metric)) @ jacobian.T
-            more = lam - solve_redundant(alike, alike @ lam, eom.angular_rows, refinements)
+            sizes_of_rows = sizes_by_levers(eom, metric)
+            more = lam - solve_redundant(alike, alike @ lam, eom.angular_rows, refinements, sizes_of_rows)
             # of rows that are independent it is rounding, which small multipliers are spared
             rounding = LEAST_MORE * ca.repmat(ca.mmax(ca.fabs(lam)), *lam.shape)
             lam = lam - ca.if_else(ca.fabs(more) > rounding, more, 0)
@@ -135,18 +139,53 @@ def saddle_point_solver(
     return solution
 
 
-def shifted(matrix: ca.SX, angular: np.ndarray, sizes: np.ndarray | None = None) -> tuple[ca.SX, ca.SX, list[int]]:
+def norm_of_multipliers(eom: Equations, metric: np.ndarray | None) -> ca.SX:
+    """Diagonal D in which multipliers of redundant rows have the least norm (m,): by masses, or :func:`by levers
+    <sizes_by_levers>` if there is a metric, as beside light bodies."""
+    if metric is not None:
+        return sizes_by_levers(eom, metric)
+    return row_sizes(ca.sum2(eom.Phi_q**2 @ ca.diag(1 / eom.mass_diagonal)), eom.angular_rows)
+
+
+def sizes_by_levers(eom: Equations, metric: np.ndarray) -> ca.SX:
+    """Diagonal D in which multipliers beside light bodies have the least norm (m,).
+
+    Of rows in m it is their mean by the metric, of rows in rad that over the mean square of the levers in the others:
+    the same in any units, axes and order, whichever masses are zero.
+
+    Parameters
+    ----------
+    metric : numpy.ndarray
+        Masses that are more nearly alike, of the coordinates (n,).
+    """
+    angular, angles = eom.angular_rows, eom.angles
+    sizes = row_sizes(ca.sum2(eom.Phi_q**2 @ ca.diag(ca.DM(1 / metric))), angular)
+    if np.all(angular) or not np.any(angular):
+        return sizes
+    in_metres, in_radians = np.flatnonzero(~angular).tolist(), np.flatnonzero(angular).tolist()
+    straight = (np.arange(angles.size) < 3 * len(eom.mechanism.bodies)) & ~angles
+    squares = ca.sum1(eom.Phi_q[in_metres, :] ** 2)
+    moved, turned = (ca.sum2(squares[np.flatnonzero(part).tolist()]) for part in (straight, angles))
+    least = NO_LEVER * float(np.max(metric[angles]) / np.max(metric[straight]))
+    by_levers, by_masses = sizes[in_metres[0]] * moved / (turned + least * moved), sizes[in_radians[0]]
+    sizes[in_radians] = ca.fmin(ca.fmax(by_levers, by_masses / MOST_BY_LEVERS), by_masses * MOST_BY_LEVERS)
+    return sizes
+
+
+def shifted(
+    matrix: ca.SX, angular: np.ndarray, sizes: ca.SX | np.ndarray | None = None
+) -> tuple[ca.SX, ca.SX, list[int]]:
     """LDL factors of ``S + epsilon D``, with D as :func:`row_sizes` gives it."""
     return ca.ldl(matrix + ca.diag(REGULARISATION * row_sizes(ca.diag(matrix), angular, sizes)))
 
 
-def row_sizes(diagonal: ca.SX, angular: np.ndarray, sizes: np.ndarray | None = None) -> ca.SX:
+def row_sizes(diagonal: ca.SX, angular: np.ndarray, sizes: ca.SX | np.ndarray | None = None) -> ca.SX:
     """Diagonal D in which multipliers of redundant rows have the least norm (m,).
 
     It holds the sizes of the diagonal of S if they are known, else its means, in m and in rad apart.
     """
     if sizes is not None:
-        return ca.SX(ca.DM(sizes))
+        return sizes if isinstance(sizes, ca.SX) else ca.SX(ca.DM(sizes))
     found = ca.SX(diagonal.numel(), 1)
     for unit in (angular, ~angular):
         rows = np.flatnonzero(unit).tolist()
@@ -184,13 +223,12 @@ class ImpliedRows:
         """Compile ``(t, q, lam, p) -> lam``: multipliers with the same loads, of least norm.
 
         They are those of :func:`saddle_point_solution`, without its regularisation, so that they may be differentiated
-        twice. `light` if some bodies are light or have no mass: the metric then takes the place of the masses.
+        twice. `light` if some bodies are light or have no mass.
         """
         eom, count = self._eom, len(self._implied)
         internal = ca.SX(eom.lam.numel(), count)  # multipliers without loads, by column
         internal[self._rows, :], internal[self._implied, :] = -self._shares, ca.SX.eye(count)
-        masses = ca.SX(ca.DM(self._weights)) if light else eom.mass_diagonal
-        sizes = row_sizes(ca.sum2(eom.Phi_q**2 @ ca.diag(1 / masses)), eom.angular_rows)
+        sizes = norm_of_multipliers(eom, self._weights if light else None)
         weighted = internal.T @ ca.diag(sizes)
         return self._function("least_norm", eom.lam - internal @ ca.solve(weighted @ internal, weighted @ eom.lam))
 
@@ -200,7 +238,11 @@ class ImpliedRows:
 
 
 def solve_redundant(
-    matrix: ca.SX, right: ca.SX, angular: np.ndarray, refinements: int, sizes: np.ndarray | None = None
+    matrix: ca.SX,
+    right: ca.SX,
+    angular: np.ndarray,
+    refinements: int,
+    sizes: ca.SX | np.ndarray | None = None,
 ) -> ca.SX:
     """Solve a symmetric positive semi-definite system by LDL, regularised."""
     factors = shifted(matrix, angular, sizes)

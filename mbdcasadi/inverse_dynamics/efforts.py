@@ -64,7 +64,10 @@ class EffortProblem:
             right = np.einsum("kij,kj->ki", matrix, unknowns) - residual
             self._check_rank(frame.t, matrix, m, w)
         self._check_balance(frame.t, matrix, right, unknowns)
-        return unknowns[:, :m], self._inputs(frame, unknowns)
+        lam = unknowns[:, :m]
+        if self.redundant and self._linear:
+            lam = self.numeric.of_least_norm(frame.t, frame.q, lam)
+        return lam, self._inputs(frame, unknowns)
 
     def _inputs(self, frame: Trajectory, unknowns: np.ndarray) -> np.ndarray:
         u = frame.inputs.copy()

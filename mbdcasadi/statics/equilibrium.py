@@ -54,6 +54,7 @@ class Equilibrium(State):
 
     def __init__(self, statics: Statics, x: np.ndarray):
         q, z, lam, _ = statics.split(x)
+        lam = statics.of_least_norm(x) if statics.reactions_are_free else lam
         rest = np.zeros(statics.n)
         super().__init__(
             statics.eom.mechanism, statics.t, q, rest, rest, z, lam, statics.inputs(x), statics.parameters(x)

@@ -158,6 +158,8 @@ class Statics:
         rows = ca.substitute(ca.densify(rows), ca.vertcat(eom.v, eom.a, eom.u), ca.vertcat(rest, rest, u))
         x = ca.vertcat(eom.q, eom.z, eom.lam, y)
         arguments = [x, eom.t, eom.p[self._known_p]]
+        # friction by reactions, and conditions on these, choose among the multipliers
+        self.reactions_are_free = not eom.Q_depends_on_lam and not any(c.depends_on("multiplier") for c in conditions)
         self._rows = ca.Function("statics", arguments, [rows, ca.jacobian(rows, x)])
         self._inputs = ca.Function("inputs", arguments, [ca.densify(u)])
         moving = ca.substitute(ca.vertcat(eom.Q, eom.z_rate), eom.u, fed_back)
@@ -182,6 +184,16 @@ class Statics:
         p = self.numeric.p.copy()
         p[self._free_p] = self.split(x)[3][self._from_y]
         return p
+
+    def of_least_norm(self, x: np.ndarray) -> np.ndarray:
+        """Multipliers that load the bodies alike (m,), of least norm if rows depend on each other."""
+        q, _, lam, _ = self.split(x)
+        if not self.m or not self.numeric.has_redundant_rows(self.t, q):
+            return lam
+        of_least_norm: np.ndarray = self.numeric.of_least_norm(
+            np.array([self.t]), q[None, :], lam[None, :], self.parameters(x)
+        )[0]
+        return of_least_norm
 
     def inputs(self, x: np.ndarray) -> np.ndarray:
         """Input values (n_u,)."""

@@ -644,6 +644,41 @@ def test_the_least_norm_beside_parts_without_mass_knows_no_axes(turn, order):
     assert state.lam == pytest.approx(least, abs=1e-6 * np.max(np.abs(least)))
 
 
+@pytest.mark.parametrize("light", [0.0, 1e-9])
+def test_the_least_norm_of_forces_and_moments_beside_light_parts_knows_no_units(light):
+    """Welds at both ends and in between: forces, and moments over the mean lever, in metres as in other lengths."""
+    found = []
+    for size, turn, order in ((1.0, 0.0, 1), (1.3, 0.0, 1), (1.9, 0.3, -1), (1e3, 0.5, 1), (1e-3, 1.0, -1)):
+        ways = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+
+        def place(x, y, ways=ways, size=size):
+            return tuple(size * (ways @ (x, y)))
+
+        beam = mbd.Body("beam", mass=1.0, inertia=0.3 * size**2, pose=(*place(0.5, 0), turn))
+        link = mbd.Body("link", mass=light, inertia=0.01 * light * size**2, pose=(*place(1.3, 0.1), turn))
+        welds = [
+            mbd.Weld("left", mbd.ground.at(0, 0, turn), beam.at(-0.5 * size, 0)),
+            mbd.Weld("middle", beam.at(0.5 * size, 0), link.at(-0.3 * size, -0.1 * size)),
+            mbd.Weld("above", beam.at(0.4 * size, 0.2 * size), link.at(-0.4 * size, 0.1 * size)),
+            mbd.Weld("right", mbd.ground.at(*place(1.3, 0.3), turn), link.at(0, 0.2 * size)),
+        ]
+        loads = [mbd.Gravity(tuple(ways @ (0, -9.81))), mbd.Torque("push", beam, 2.0 * size)]
+        model = mbd.Mechanism([beam, link][::order], welds[::order], forces=loads)
+        state, eom = mbd.assemble(model), mbd.equations(model)
+        jacobian, angular = eom.jacobian(0, state.q, [])[0].full(), eom.angular_rows
+        squares = np.sum(jacobian[~angular] ** 2, axis=0)
+        lever = np.sqrt(np.sum(squares[2::3]) / (np.sum(squares) - np.sum(squares[2::3])))
+        forces = eom.function(eom.Q)(0, state.q, state.v, state.a, [], state.lam, [], []).full().ravel()
+        alike = np.where(angular, lever, 1.0)
+        least = alike * (np.linalg.pinv(jacobian.T * alike) @ forces)
+        assert state.lam / alike == pytest.approx(least / alike, abs=1e-6)
+        found.append([ways.T @ state[weld.reaction_on(weld.b.body).force] for weld in welds])
+        found[-1].append([state[weld.reaction_on(weld.b.body).torque] / size for weld in welds])
+    for others in found[1:]:
+        for one, other in zip(found[0], others, strict=True):
+            assert np.ravel(other) == pytest.approx(np.ravel(one), abs=1e-6)
+
+
 @pytest.mark.parametrize(("angle", "omega"), [(0.4, 0.0), (0.4, 2.5), (np.pi / 2, 1.0)])
 def test_a_cart_with_a_point_mass_on_a_massless_rod(angle, omega):
     """Cart-pole in closed form; the pole has mass at its end and no inertia."""
