@@ -21,8 +21,10 @@ import casadi as ca
 import numpy as np
 
 from ..equations.numeric import NumericEquations
+from ..equations.saddle import norm_of_multipliers
 from ..errors import MechanismError
 from ..model.symbols import place_of
+from ..numerics.tolerances import RANK
 from ..results.state import State
 
 
@@ -91,6 +93,24 @@ class Directions:
             np.r_[columns, np.full(eom.lam.numel(), mass)],
         )
         self.a, self.lam = both[:n], both[n:]
+        if self.numeric.has_redundant_rows(self.state.t, self.state.q) and not eom.Q_depends_on_lam:
+            self._keep_least_norm()
+
+    def _keep_least_norm(self) -> None:
+        """Multipliers that stay those of least norm, as rows depend on each other.
+
+        With the norm ``lam^T D lam`` these are ``D lam = Phi_q mu``; multipliers N without loads are added to their
+        change so that ``N^T d(D lam - Phi_q mu) = 0``, with N of length one in the norm.
+        """
+        eom, columns = self.eom, self.numeric.column_scale
+        norm = norm_of_multipliers(eom, self.numeric.alike_masses)
+        sizes, jacobian = self._value(norm).ravel(), self._value(eom.Phi_q)
+        root = 1 / np.sqrt(sizes)
+        scaled = root[:, None] * jacobian * columns
+        sides, values, _ = np.linalg.svd(scaled)
+        internal = root[:, None] * sides[:, int(np.sum(values > RANK * np.max(values, initial=0.0))) :]
+        mu = columns * np.linalg.lstsq(scaled, self.state.lam / root, rcond=RANK)[0]
+        self.lam = self.lam - internal @ (internal.T @ self.of(norm * eom.lam - eom.Phi_q @ ca.DM(mu)))
 
     def _solved(
         self,

@@ -408,3 +408,39 @@ def test_a_slowed_rigid_motion_beside_a_stiff_spring():
     assert drift.eigenvalue == 0
     assert decay.eigenvalue == pytest.approx(-0.01 / 1.001, rel=1e-5)
     assert ringing.frequency == pytest.approx(np.sqrt(1e6 * (1 + 1e3)) / (2 * np.pi), rel=1e-9)
+
+
+@pytest.mark.parametrize("light", [0.0, 0.3])
+@pytest.mark.parametrize("size", [1.0, 1e3])
+def test_reactions_that_are_not_unique_change_as_those_of_states_do(light, size):
+    """A beam and a plate with too many welds, and a weight on a spring: by differences of assembled states."""
+    push = mbd.Input("push", 1.0)
+    beam = mbd.Body("beam", mass=1.0, inertia=0.3 * size**2, pose=(0.5 * size, 0, 0))
+    plate = mbd.Body("plate", mass=light, inertia=0.1 * light * size**2, pose=(1.3 * size, 0.1 * size, 0))
+    weight = mbd.Body("weight", mass=1.0, inertia=0.1 * size**2, pose=(0.5 * size, -size, 0))
+    down = -np.pi / 2
+    joints = [
+        mbd.Weld("left", mbd.ground.at(0, 0), beam.at(-0.5 * size, 0)),
+        mbd.Weld("middle", beam.at(0.5 * size, 0), plate.at(-0.3 * size, -0.1 * size)),
+        mbd.Weld("above", beam.at(0.4 * size, 0.2 * size), plate.at(-0.4 * size, 0.1 * size)),
+        mbd.Weld("right", mbd.ground.at(1.3 * size, 0.3 * size), plate.at(0, 0.2 * size)),
+        mbd.Translational("guide", beam.at(0, 0, down), weight.at(0, 0, down)),
+    ]
+    spring = mbd.TSDA(
+        "spring", beam.at(0, 0), weight.at(0, 0), stiffness=20, free_length=0.5 * size, damping=0.3, actuator=push
+    )
+    mechanism = mbd.Mechanism([beam, plate, weight], joints, forces=[mbd.Gravity(), spring], inputs=[push])
+    rest = mbd.equilibrium(mechanism)
+    reactions = [joint.reaction_on(joint.b.body) for joint in joints[:4]]
+    outputs = [part for r in reactions for part in (r.force[0], r.force[1], r.torque / size)]
+    model = mbd.linearize(mechanism, rest, wrt=[push], outputs=outputs)
+
+    def at(y, v, f):
+        state = mbd.assemble(mechanism, [weight.y == y, weight.vy == v], inputs={push: f})
+        return np.array([float(state[output]) for output in outputs])
+
+    h, y = 1e-3 * size, float(rest[weight.y])
+    by_place = (at(y + h, 0, 1) - at(y - h, 0, 1)) / (2 * h)
+    by_speed, by_push = (at(y, 1, 1) - at(y, -1, 1)) / 2, (at(y, 0, 2) - at(y, 0, 0)) / 2
+    assert model.C == pytest.approx(np.column_stack([by_place, by_speed]), abs=2e-5 * np.max(np.abs(by_place)))
+    assert model.D.ravel() == pytest.approx(by_push, abs=1e-6)
