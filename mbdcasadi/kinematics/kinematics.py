@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time as clock
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -95,7 +96,7 @@ def driven_motion(numeric: NumericEquations, grid: np.ndarray, *, progress: bool
     _check_driven(numeric, float(grid[0]), q, what)
     reached = grid if jump is None else grid[: max(np.searchsorted(grid, jump.time), 1)]
     try:
-        motion = _follower(numeric).run(reached, q, progress=progress)
+        motion = _follower(numeric, [corner.time for corner in jumps]).run(reached, q, progress=progress)
     except (MechanismError, Interrupted) as error:
         if error.partial is not None:
             error.partial = kinematic_trajectory(numeric, error.partial)
@@ -112,11 +113,11 @@ def driven_motion(numeric: NumericEquations, grid: np.ndarray, *, progress: bool
     return motion
 
 
-def _follower(numeric: NumericEquations) -> Continuation | VelocityLevelMotion:
+def _follower(numeric: NumericEquations, corners: Sequence[float] = ()) -> Continuation | VelocityLevelMotion:
     """Follower of the pose: Newton's method, or an integration if there are velocity-level rows."""
     if numeric.eom.position_rows.size < numeric.eom.lam.numel():
         return VelocityLevelMotion(numeric)
-    return Continuation(numeric)
+    return Continuation(numeric, corners)
 
 
 def kinematic_trajectory(numeric: NumericEquations, motion: DrivenMotion) -> Trajectory:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ..equations.driven import driven_equations
 from ..equations.numeric import NumericEquations
+from ..equations.switching.time_breaks import resolution
 from ..errors import AssemblyError, warn
 from ..numerics.console import interruptible, quiet
 from ..numerics.homotopy import Step, follow
@@ -32,10 +34,17 @@ SMALLEST_STEP = 1e-12
 
 
 class Continuation(MotionFollower):
-    """Follows the pose of a driven mechanism by Newton's method; see the base class."""
+    """Follows the pose of a driven mechanism by Newton's method; see the base class.
 
-    def __init__(self, numeric: NumericEquations):
+    Parameters
+    ----------
+    corners : sequence of float
+        Times at which prescribed velocities jump: no step predicts what comes after one by what was before it.
+    """
+
+    def __init__(self, numeric: NumericEquations, corners: Sequence[float] = ()):
         super().__init__(numeric)
+        self._corners = np.unique(np.asarray(corners, float))
         self.driven = driven_equations(numeric.eom)
         self._contradiction = CONTRADICTION_TOLERANCE * max(1.0, numeric.scale.length)
 
@@ -139,23 +148,32 @@ class Continuation(MotionFollower):
     # --- one difficult step -----------------------------------------------------------------
     def _carefully(self, grid: np.ndarray, done: int, blocks: list[tuple]) -> tuple:
         """Reach the next time in divided steps, or raise if the mechanism locks."""
-        q, v, a = (x[-1] for x in blocks[-1])
+        state = tuple(x[-1] for x in blocks[-1])
         now, goal = float(grid[done - 1]), float(grid[done])
         smallest = SMALLEST_STEP * max(float(grid[-1] - grid[0]), abs(goal))
+        instant = resolution(float(grid[0]), float(grid[-1]))
 
         def moved(state: tuple, at: float, to: float) -> Step[tuple] | None:
             block = self._batch(at, np.array([to]), *state, careful=True)
             return Step(tuple(x[0] for x in block)) if len(block[0]) else None
 
-        path = follow((q, v, a), moved, start=now, end=goal, step=(goal - now) / 2, smallest=smallest)
-        if path.failed is not None:
-            motion, reached = self._motion(grid, blocks), path.point[0]
-            raise (
-                self._not_finite(reached, path.at, path.failed, motion)
-                or self._contradicting(reached, path.at, goal, motion)
-                or self._singular(path.at, reached, motion)
-            )
-        q, v, a = path.point
+        corners = self._corners[(self._corners > now - instant) & (self._corners < goal - 2 * instant)]
+        for end in (*corners, goal):
+            if end > now:
+                path = follow(state, moved, start=now, end=float(end), step=(float(end) - now) / 2, smallest=smallest)
+                if path.failed is not None:
+                    motion, reached = self._motion(grid, blocks), path.point[0]
+                    raise (
+                        self._not_finite(reached, path.at, path.failed, motion)
+                        or self._contradicting(reached, path.at, goal, motion)
+                        or self._singular(path.at, reached, motion)
+                    )
+                state, now = path.point, float(end)
+            if end < goal:
+                now = float(end) + instant
+                after = self.correct(np.array([now]), state[0][None, :])
+                state = after.q[0], after.v[0], after.a[0]
+        q, v, a = state
         return q[None, :], v[None, :], a[None, :]
 
     @staticmethod

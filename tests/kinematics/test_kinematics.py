@@ -404,3 +404,30 @@ def test_smooth_drivers_are_quiet(recwarn):
     for value in (mbd.step(t, 0.2, 0, 0.3, 1), program(t), mbd.spline(t, np.linspace(0, 1, 9), np.sin(np.arange(9)))):
         mbd.kinematics(driven_sled(value)[1], np.linspace(0, 1, 21))
     assert not recwarn.list
+
+
+#: Angles whose rates jump, as expressions and in numbers: to and fro, in teeth, faster, slower, from rest.
+CORNERS = {
+    "to and fro": (2 * mbd.fabs(mbd.t - 1), lambda t: 2 * abs(t - 1)),
+    "teeth": (3 * mbd.fabs(mbd.fmod(mbd.t, 0.7) - 0.35), lambda t: 3 * abs(t % 0.7 - 0.35)),
+    "slower": (mbd.if_else(mbd.t < 1, 2 * mbd.t, 2.5 - mbd.t / 2), lambda t: np.where(t < 1, 2 * t, 2.5 - t / 2)),
+    "from rest": (3 * mbd.fmax(0, mbd.t - 1), lambda t: 3 * np.maximum(t - 1, 0)),
+    "table": (
+        mbd.spline(mbd.t, [0, 0.4, 1.0, 1.3, 2.1], [0, 0.5, -0.3, 0.9, 0.1], kind="linear"),
+        lambda t: np.interp(t, [0, 0.4, 1.0, 1.3, 2.1], [0, 0.5, -0.3, 0.9, 0.1]),
+    ),
+}
+
+
+@pytest.mark.filterwarnings("ignore:.*prescribed velocity.*jumps")
+@pytest.mark.parametrize("name", CORNERS)
+@pytest.mark.parametrize("count", [3, 7, 20, 42, 83, 200])
+def test_corners_of_a_driven_angle_are_passed_wherever_outputs_lie(name, count):
+    """A pendulum that is driven in teeth and steps is in no singular pose, with outputs at corners or beside them."""
+    wanted, values = CORNERS[name]
+    arm = mbd.Body("arm", mass=1, inertia=0.1, pose=(0.5, 0, 0))
+    hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(-0.5, 0))
+    times = np.linspace(0, 2.05, count)
+    motion = mbd.kinematics(mbd.Mechanism([arm], [hinge], drivers=[mbd.Driver("angle", arm.phi, wanted)]), times)
+    assert motion[arm.phi] == pytest.approx(values(times), abs=1e-9)
+    assert motion[arm.x] == pytest.approx(0.5 * np.cos(values(times)), abs=1e-9)
