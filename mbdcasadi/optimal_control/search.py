@@ -6,7 +6,7 @@ Before them it is looked whether the linkage reaches the waypoints and the end a
    iterations are needed, from poses without speeds and then from a motion through them, or, if it has fewer inputs than
    angles, from motions that swing, see :func:`swings`, and in all coordinates if that fails; on a fine mesh from the
    solution on a coarse one, see :func:`solve_coarse_first`.
-2. If neither mesh nor tolerance was given, intervals that are too coarse are split before costs are compared, since a
+2. If no mesh was given, intervals that are too coarse are split before costs are compared, since a
    coarse mesh may promise a cost that no motion has: :func:`refine_if_coarse`. The best one of those that all stay
    coarse is refined once more; if that does not help, or all are no motions, the problem is solved slowly first, and
    at last with limits that close in from a solution without: :mod:`slow_first`.
@@ -14,8 +14,8 @@ Before them it is looked whether the linkage reaches the waypoints and the end a
    :mod:`closing_limits`; for a fine mesh on a coarse one first.
 4. A saddle is left along the direction in which the cost falls: :mod:`saddle`; so is the neighbourhood of one in which
    the first solve got stuck.
-5. With a tolerance the mesh is refined, see :func:`refine`; else a solution that jumps to another branch of the
-   linkage is solved again from other guesses, see :func:`as_motion`.
+5. A solution that jumps to another branch of the linkage is solved again from other guesses, see :func:`as_motion`.
+   With a tolerance the mesh is refined then, see :func:`refine`.
 
 Each single solve adds points at which path limits are held, see :meth:`ProblemSolver.solve`, and rounds kinks of the
 equations that it does not get past, see :mod:`rounded_program`. In a continuation,
@@ -112,7 +112,7 @@ class Search:
         near = guess.solution if isinstance(guess, Shifted) else guess
         warm = isinstance(near, Solution) and starts is None
         checked = not self.is_known(guess)
-        automatic = self._is_automatic and checked and tolerance is None
+        automatic = self._is_automatic and checked
         goes_on = goes_on and not isinstance(guess, Shifted)
         limit = FIRST_ITERATIONS if goes_on else None
         failed: list[tuple[_Attempt, OptimizationError]] = []
@@ -129,10 +129,8 @@ class Search:
                 raise failure
             solution = attempt.go_on(failure)
         if checked:
-            solution = attempt.past_saddle(solution)
-        if tolerance is not None:
-            return refine(attempt.solver, solution, tolerance)
-        return attempt.as_motion(solution) if checked else solution
+            solution = attempt.as_motion(attempt.past_saddle(solution))
+        return solution if tolerance is None else refine(attempt.solver, solution, tolerance)
 
     def solve_in_turn(
         self, steps: list[dict[Any, float]], parameters: Any, guess: Any, starts: Any, tolerance: float | None

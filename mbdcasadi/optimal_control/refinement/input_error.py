@@ -8,7 +8,7 @@ an interval with a kink, whose neighbours it leads astray, agrees with one of th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -135,17 +135,21 @@ class UnresolvedInputs(Measure):
     @property
     def loss(self) -> float:
         """Squares of errors and stretches, near to an optimum."""
-        return float((self.spread / self.solution.duration) ** 2)
+        areas = (np.max(errors[run]) * np.sum(lengths[run]) for errors, lengths, run in self._stretches())
+        return float((max(areas, default=0.0) / self.solution.duration) ** 2)
 
     @property
     def spread(self) -> float:
-        """Largest error of a stretch times its length."""
-        areas = (
-            float(np.max(errors[run]) * np.sum(np.diff(part.mesh_times)[run]))
-            for part, errors in zip(self.solution.phases, self.errors, strict=True)
-            for run in stretches(errors > 0)
+        """Errors of a stretch times the lengths of its intervals: a peak at its end does not count for all of it."""
+        return max(
+            (float(np.dot(errors[run], lengths[run])) for errors, lengths, run in self._stretches()), default=0.0
         )
-        return max(areas, default=0.0)
+
+    def _stretches(self) -> Iterator[tuple[np.ndarray, np.ndarray, slice]]:
+        """Errors and lengths of the intervals of a phase, and which of them are a stretch with errors."""
+        for part, errors in zip(self.solution.phases, self.errors, strict=True):
+            for run in stretches(errors > 0):
+                yield errors, np.diff(part.mesh_times), run
 
 
 def _product(points: np.ndarray, taus: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from ..nlp.problem_solver import ProblemSolver
 from ..nlp.statistics import Attempt
 from ..phase_solution import PhaseSolution
 from ..solution import Solution
+from .coarse_mesh import HALVED_INTERVALS
 from .input_error import UnresolvedInputs
 from .limit_error import PassedLimits
 from .local_error import LocalErrors
@@ -154,12 +155,16 @@ class _Refinement:
     def _adapted(self) -> list[Mesh] | None:
         """Meshes with intervals split and merged by their local errors; None if these do not fall any further.
 
-        At a kink, as of smoothed friction, an error stays as it is until the stretch is short enough.
+        At a kink, as of smoothed friction, an error stays as it is until the stretch is short enough. An error may move
+        on to the next interval, too, which was just below the tolerance or is coarse for a fast motion: all are halved.
         """
         *earlier, now = self.history[-3:]
         falls = any(last <= max(before) / 2 for last, *before in zip(now, *earlier, strict=True)) if earlier else True
         if len(earlier) == 2 and not falls and not self.merging:
-            return None
+            if interval_count(self.solution.meshes) > HALVED_INTERVALS:
+                return None
+            self._begin_anew()
+            return [mesh.split(2) for mesh in self.solution.meshes]
         self.merging = self.merging and self.error <= min((error for error, _ in earlier), default=np.inf) / 2
         order = self.solution.phases[0].program.scheme.order
         adapt = partial(adapted, tolerance=self.tolerance, order=order, merging=self.merging)
