@@ -5,7 +5,7 @@ import warnings
 import casadi as ca
 import numpy as np
 import pytest
-from motions import rest_to_rest
+from motions import guided_block, rest_to_rest
 from test_phase_references import least_time, model
 
 import mbdcasadi as mbd
@@ -197,3 +197,23 @@ def test_a_mesh_with_points_at_switches():
     other = mesh.through_points(np.zeros(0), 0.3, np.array([0.52, 1.25]))
     assert other.positions == pytest.approx([0, 0.25, 0.52, 0.75, 1, 1.25, 1.5, 2])
     assert other.moving == (2, 5) and other.waypoints.tolist() == [4]
+
+
+def test_phases_with_unlike_meshes():
+    """A block passes a mark and stops beyond it, in least time, with a limited speed and more force behind the mark."""
+    push, first, second = mbd.Input("push"), 1.0, 2.0
+    block, mechanism = guided_block(1.0, push)
+    speeds = [block.vx <= 1.8]
+    mark, beyond = 1.0, 4.0
+    before = mbd.Phase(
+        "before", mechanism, (0.05, 10), initial=[block.x == 0, block.vx == 0], final=[block.x == mark],
+        path=[mbd.bounded(-first, push, first), *speeds],
+    )  # fmt: skip
+    behind = mbd.Phase(
+        "behind", mechanism, (0.05, 10), final=[block.x == mark + beyond, block.vx == 0],
+        path=[mbd.bounded(-second, push, second), *speeds],
+    )  # fmt: skip
+    solution = mbd.optimize(mbd.OptimalControlProblem(phases=[before, behind], terminal_cost=mbd.t), tolerance=1e-6)
+    passes = np.sqrt(2 * first * mark)
+    at_speed = (beyond - (2 * 1.8**2 - passes**2) / (2 * second)) / 1.8
+    assert solution.duration == pytest.approx(passes / first + (2 * 1.8 - passes) / second + at_speed, rel=1e-9)

@@ -163,7 +163,8 @@ def _held_positions(part: PhaseSolution, shares: Mapping[tuple[int, str], np.nda
     }
     held = np.zeros(part.mesh.count, bool)
     for (phase, label), share in shares.items():
-        held |= (phase == part.program.number) & (label in positions) & (share > 0)
+        if phase == part.program.number and label in positions:
+            held |= share > 0
     return held
 
 
