@@ -19,6 +19,8 @@ BEYOND = {
     "half of it, with the other sign": lambda x: mbd.if_else(-beyond(x) / 2 < 0, 1, 0),
     "no penetration": lambda x: mbd.if_else(beyond(x) <= 0, 0, 1),
     "a bounded one": lambda x: mbd.if_else(mbd.fmin(beyond(x), 1) >= 1e-300, 1, 0) * mbd.sign(beyond(x)),
+    "what exceeds the gap": lambda x: mbd.if_else(mbd.fmax(x, GAP) - GAP > 0, 1, 0),
+    "what is cut off at the gap": lambda x: mbd.if_else(mbd.fmax(mbd.fmin(x, GAP) - GAP, -1) >= 0, 1, 0),
     "its sign": lambda x: mbd.sign(mbd.fmin(beyond(x), 1)),
     "the sign of what is outside": lambda x: mbd.sign(outside(x)),
     "not inside": lambda x: mbd.if_else(outside(x) <= 0, 0, 1),

@@ -157,6 +157,8 @@ def _less(a: ca.SX, b: ca.SX) -> ca.SX:
             (_of_equal_sign(a) if b.is_zero() else None, zero),
             (b.dep(0) if a.is_zero() and b.op() == ca.OP_NEG else None, zero),
             (zero, a.dep(0) if b.is_zero() and a.op() == ca.OP_NEG else None),
+            (b.dep(1), b.dep(0)) if a.is_zero() and b.op() == ca.OP_SUB else (None, None),
+            (a.dep(0), a.dep(1)) if b.is_zero() and a.op() == ca.OP_SUB else (None, None),
         ):
             if left is not None and right is not None:
                 a, b = left, right
