@@ -34,6 +34,8 @@ from .statistics import Answer
 BRANCH_TOLERANCE = 1e-3
 #: Largest number of iterations if a cost has a kink: at one that matters the solver does not converge.
 KINKED_ITERATIONS = 200
+#: Message of the solver where no small step comes nearer to the demands, which is no accident of the iterations.
+INFEASIBLE = "Infeasible_Problem_Detected"
 #: Iterations after which a solve may have stopped at a kink of the equations, and messages of the solver then; and
 #: iterations with sharp kinks from a solution with rounded ones.
 SHARP_ITERATIONS, PAST_ITERATIONS = 60, 30
@@ -42,6 +44,7 @@ AT_KINKS = (
     "Search_Direction_Becomes_Too_Small",
     "Restoration_Failed",
     "Error_In_Step_Computation",
+    INFEASIBLE,
 )
 #: Largest scaled violation of a guess with which a solver is started as warm.
 WARM_VIOLATION = 1e-2
@@ -120,7 +123,7 @@ class ProblemSolver(ProblemSetup):
         again = begin.again()
         rounded = RoundedProgram(begin.program, begin.x, begin.data).solve(self._nlp_solver, again)
         if rounded is None:
-            if most == limit:
+            if most == limit or sharp.statistics.status == INFEASIBLE:
                 return sharp
             return self._nlp_solver.run(begin.again(), begin.bounds, warmth, begin.iterate, limit).after(sharp)
         result, width = rounded
