@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -86,3 +87,16 @@ def test_motion_that_stays_at_the_border_of_a_dead_zone_is_refused():
     mechanism = mbd.Mechanism([body], parameters=[F, GAP], forces=[mbd.Force("load", body.at(0, 0), (1 + drag, 0))])
     with pytest.raises(mbd.SimulationError, match=r"'load' jumps at t = 0\.35.* holds the motion at the border"):
         mbd.sensitivities(mechanism, np.linspace(0, 0.5, 3), {"x": body.x}, [F])
+
+
+@pytest.mark.parametrize("method", ["dop853", "idas"])
+def test_a_direction_along_the_negative_axis_is_half_a_turn(method):
+    """A force by the angle of a place on the border of atan2, and by the sign of zero, is constant."""
+    body = mbd.Body("body", mass=1, inertia=1, pose=(-1, 0, 0))
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), body.at(0, 0))
+    force = -F * (mbd.atan2(body.y, body.x) - 3.0) - 0.1 * ca.copysign(F, body.y)
+    model = mbd.Mechanism([body], [rail], forces=[mbd.Force("load", body.at(0, 0), (force, 0))], parameters=[F])
+    found = mbd.sensitivities(model, TIMES, {"x": body.x}, [F], method=method)
+    slope = -(np.pi - 3 + 0.1) * TIMES**2 / 2
+    assert found["x"] == pytest.approx(-1 + 2 * slope, abs=1e-7)
+    assert found["x", F] == pytest.approx(slope, abs=1e-7)

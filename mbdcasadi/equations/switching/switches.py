@@ -137,8 +137,6 @@ def strictly_compared(expressions: Sequence[ca.SX]) -> list[ca.SX]:
             return ca.logic_not(_less(b, a))
         if op == ca.OP_SIGN and any(operations(a, _RESTING)):
             return _less(ca.SX(0), a) - _less(a, ca.SX(0))
-        if op == ca.OP_COPYSIGN and any(operations(b, _RESTING)):
-            return ca.fabs(a) * (1 - 2 * _less(b, ca.SX(0)))
         return None
 
     return rewritten(expressions, strict)
@@ -221,10 +219,10 @@ def quantity_of(op: int, operands: Sequence[ca.SX]) -> ca.SX:
         return a if len(operands) == 1 else a - b
     if op in (ca.OP_LT, ca.OP_LE):
         return b - a
-    if op == ca.OP_CEIL:
-        return -a
+    if op in (ca.OP_CEIL, ca.OP_ATAN2):
+        return -a  # the angle of what lies on the border itself is +π
     if op == ca.OP_COPYSIGN:
-        return b
+        return -b
     if op == ca.OP_FMOD:
         return a / b
     if op == ca.OP_REMAINDER:
@@ -243,10 +241,10 @@ def _held(op: int, operands: Sequence[ca.SX], side: ca.SX) -> ca.SX:
     if op == ca.OP_CEIL:
         return -side
     if op == ca.OP_COPYSIGN:
-        return ca.fabs(a) * sign
+        return -ca.fabs(a) * sign
     if op == ca.OP_FMOD:  # rounds towards zero
         return a - b * (side + (side < 0))
     if op == ca.OP_REMAINDER:
         return a - b * side
     # the angle from the axis of its half plane, ±π/2
-    return sign * np.pi / 2 + ca.atan2(-sign * b, sign * a)
+    return -sign * np.pi / 2 + ca.atan2(sign * b, -sign * a)
