@@ -140,6 +140,22 @@ def test_an_unstable_motion_may_be_right_and_not_replay():
     assert replay.final_error > 100 * np.max(replay.defects)
 
 
+def test_a_miss_to_which_the_simulation_adds_is_the_least_one():
+    """An inverted pendulum held up for so long that errors of the integration alone, which are unknown, lead it away."""
+    bob, tau, mechanism = pendulum(length=0.2)
+    problem = mbd.OptimalControlProblem(
+        mechanism,
+        duration=2.9,
+        initial=[bob.phi == np.pi - 0.3, bob.omega == 0],
+        final=[bob.phi == np.pi + 0.3, bob.omega == 0],
+        running_cost=tau**2,
+    )
+    with pytest.warns(mbd.MechanismWarning, match=r"misses the motion by about (\S+) in .* or more, since") as caught:
+        solution = mbd.optimize(problem, intervals=80)
+    said = float(str(caught[0].message).split("about ")[1].split()[0])
+    assert solution.verify().final_error > said / 2
+
+
 def test_simulating_with_other_parameters_and_starts():
     """How robust the open loop is: against the closed form of a block with another spring."""
     problem, u, k, block = sprung_block(4.0, 1.0)

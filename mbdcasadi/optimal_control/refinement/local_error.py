@@ -158,13 +158,17 @@ def _not_followed(part: PhaseSolution, error: float, of_phase: str) -> str:
     remedy += ", or feedback that keeps it on its way" if unstable and growth <= FOLLOWED_GROWTH else ""
     return (
         f"{'the motion is unstable: ' if unstable else ''}a simulation with the inputs that were found misses the "
-        f"motion{of_phase}{_by(error)}, since errors grow by a factor of {growth:.2g} on the way; {remedy}"
+        f"motion{of_phase}{_by(error, growth)}, since errors grow by a factor of {growth:.2g} on the way; {remedy}"
     )
 
 
-def _by(error: float) -> str:
-    """A miss in words; beyond the size of the mechanism a sum to first order is no amount."""
-    return f" by about {error:.1g} in radians or sizes of the mechanism" if error < 1 else " altogether"
+def _by(error: float, growth: float) -> str:
+    """A miss in words, as the least one if the errors of the simulation itself are carried far.
+
+    Beyond the size of the mechanism a sum to first order is no amount.
+    """
+    more = " or more" if growth > FOLLOWED_GROWTH else ""
+    return f" by about {error:.1g} in radians or sizes of the mechanism{more}" if error < 1 else " altogether"
 
 
 def replay_error(part: PhaseSolution) -> float:
