@@ -141,7 +141,7 @@ def test_an_unstable_motion_may_be_right_and_not_replay():
 
 
 def test_a_miss_to_which_the_simulation_adds_is_the_least_one():
-    """An inverted pendulum held up for so long that errors of the integration alone, which are unknown, lead it away."""
+    """An inverted pendulum held up for so long that errors of the integration alone lead it away."""
     bob, tau, mechanism = pendulum(length=0.2)
     problem = mbd.OptimalControlProblem(
         mechanism,
