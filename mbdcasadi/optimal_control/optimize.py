@@ -76,8 +76,8 @@ def optimize(
         Refine the mesh until the local error of every interval is below it, path limits are passed by less than this
         share of their sizes, and the estimated errors of polynomial inputs are below this share of their largest
         values. Stretches around switches and kinks, in which inputs may be off by more, are shorter than its root, or
-        at kinks than a hundredth, as a share of the duration, so that their effect on the cost is as small; it is
-        up to some twenty times as large if an input has peaks far above its usual values.
+        at kinks than a hundredth, as a share of the duration, and still shorter if velocities or first-order states
+        change by much there, so that their effect on the cost is as small.
     guess : Solution or Trajectory, optional
         Initial guess, on any mesh: another solution, a simulation, or an
         inverse dynamics of the same bodies with a driver in place of the input.

@@ -24,6 +24,9 @@ from .refinement.mesh import Mesh
 from .refinement.reintegration import end_differences, inner_errors
 from .transcription.motion import OptimalMotion, Polynomials
 
+#: Points of an interval at which the size of a running cost is looked at.
+COST_POINTS = 4
+
 
 class PhaseSolution:
     """One phase of a solution.
@@ -97,6 +100,19 @@ class PhaseSolution:
         evaluator = kept.get_or_create("limits", lambda: self._evaluator([stacked(limits)]))
         (values,) = self._evaluated(evaluator, k, tau)
         return values.T.reshape(count, POINTS, len(limits))
+
+    @property
+    @symbolic
+    def cost_size(self) -> float:
+        """Integral of the absolute value of the running cost."""
+        running, count = self.phase.running_cost, self.mesh.count
+        if running.is_zero() or not count:
+            return 0.0
+        taus, weights = np.polynomial.legendre.leggauss(COST_POINTS)
+        k, tau = np.repeat(np.arange(count), taus.size), np.tile((1 + taus) / 2, count)
+        (values,) = self.by_polynomials([running], k, tau)
+        by_interval = np.abs(values).reshape(count, taus.size) @ weights / 2
+        return float(by_interval @ np.diff(self.mesh_times))
 
     @cached_property
     def excess_of_motion(self) -> list[Excess]:

@@ -112,6 +112,11 @@ class SolvedMotion:
         return max(phase.mesh_error for phase in self.phases)
 
     @property
+    def cost_size(self) -> float:
+        """Absolute value of the cost, or of its running part without cancellation if that is larger."""
+        return max(abs(self.cost), sum(part.cost_size for part in self.phases))
+
+    @property
     def points_per_interval(self) -> int:
         """Points of :attr:`trajectory` in each interval."""
         return self.phases[0].points_per_interval

@@ -84,6 +84,18 @@ class ProblemSolver(ProblemSetup):
         other._nlp_solver = make_solver(self.settings, elsewhere)
         return other
 
+    def raise_cost(self, solution: Solution) -> float:
+        """Let the cost count by its size in a solution, if that is far smaller than the typical one.
+
+        Else it would be found to the tolerance of the solver as a share of the typical one, which is that of an input
+        far from its limits in the case of the work of a motor. Returned is the factor by which it is raised.
+        """
+        size = solution.cost_size
+        factor = self._nlp_solver.cost_factor(solution.program.cost_scale / size) if size > 0 else 1.0
+        if factor != 1.0:
+            self._nlp_solver = self._nlp_solver.with_cost_factor(factor)
+        return factor
+
     # --- one mesh -------------------------------------------------------------------------
     def solve(self, meshes: Sequence[Mesh], guess: Guess, *, warm: bool = False, limit: int | None = None) -> Solution:
         """Solve on a mesh, and again if the solution passes path limits between the points at which they are held.

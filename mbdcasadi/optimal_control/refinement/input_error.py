@@ -8,7 +8,8 @@ an interval with a kink, whose neighbours it leads astray, agrees with one of th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -19,7 +20,8 @@ from ..solved_motion import SolvedMotion
 from .kinks import Kinks
 from .measure import Measure
 from .mesh import Mesh
-from .switches import TOO_NEAR, arcs_of, jumps_of, kinks_and_jumps, shares_of
+from .stretch_weight import weight_of
+from .switches import TOO_NEAR, arcs_of, jumps_of, kinks_and_jumps, known_switches, shares_of
 
 #: Points of an interval at which the product of the distances is looked at, both ends included.
 POINTS = 41
@@ -80,7 +82,8 @@ def input_errors(
 class UnresolvedInputs(Measure):
     """Errors of the inputs, zero if they meet the tolerance.
 
-    Those that are above it on a stretch so short that it may enclose a switch, see :mod:`switches`, meet it too.
+    Those that are above it on a stretch that counts so little that it may enclose a switch, see :mod:`stretch_weight`,
+    meet it too. At a switch that is found a stretch ends.
     """
 
     def __init__(self, solution: SolvedMotion, tolerance: float):
@@ -92,11 +95,13 @@ class UnresolvedInputs(Measure):
         unresolved, lengths = np.zeros(part.mesh.count), np.diff(part.mesh_times)
         shortest = np.sqrt(self.tolerance)
         arcs = arcs_of(part, self._shares)
-        jumps = jumps_of(part, arcs)
+        jumps, known = jumps_of(part, arcs), known_switches(part, arcs)
+        sizes = _shares_of_largest(part)
         for worse, share in ((False, shortest), (True, max(shortest, KINK_SHARE))):
             errors = np.max(input_errors(part, worse=worse, jumps=jumps, kinks=self.tolerance), axis=1, initial=0.0)
-            for run in stretches(errors > self.tolerance):
-                if np.sum(lengths[run]) > part.duration * share:
+            for run in _divided(stretches(errors > self.tolerance), known):
+                off = float(np.max(errors[run]) / np.max(sizes[run], initial=np.max(errors[run])))
+                if weight_of(part, range(run.start, run.stop), off) > share:
                     unresolved[run] = np.maximum(unresolved[run], errors[run])
         kinks = self._kinks(part)
         for switch in kinks_and_jumps(part, arcs)[0]:
@@ -152,6 +157,13 @@ class UnresolvedInputs(Measure):
                 yield errors, np.diff(part.mesh_times), run
 
 
+def _divided(runs: Iterable[slice], points: Sequence[int]) -> Iterator[slice]:
+    """Runs of intervals, divided at mesh points."""
+    for run in runs:
+        ends = [run.start, *sorted(k for k in points if run.start < k < run.stop), run.stop]
+        yield from (slice(begin, end) for begin, end in itertools.pairwise(ends))
+
+
 def _product(points: np.ndarray, taus: np.ndarray) -> np.ndarray:
     product: np.ndarray = np.prod(points[:, None] - taus, axis=1)
     return product
@@ -162,6 +174,17 @@ def _values(coefficients: np.ndarray, since: np.ndarray) -> np.ndarray:
     powers = since[:, None] ** np.arange(coefficients.shape[1])
     values: np.ndarray = np.einsum("nd,ndk->nk", powers, coefficients)
     return values
+
+
+def _shares_of_largest(part: PhaseSolution) -> np.ndarray:
+    """Largest value of an input at the ends of each interval, as a share of the largest one of all (N,)."""
+    shares = np.zeros(part.mesh.count)
+    for course in part.polynomials.inputs.values():
+        c, powers = course.coefficients, np.arange(course.terms)
+        last = np.sum(c * np.diff(part.mesh_times)[:, None] ** powers, axis=1)
+        values = np.maximum(np.abs(c[:, 0]), np.abs(last))
+        shares = np.maximum(shares, values / (np.max(values) or 1.0))
+    return shares
 
 
 def _sizes(part: PhaseSolution, coefficients: np.ndarray, since: np.ndarray) -> np.ndarray:

@@ -36,6 +36,8 @@ ITERATIONS = (100, 300)
 #: Multiple of the work of the first solve, in iterations times intervals, after which such a solution is not improved,
 #: unless the last pass did so.
 WORK = 20
+#: Number of iterations that a first solve counts at least: one of a few is no measure of what a solution is worth.
+USUAL_ITERATIONS = 25
 #: Number of passes with small local errors after which these end if none of them is better than the one before, once
 #: half of that work is done.
 PATIENCE = 3
@@ -76,6 +78,8 @@ class _Refinement:
 
     def __init__(self, solver: ProblemSolver, solution: Solution, tolerance: float):
         self.solver, self.solution, self.tolerance = solver, solution, tolerance
+        #: factor by which the cost counts for more in the solver, if it is far smaller than its typical size
+        self.raised = solver.raise_cost(solution)
         self.passes: list[Attempt] = []
         #: largest local error of each of them, and errors times their stretches
         self.history: list[tuple[float, float]] = []
@@ -117,12 +121,18 @@ class _Refinement:
 
     def _work(self) -> float:
         """Work of all passes but the first one, as a multiple of that."""
-        first, *others = (max(one.iterations, 1) * one.intervals for one in self.passes)
-        return sum(others) / first
+        others = sum(max(one.iterations, 1) * one.intervals for one in self.passes[1:])
+        return others / self._first_work
+
+    @property
+    def _first_work(self) -> int:
+        """Work of the first pass, or of a usual one on its mesh."""
+        first = self.passes[0]
+        return max(first.iterations, USUAL_ITERATIONS) * first.intervals
 
     def _iterations(self, meshes: list[Mesh]) -> int:
         """Largest number of iterations of a pass on meshes, within the work that is left."""
-        left = (WORK - self._work()) * max(self.passes[0].iterations, 1) * self.passes[0].intervals
+        left = (WORK - self._work()) * self._first_work
         return int(np.clip(left / interval_count(meshes), *ITERATIONS))
 
     def _measure(self) -> None:
@@ -212,7 +222,8 @@ class _Refinement:
         if len(self.passes) < 2:
             return False
         now, before = self.passes[-1].cost, self.passes[-2].cost
-        return abs(now - before) <= self.tolerance * abs(now) + SOLVER_TOLERANCE * self.solution.program.cost_scale
+        size = self.solution.program.cost_scale / self.raised
+        return abs(now - before) <= self.tolerance * abs(now) + SOLVER_TOLERANCE * size
 
     def _solve(self, meshes: list[Mesh]) -> bool:
         """Solve on other meshes from the last solution, and return True if that succeeds.

@@ -3,7 +3,9 @@
 An interval in which an input jumps from one limit to the other has a polynomial with the right mean; its motion is
 that of no input with a jump, and takes a little longer. A mesh point takes its place, from which on another arc begins:
 a stretch with the same limits. Inputs that are continuous cannot jump there; the ends of
-the interval move instead, until it has shrunk to almost nothing.
+the interval move instead, until it has shrunk to almost nothing. A peak at the start or the end, which lasts for a part
+of the first or last interval, first gets a mesh point that does not move, at the place by its mean: a point that moves
+would be led astray by the intervals beside it.
 
 Others may have a kink, whose place hardly counts for the cost: points that move there are led astray. It is found by
 the courses of the inputs, see :mod:`kinks`; so are those at limits of positions, which are looked at by their inputs
@@ -25,6 +27,7 @@ from ..phase_solution import PhaseSolution
 from ..solved_motion import SolvedMotion
 from .measure import Measure
 from .mesh import Mesh
+from .stretch_weight import weight_of
 
 #: Scaled slack below which a limit counts as active, whatever its multiplier: on long arcs both may be small.
 SLACK = 3e-4
@@ -36,6 +39,8 @@ ALONG, BESIDE = 0.5, 0.25
 TOO_NEAR = 0.3
 #: Share of the range of an input from which on it jumps within an interval; else it has a kink there.
 JUMP = 0.02
+#: Largest number of intervals beside a short peak that are led astray by it.
+ASTRAY = 4
 #: Shares of an interval between which a switch in it is sought.
 INSIDE = (0.05, 0.95)
 
@@ -64,7 +69,8 @@ class UnresolvedSwitches(Measure):
     """Switches that the mesh does not resolve: points beside them move, and at last their intervals are split.
 
     The cost is wrong by about the square of the length of an interval in which an input jumps, as a share of the
-    duration: above the tolerance it is not resolved. Inputs that are constant on intervals, those of a digital
+    duration, or by more if states change by much there, see :mod:`stretch_weight`: above the tolerance it is not
+    resolved. Inputs that are constant on intervals, those of a digital
     controller, jump when it lets them.
     """
 
@@ -79,7 +85,7 @@ class UnresolvedSwitches(Measure):
         number, errors = part.program.number, np.zeros(part.mesh.count)
         arcs = self._arcs[number] = arcs_of(part, self._shares)
         for switch in kinks_and_jumps(part, arcs)[1]:
-            if np.sum(np.diff(part.mesh_times)[list(switch.intervals)]) > self._longest(part):
+            if weight_of(part, switch.intervals) > self._shortest:
                 self.switches[number].append(switch)
                 errors[list(switch.intervals)] = np.inf
         return errors
@@ -104,16 +110,14 @@ class UnresolvedSwitches(Measure):
 
     @property
     def loss(self) -> float:
-        """Squares of the stretches of the switches."""
+        """Squares of the weights of the switches."""
         parts = zip(self.solution.phases, self.switches, strict=True)
-        lengths = (
-            np.sum(np.diff(part.mesh_times)[list(s.intervals)]) / part.duration for part, of in parts for s in of
-        )
-        return float(sum(length**2 for length in lengths))
+        return sum(weight_of(part, switch.intervals) ** 2 for part, of in parts for switch in of)
 
-    def _longest(self, part: PhaseSolution) -> float:
-        """Length of a stretch from which on it must not contain a switch, s."""
-        return float(part.duration * np.sqrt(self.tolerance))
+    @property
+    def _shortest(self) -> float:
+        """Weight of a stretch from which on it must not contain a switch."""
+        return float(np.sqrt(self.tolerance))
 
     def placed(self, part: PhaseSolution, mesh: Mesh) -> Mesh:
         """The mesh of a phase with a point that moves at each switch."""
@@ -123,11 +127,11 @@ class UnresolvedSwitches(Measure):
             return part.mesh.with_moving(k for switch in self.switches[part.program.number] for k in switch.points)
         number = part.program.number
         held = _held_positions(part, self._shares)
-        knots = _knots(part, self._arcs[number], self._longest(part), held)
-        if not np.any(held) and not len(np.setdiff1d(knots, part.mesh_times)):  # kinks alone
+        knots, fixed = _knots(part, self._arcs[number], self._shortest, held)
+        if not np.any(held) and not fixed and not len(np.setdiff1d(knots, part.mesh_times)):  # kinks alone
             return part.mesh.with_moving(k for switch in self.switches[number] for k in switch.points)
-        positions = np.interp(knots, part.mesh_times, part.mesh.positions)
-        return part.mesh.through_points(np.zeros(0), TOO_NEAR, positions)
+        moving, points = (np.interp(times, part.mesh_times, part.mesh.positions) for times in (knots, fixed))
+        return part.mesh.through_points(points, TOO_NEAR, moving)
 
 
 def shares_of(solution: SolvedMotion) -> dict[tuple[int, str], np.ndarray]:
@@ -171,11 +175,21 @@ def _held_positions(part: PhaseSolution, shares: Mapping[tuple[int, str], np.nda
 def jumps_of(part: PhaseSolution, arcs: list[Arc]) -> list[int]:
     """Mesh points that are as good as ones that move: between unlike arcs, one alone beside a point that moves."""
     mesh = part.mesh
-    between = [b.first for a, b in itertools.pairwise(arcs) if None not in (a.active, b.active)]
+    between = _edges(arcs)
     inside = [k for k in between if k not in mesh.knots]
     moves = [bool({*mesh.knots[[p, p + 1]].tolist()} & set(mesh.moving)) for p in range(mesh.knots.size - 1)]
     pieces = [int(mesh.piece[k]) for k in inside]
     return [k for k, piece in zip(inside, pieces, strict=True) if moves[piece] and pieces.count(piece) == 1]
+
+
+def _edges(arcs: list[Arc]) -> list[int]:
+    """Mesh points between unlike arcs."""
+    return [b.first for a, b in itertools.pairwise(arcs) if None not in (a.active, b.active)]
+
+
+def known_switches(part: PhaseSolution, arcs: list[Arc]) -> list[int]:
+    """Mesh points at switches that are found: between unlike arcs, and they move or are as good as ones that do."""
+    return sorted({*_edges(arcs)} & {*part.mesh.knots.tolist(), *jumps_of(part, arcs)})
 
 
 def _along(share: np.ndarray) -> np.ndarray:
@@ -209,19 +223,34 @@ def _switches(part: PhaseSolution, arcs: list[Arc]) -> list[Switch]:
     return switches
 
 
-def _knots(part: PhaseSolution, arcs: list[Arc], shortest: float, held: np.ndarray) -> list[float]:
-    """Times of the switches between arcs, s, of which those that last no longer than the `shortest` do not count."""
-    times, knots = part.mesh_times, list[float]()
-    lasting = [arc for arc in arcs if arc.active is not None and times[arc.end] - times[arc.first] > shortest]
+def _knots(part: PhaseSolution, arcs: list[Arc], shortest: float, held: np.ndarray) -> tuple[list[float], list[float]]:
+    """Times of the switches between arcs, s, at mesh points that move, and at others that do not yet.
+
+    Arcs whose weight is no more than the `shortest` one do not count.
+    """
+    knots, fixed = list[float](), list[float]()
+
+    def weight(first: int, last: int) -> float:
+        return weight_of(part, range(first, last))
+
+    lasting = [arc for arc in arcs if arc.active is not None and weight(arc.first, arc.end) > shortest]
     for begin, end in itertools.pairwise([0, *part.mesh.waypoints.tolist(), part.mesh.count]):
         here = [arc for arc in lasting if begin <= arc.first < end]
         edge = [Arc(begin, begin, None), *here, Arc(end, end, None)]
         for before, after in itertools.pairwise(edge):
-            knots += _between(part, before, after, shortest, held)
-    return knots
+            first, last = before.end, after.first
+            is_short, place = weight(first, last) <= shortest, None
+            if (before.active is None) != (after.active is None) and not np.any(held[max(first - 1, 0) : last + 1]):
+                reach = after.end - last if before.active is None else before.first - first
+                place = _place_at_end(part, first, last, reach)
+            if place is None:
+                knots += _between(part, before, after, is_short, held)
+            elif not is_short:
+                fixed.append(place)
+    return knots, fixed
 
 
-def _between(part: PhaseSolution, before: Arc, after: Arc, shortest: float, held: np.ndarray) -> list[float]:
+def _between(part: PhaseSolution, before: Arc, after: Arc, is_short: bool, held: np.ndarray) -> list[float]:
     """Times of the switches between two arcs with perhaps others between them, s.
 
     `before` and `after` are without limits at the ends of a segment. Where limits of positions are `held`, both ends of
@@ -229,7 +258,6 @@ def _between(part: PhaseSolution, before: Arc, after: Arc, shortest: float, held
     """
     times, first, last = part.mesh_times, before.end, after.first
     ends = [k for k, arc in ((first, before), (last, after)) if arc.active is not None]
-    is_short = times[last] - times[first] <= shortest
     if (before.active == after.active and is_short) or (len(ends) == 2 and _is_kink(part, first, last)):
         return []
     if first == last:
@@ -256,6 +284,38 @@ def _place_around(part: PhaseSolution, first: int, last: int) -> float | None:
     """The same as :func:`_place`, or by the intervals further away: a jump leads those beside it astray."""
     place = _place(part, first, last)
     return _place(part, max(first - 1, 1), min(last + 1, part.mesh.count - 1)) if place is None else place
+
+
+def _place_at_end(part: PhaseSolution, first: int, last: int, reach: int) -> float | None:
+    """Time at which inputs jump between an end of a segment and the arc beside it, s; None if none does.
+
+    The stretch from mesh point `first` to `last` is at an end of a segment. The arc beside it is `reach` intervals
+    long, and lies before it if that is negative. The place is that with the right mean of the input that jumps most,
+    from its value at the end of the segment and one on the arc further away.
+    """
+    times, lengths = part.mesh_times, np.diff(part.mesh_times)
+    if first == last:
+        return None
+    is_start, share, largest = reach > 0, np.nan, JUMP
+    low, high = (first, last + min(reach // 2, ASTRAY)) if is_start else (first - min(-reach // 2, ASTRAY), last)
+    if not (high < part.mesh.count if is_start else low > 0):
+        return None
+    for symbol, course in part.polynomials.inputs.items():
+        c, powers = course.coefficients, np.arange(course.terms)
+        if is_start:
+            outer, inner = float(c[first, 0]), float(c[high, 0])
+        else:
+            outer, inner = (float(c[k - 1] @ lengths[k - 1] ** powers) for k in (last, low))
+        excess = sum(
+            float(c[k] @ (lengths[k] ** (powers + 1) / (powers + 1))) - inner * lengths[k] for k in range(low, high)
+        )
+        span = min(symbol.upper - symbol.lower, 2 * float(np.max(np.abs(c[:, 0]))))
+        if abs(inner - outer) / span > largest:
+            largest, share = abs(inner - outer) / span, excess / (outer - inner) / (times[last] - times[first])
+    if not np.isfinite(share):
+        return None
+    past = float(np.clip(share, *INSIDE) * (times[last] - times[first]))
+    return float(times[first]) + past if is_start else float(times[last]) - past
 
 
 def _place(part: PhaseSolution, first: int, last: int) -> float | None:

@@ -191,6 +191,14 @@ class NLPSolver(ABC):
     def __init__(self, options: dict[str, Any], progress: bool, elsewhere: Elsewhere | None = None):
         self.options, self.progress, self.elsewhere = options, progress, elsewhere
 
+    def cost_factor(self, ratio: float) -> float:
+        """Factor by which the cost is raised that is smaller than its typical size by a ratio; 1 for none."""
+        return 1.0
+
+    def with_cost_factor(self, factor: float) -> NLPSolver:
+        """Return the same solver, with the cost raised by a factor where residuals are compared with the tolerance."""
+        return self
+
     @abstractmethod
     def make(self, program: CollocationProgram, options: dict[str, Any]) -> ca.Function:
         """Return the solver of a program without callback, which can travel."""

@@ -59,6 +59,9 @@ WARM_START: dict[str, dict[str, Any]] = {
 #: which limits count as met.
 SHARPEST, SLACKS = 1e-10, (1e-13, 1e-10)
 
+#: Ratio from which on a cost is far smaller than its typical size, and the largest power of ten by which it is raised.
+FAR_SMALLER, MOST_RAISED = 100.0, 6
+
 
 def sharp_options(tolerance: float) -> dict[str, float]:
     """Return options by which inputs and limits are found to a tolerance, as a share of their sizes.
@@ -81,6 +84,17 @@ class Ipopt(NLPSolver):
     name = "ipopt"
     defaults = DEFAULTS
     warm_start = WARM_START
+
+    def cost_factor(self, ratio: float) -> float:
+        """Power of ten by which the cost is raised; one that the user chose prevails."""
+        chosen = self.options.get("ipopt.obj_scaling_factor")
+        if chosen is not None or ratio < FAR_SMALLER:
+            return 1.0 if chosen is None else float(chosen)
+        return float(10.0 ** np.clip(np.round(np.log10(ratio)), 0, MOST_RAISED))
+
+    def with_cost_factor(self, factor: float) -> Ipopt:
+        """Return the same solver, whose residual is that of a raised cost; multipliers stay as they are."""
+        return Ipopt(self.options | {"ipopt.obj_scaling_factor": factor}, self.progress, self.elsewhere)
 
     def make(self, program: CollocationProgram, options: dict[str, Any]) -> ca.Function:
         """Return the solver of a program without callback, which can travel."""
