@@ -247,7 +247,8 @@ class _Attempt:
         """Return a solution that is a motion, solved again if this one jumps to another branch of the linkage."""
         makes: list[Callable[[], Guess]] = [partial(at_rest, self.solver)]
         makes += [self._detour] * DETOURS
-        return as_motion(self.solver, solution, [*makes, lambda: self.candidates[0]])
+        guesses = [*makes, lambda: self.candidates[0]]
+        return as_motion(self.solver, solution, guesses, refined=self.refined)
 
     @cached_property
     def _detour(self) -> Callable[[], Guess]:

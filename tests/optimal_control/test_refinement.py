@@ -342,14 +342,21 @@ def test_a_length_that_the_first_state_does_not_suit_is_named():
     assert solution.simulate(parameters={length: 0.5}, initial=start).final[bob.phi] > 0
 
 
+def lost_below(monkeypatch, count):
+    """Solutions are no motions on meshes of fewer intervals, and none is refined."""
+    for module in (multistart, slow_first):
+        monkeypatch.setattr(module, "is_lost", lambda solution: solution.meshes[0].count < count)
+    for name in ("refine_if_coarse", "refine_further"):
+        monkeypatch.setattr(slow_first, name, lambda _, one: (one, one.meshes[0].count >= count))
+
+
 @pytest.mark.parametrize("multiples, cost", [((), 8 * 1.25**2 / (3 * 0.3)), ((np.inf,), 12)])
 def test_a_solution_that_is_no_motion_is_found_again_slowly(monkeypatch, multiples, cost):
     """On a mesh twice as fine, with limits of the speeds that are gone in the end.
 
     The force falls to zero in 0.3 s, at 1.25 m/s, and rises again at the end; without that limit the cost is 12.
     """
-    for module in (multistart, slow_first):
-        monkeypatch.setattr(module, "is_lost", lambda solution: solution.meshes[0].count < 80)
+    lost_below(monkeypatch, 80)
     problem, _, block = rest_to_rest()
     size = mbd.optimize(problem).phases[0].program.scales.q[0]
     monkeypatch.setattr(slow_first, "RESOLVED_STEP", 1.25 / 80 / size)
@@ -362,32 +369,58 @@ def test_a_solution_that_is_no_motion_is_found_again_slowly(monkeypatch, multipl
     assert solution.cost == pytest.approx(cost, rel=1e-3)
 
 
-def test_limits_of_slow_motions_rise_in_smaller_steps_if_a_solve_fails(monkeypatch):
-    """Without limits it fails as long as the last ones were below four times the first: twice and four times follow."""
-    for module in (multistart, slow_first):
-        monkeypatch.setattr(module, "is_lost", lambda solution: solution.meshes[0].count < 80)
+@pytest.mark.parametrize("fails", [True, False])
+def test_limits_of_slow_motions_rise_in_smaller_steps_if_one_is_too_large(monkeypatch, fails):
+    """Without limits a solve fails, or leads to a dearer motion, if the last ones were below four times the first.
+
+    Doubled ones follow before it is tried again.
+    """
+    lost_below(monkeypatch, 80)
     monkeypatch.setattr(slow_first, "MULTIPLES", (np.inf,))
+    monkeypatch.setattr(ProblemSolver, "is_below_pace", lambda *_: False)
     paces, solve = [], ProblemSolver.solve
 
-    def failing(solver, meshes, guess, **how):
+    def far_off(solver, meshes, guess, **how):
         if solver.pace is None:
             return solve(solver, meshes, guess, **how)
         paces.append(solver.pace[0][0, 0])
         solution = solve(solver, meshes, guess, **how)
         if np.isinf(paces[-1]) and max(pace for pace in paces if np.isfinite(pace)) < 4 * paces[0]:
-            raise mbd.OptimizationError("made up", partial=solution)
+            if fails:
+                raise mbd.OptimizationError("made up", partial=solution)
+            solution.cost *= 1.01
         return solution
 
-    monkeypatch.setattr(ProblemSolver, "solve", failing)
+    monkeypatch.setattr(ProblemSolver, "solve", far_off)
     problem, *_ = rest_to_rest()
     assert mbd.optimize(problem).cost == pytest.approx(12, rel=1e-8)
-    np.testing.assert_allclose(np.array(paces) / paces[0], [1, np.inf, 2, np.inf, 4, np.inf])
+    np.testing.assert_allclose(np.array(paces) / paces[0], [1, np.inf, 2, 4, 8, np.inf])
+
+
+def test_a_motion_below_the_limits_of_speeds_is_not_solved_again_without_them(monkeypatch):
+    """With 1.25 m/s the limit counts, with twice as much it does not: the motion reaches 1.5 m/s."""
+    lost_below(monkeypatch, 80)
+    problem, _, block = rest_to_rest()
+    size = mbd.optimize(problem).phases[0].program.scales.q[0]
+    monkeypatch.setattr(slow_first, "RESOLVED_STEP", 1.25 / 80 / size)
+    monkeypatch.setattr(slow_first, "GUESSED", 0.0)
+    paces, solve = [], ProblemSolver.solve
+
+    def recorded(solver, *args, **how):
+        if solver.pace is not None:
+            paces.append(solver.pace[0][0, 0])
+        return solve(solver, *args, **how)
+
+    monkeypatch.setattr(ProblemSolver, "solve", recorded)
+    solution = mbd.optimize(problem)
+    np.testing.assert_allclose(paces, [1.25, 2.5])
+    assert solution.cost == pytest.approx(12, rel=1e-8)
+    assert np.max(solution.trajectory.at(solution.mesh)[block.vx]) == pytest.approx(1.5, rel=1e-6)
 
 
 def test_a_guess_that_leads_to_a_slow_motion_that_is_known_is_left(monkeypatch):
     """The first guess is taken twice."""
-    for module in (multistart, slow_first):
-        monkeypatch.setattr(module, "is_lost", lambda solution: solution.meshes[0].count < 80)
+    lost_below(monkeypatch, 80)
     begin, again = slow_first.solve_slowly_first, []
 
     def twice(*args):
@@ -405,7 +438,7 @@ def test_solves_with_slow_motions_first_end_after_so_much_work(monkeypatch):
     """If none leads to a motion: all guesses on two meshes, or none further after as much as the solves before."""
     beginnings = []
     begin = slow_first.solve_slowly_first
-    monkeypatch.setattr(slow_first, "is_lost", lambda _solution: True)
+    lost_below(monkeypatch, np.inf)
     monkeypatch.setattr(slow_first, "solve_slowly_first", lambda *args: beginnings.append(args[2]) or begin(*args))
     problem, *_ = rest_to_rest()
     assert mbd.optimize(problem).cost == pytest.approx(12, rel=1e-8)

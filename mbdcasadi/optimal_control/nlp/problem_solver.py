@@ -46,6 +46,8 @@ AT_KINKS = (
     "Error_In_Step_Computation",
     INFEASIBLE,
 )
+#: Share of the limits of speeds and accelerations below which these do not count.
+BELOW = 0.99
 #: Largest scaled violation of a guess with which a solver is started as warm.
 WARM_VIOLATION = 1e-2
 
@@ -225,6 +227,15 @@ class ProblemSolver(ProblemSetup):
         elastic = ElasticProgram(begin.program, begin.bounds, nearness, cost_weight, limits_alone=limits_alone)
         result, slacks = self._nlp_solver.least_violation(begin, elastic, limit)
         return self._kept(begin, result), slacks, result.succeeded
+
+    def is_below_pace(self, solution: Solution) -> bool:
+        """Return True if a solution stays below the limits of speeds and accelerations, and is one without them too."""
+        begin, unhurried = self.beginning_at(solution), copy(self)
+        unhurried.pace = None
+        x, limited, without = begin.x, begin.bounds, unhurried.beginning_at(solution).bounds
+        above = (limited.upper < without.upper) & (x > BELOW * limited.upper)
+        under = (limited.lower > without.lower) & (x < BELOW * limited.lower)
+        return not np.any(above | under)
 
     def violation(self, meshes: Sequence[Mesh], guess: Guess) -> float:
         """Sum of the scaled amounts by which a guess violates limits and conditions, the largest one of each label."""

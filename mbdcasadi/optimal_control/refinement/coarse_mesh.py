@@ -16,8 +16,9 @@ from .singularity import close_to_singular
 
 #: What is measured on such a mesh.
 COARSE_MEASURES: tuple[type[Coarseness], ...] = (Coarseness, StateCoarseness, ReplayErrors)
-#: Largest number of passes, and of intervals of a mesh that is halved.
-COARSE_PASSES, HALVED_INTERVALS = 4, 200
+#: Largest number of passes, of iterations of each (most take less than 130, a few up to 584), and of intervals of a
+#: mesh that is halved.
+COARSE_PASSES, COARSE_ITERATIONS, HALVED_INTERVALS = 4, 600, 200
 #: Error after these, in the best solution of all starts, up to which as many passes more are made.
 NEAR_ERROR = 10 * COARSE_ERROR
 #: Local error, in rad or sizes of the mechanism, velocities times the duration, from which a solution is not a motion.
@@ -62,7 +63,7 @@ def refine_if_coarse(solver: ProblemSolver, solution: Solution) -> tuple[Solutio
             meshes = _split_where_coarse(solution, measures, solver.limit_tolerance)
         if interval_count(meshes) == interval_count(solution.meshes):
             break
-        finer = solver.solve_further(solution, meshes)
+        finer = solver.solve_further(solution, meshes, limit=COARSE_ITERATIONS)
         if finer is None or _went_astray(finer, solution):
             if stalled or not can_halve:
                 break

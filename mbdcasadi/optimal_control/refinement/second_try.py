@@ -28,12 +28,14 @@ PIECES = 2
 ITERATIONS = 300
 
 
-def as_motion(solver: ProblemSolver, solution: Solution, guesses: Iterable[Callable[[], Guess]]) -> Solution:
+def as_motion(
+    solver: ProblemSolver, solution: Solution, guesses: Iterable[Callable[[], Guess]], *, refined: bool
+) -> Solution:
     """Return a solution that is a motion: the same one, or one of another mesh or from another guess.
 
     A solution may jump to another branch within an interval; guesses are then tried in turn on a finer mesh. Or an
-    interval ends far off the constraints or the motion; then the mesh is refined. An :class:`OptimizationError` is
-    raised if all solutions jump, or the mesh stays that coarse.
+    interval ends far off the constraints or the motion; then the mesh is refined, unless it is `refined` already as
+    far as that leads. An :class:`OptimizationError` is raised if all solutions jump, or the mesh stays that coarse.
     """
     jump = branch_jump(solution)
     if (
@@ -47,7 +49,7 @@ def as_motion(solver: ProblemSolver, solution: Solution, guesses: Iterable[Calla
     # on a finer mesh a jump seldom leads to a motion, and at great cost
     motion = _from_guesses(solver, solution, guesses, attempts) if jump is not None else None
     if motion is None:
-        motion = _refined(solver, solution, attempts)
+        motion = solution if refined else _refined(solver, solution, attempts)
         refuse_branch_jump(motion)
         _refuse_far_off(motion)
     motion.statistics = motion.statistics.at_end_of(attempts, solution.statistics)

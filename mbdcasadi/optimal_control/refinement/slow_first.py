@@ -1,8 +1,8 @@
 """Motions that are too fast for a mesh: solved slowly first, then faster and faster.
 
-Between the points of a coarse mesh a link may whip round at no cost, and such a solution leads to no motion on any
-finer mesh. With limits of speeds and accelerations that the mesh resolves there is none; from the motion that is found
-the limits rise, on meshes that are refined for it, until they are gone.
+Between the points of a coarse mesh a link may whip round at no cost, and such a solution seldom leads to a motion on
+finer meshes. With limits of speeds and accelerations that the mesh resolves there is none; from the motion that is
+found the limits rise, on meshes that are refined for it, until the motion stays below them or they are gone.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ def refine_or_begin_anew(
 ) -> Solution:
     """Refine the best solution of all starts; if its mesh does not become fine enough, solve from guesses anew.
 
-    A solution that owes its cost to the errors of a coarse mesh is a poor guess for a finer one, and ranks behind any
-    on a mesh that holds. If no guess leads to one either, limits close in from a solution without them.
+    A solution that owes its cost to the errors of a coarse mesh leads to a motion on finer ones at times, and ranks
+    behind any on a mesh that holds. If no guess leads to one either, limits close in from a solution without them.
     """
-    lost = is_lost(solution)
-    refined, holds = (solution, False) if lost else refine_further(solver, solution)
+    refined = refine_if_coarse(solver, solution)[0] if is_lost(solution) else solution
+    refined, holds = refine_further(solver, refined)
     allowed, seen = solver.best.work + max(solver.best.work, WORK), list[float]()
     for pieces, guess in () if holds else itertools.product(PIECES, guesses()):
         if solver.best.work > allowed:
@@ -59,7 +59,7 @@ def refine_or_begin_anew(
     if closed is not None:
         closed.statistics = closed.statistics.after(solution.statistics)
         return closed
-    return refine_if_coarse(solver, solution)[0] if lost else refined
+    return refined
 
 
 def _closed_in(solver: ProblemSolver, free: Solution | None) -> Solution | None:
@@ -102,27 +102,56 @@ def solve_slowly_first(
 
 
 def _released(slow: ProblemSolver, solution: Solution, holds: bool, allowed: float) -> tuple[Solution, bool] | None:
-    """The solution without limits of speeds and accelerations, from one with them; as :func:`solve_slowly_first`."""
+    """The solution without limits of speeds and accelerations, from one with them; as :func:`solve_slowly_first`.
+
+    One that stays below these limits is that without: a solve without limits may lead far away from it.
+    """
     assert slow.pace is not None
     pace, reached, multiples, inserted = slow.pace, 1.0, [*MULTIPLES], 0
-    while multiples:
+    is_free = slow.is_below_pace(solution)
+    while multiples and not (holds and is_free):
         multiple = multiples.pop(0)
         slow.pace = [multiple * of_phase for of_phase in pace]
-        slow.best.new_stage()
-        near = slow.motion_of(solution)
-        try:
-            found = slow.solve(solution.meshes, near, warm=True, limit=ITERATIONS)
-        except OptimizationError:
-            if inserted == INSERTED or slow.best.work > allowed:
-                return None
-            multiples[:0], inserted = [reached * min((multiple / reached) ** 0.5, 2.0), multiple], inserted + 1
+        faster = _with_more_speed(slow, solution)
+        is_too_much = faster is None or not (faster[1] or np.isfinite(multiple))
+        if is_too_much and inserted < INSERTED and slow.best.work <= allowed:
+            more = _in_between(reached, multiple, INSERTED - inserted)
+            multiples[:0], inserted = [*more, multiple], inserted + len(more)
             continue
-        found.statistics = found.statistics.after(solution.statistics)
-        solution, holds = refine_if_coarse(slow, found)
-        reached = multiple
-        if is_lost(solution) or (slow.best.work > allowed and multiples):
+        if faster is None or (slow.best.work > allowed and multiples):
             return None
+        solution, holds = faster
+        reached, is_free = multiple, slow.is_below_pace(solution)
     return solution, holds
+
+
+def _in_between(reached: float, multiple: float, most: int) -> list[float]:
+    """Multiples between one that was reached and one that was not: their mean, or if that is infinite doubled ones."""
+    if np.isfinite(multiple):
+        return [reached * min((multiple / reached) ** 0.5, 2.0)]
+    return [reached * 2.0**k for k in range(1, most + 1)]
+
+
+def _with_more_speed(slow: ProblemSolver, solution: Solution) -> tuple[Solution, bool] | None:
+    """The solution with the present limits of speeds and accelerations, from one with lower ones.
+
+    On a mesh that is refined for it, and whether this is fine enough; None if there is none, or the motion is lost.
+    """
+    slow.best.new_stage()
+    try:
+        found = slow.solve(solution.meshes, slow.motion_of(solution), warm=True, limit=ITERATIONS)
+    except OptimizationError:
+        return None
+    if _is_dearer(found, solution):
+        return None
+    found.statistics = found.statistics.after(solution.statistics)
+    refined, holds = refine_if_coarse(slow, found)
+    return None if is_lost(refined) else (refined, holds)
+
+
+def _is_dearer(found: Solution, solution: Solution) -> bool:
+    """True if a solution with higher limits costs more than the one from which it came, and is so another one."""
+    return found.cost > solution.cost and not same_cost(found.cost, solution.cost)
 
 
 def _resolved_pace(solver: ProblemSolver, meshes: Sequence[Mesh], guess: Guess) -> list[np.ndarray]:
