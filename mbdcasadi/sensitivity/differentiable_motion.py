@@ -42,10 +42,11 @@ from ..simulation.contact.watched_terms import has_gaps
 from ..simulation.formulations import choose_formulation
 from ..simulation.schedule import PIECES, WATCH_POINTS
 from ..simulation.stepping.compiled_stepper import DECAY, perturbed
+from ..simulation.stepping.held_switches import parts_of_motion
 from ..simulation.stepping.whole_stepper import refuse_redundant_rows
 from ..simulation.time_dependence import TimeDependence, dependence_at, timed_equations
 from .cuts import Cuts, OneSidedWarnings
-from .held_system import HeldMotion, HeldSystem, SwitchesInTime, completed, parts_of_motion
+from .held_system import HeldMotion, HeldSystem, SwitchesInTime, completed
 from .load_limit import LoadLimit
 from .motion_function import motion_function, projected
 from .switching import BorderPassage

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -13,24 +13,14 @@ from ..arguments.inputs import Signals
 from ..equations import Equations
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
-from ..equations.switching.held import HeldEquations, JumpingPart, jumping_parts, part_of
+from ..equations.switching.held import JumpingPart
 from ..equations.switching.switches import Switch, hold, sides_of
 from ..integrators.compiled import CompiledIntegrator
 from ..integrators.reversible import ReversibleIntegrator
+from ..simulation.stepping.held_switches import held_motion
 
 #: Steps of projection after an integration, whose drift is of the size of its tolerance.
 PROJECTIONS = 3
-
-
-def parts_of_motion(numeric: NumericEquations, signals: Signals, integrands: ca.SX) -> tuple[JumpingPart, ...]:
-    """Return the parts of the equations, of inputs and of integrands in which something jumps."""
-    parts = list(jumping_parts(numeric))
-    for k in signals.given_by_expressions:
-        description = f"input '{numeric.eom.mechanism.inputs[k].label}'"
-        parts += part_of(numeric, "input", k, (signals.parametrised[k],), description)
-    for k in range(integrands.numel()):
-        parts += part_of(numeric, "integrand", k, (integrands[k],), "the running cost")
-    return tuple(parts)
 
 
 class SwitchesInTime:
@@ -148,15 +138,11 @@ class HeldSystem:
 
     def _hold(self, parts: Collection[JumpingPart], free: Collection[int]) -> tuple[Switch, ...]:
         """Put held expressions in the place of natural ones; what is held."""
-        eom = HeldEquations(self.numeric.eom, tuple(parts), free)
+        eom, self.signals = held_motion(self.numeric, self.signals, parts, free)
         self.numeric = NumericEquations(eom, np.r_[self.numeric.p, np.zeros(len(eom.switches))])
-        parametrised = ca.SX(self.signals.parametrised)
         for (kind, place), held in eom.held.items():
-            if kind == "input":
-                parametrised[place] = held[0]
-            elif kind == "integrand":
+            if kind == "integrand":
                 self.integrands[place] = held[0]
-        self.signals = replace(self.signals, parametrised=parametrised)
         return eom.switches
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,17 +19,22 @@ from .checks.resolution import Resolution
 from .checks.uniqueness import Uniqueness
 from .checks.unseen_loads import UnseenLoads
 from .outputs import Outputs
-from .path import Path
+from .path import Path, StatesAt
 from .schedule import Piece
 from .singular.passage import Passage, SingularPassage, Trail
 from .singular.regularity import Regularity
 from .stepper import SteppedSystem, Stepper
 from .stepping.compiled_stepper import CompiledStepper
+from .stepping.held_switches import HeldMotion
 from .stepping.piece_projection import PieceProjection
 from .stepping.whole_stepper import WholeStepper
 
 #: Smallest pivot, relative to that at the entry of a passage, below which a pose is singular and not only near to one.
 REALLY_SINGULAR = 0.02
+#: Time beyond the place of a failure up to which an event is looked for, as a share of that between two outputs.
+BEYOND = 1e-3
+#: Times that the switches to be held are chosen.
+TRIALS = 4
 
 
 def ends_run(event: Event) -> bool:
@@ -65,6 +71,7 @@ class Arc:
 
     def __init__(self, mode: Any, state: State, system: SteppedSystem, watch: EventWatch, own_events: Sequence[Event]):
         self.mode, self.numeric, self.watch, self._own_events = mode, system.numeric, watch, own_events
+        self._system = system
         self.uniqueness = Uniqueness(self.numeric)
         regularity = Regularity(self.numeric, state.t, state.q)
         self.stepper: Stepper
@@ -131,6 +138,59 @@ class Arc:
         states_from = self.stepper.states_from if passage is None else lambda _time, _x: passage.states
         return self.watch.crossings(self.stepper.outputs, path.times, path.x, states_from, self.decides)
 
+    def events_at_jump(self, path: Path, end: float, failure: IntegrationFailure) -> tuple[Path, list[Crossing]] | None:
+        """Return the way to an event that decides how the run goes on, at which forces jump that stop the integrator.
+
+        Parameters
+        ----------
+        path : Path
+            States on the constraints up to the last output before the failure.
+        end : float
+            Time of the next output, s.
+        failure : IntegrationFailure
+            Where the integrator got stuck.
+
+        Returns
+        -------
+        path : Path
+            With the next output, if it is near to the event.
+        crossings : list of Crossing
+            Events up to the instant of the one that decides.
+        None
+            If there is no such event before the first jump.
+        """
+        if failure.last is None or failure.last_x is None or not any(map(self.decides, self.watch.events)):
+            return None
+        start, x = float(path.times[-1]), path.x[-1]
+        before = self.trail.with_path(path, start).before(start - (end - start) / 2)
+        # not far beyond: there another force may stop the integrator
+        reach = min(end, failure.last + BEYOND * (end - start))
+        free: frozenset[int] = frozenset()
+        for _ in range(TRIALS):
+            motion = HeldMotion(
+                self._system, self.stepper.outputs, (start, x), before, (failure.last, failure.last_x), free
+            )
+            if not motion.switches:
+                break
+            try:
+                times, states = np.array([start, reach]), np.vstack([x, motion.states_at(np.array([reach]))])
+                crossings = self.watch.crossings(
+                    self.stepper.outputs, times, states, partial(_same_motion, motion), self.decides
+                )
+                deciding = [crossing.time for crossing in crossings if self.decides(crossing.event)]
+                if not deciding:
+                    break
+                passed = motion.passed(deciding[0] - self.watch.instant)
+            except IntegrationFailure:
+                break
+            finally:
+                motion.release()
+            if not passed:
+                further = Path(times, states, np.zeros((1, path.integrals.shape[1])))
+                return (Path.joined([path, further]) if reach == end else path), crossings
+            free |= passed  # which switch on the way to what stops the integrator
+        return None
+
     def passage_from(self, path: Path, smooth_until: Callable[[float], float]) -> Passage | None:
         """Return the motion across a singular pose, if a path comes near to one and is not regular enough there.
 
@@ -164,3 +224,8 @@ class Arc:
         if passage is None and self.passage.smallest(path) < REALLY_SINGULAR:
             raise singular_stop(self.numeric, entry, *trail.before(entry))
         return passage
+
+
+def _same_motion(motion: HeldMotion, _time: float, _x: np.ndarray) -> StatesAt:
+    """The motion from a state of its own."""
+    return motion.states_at

@@ -334,6 +334,12 @@ class Run:
         except IntegrationFailure as stopped:  # between two outputs that another run of steps has reached
             raise self._failed(piece, stopped, times[:0], x[:0]) from None
         deciding = [c for c in crossings if arc.decides(c.event)]
+        if failure is not None and passage is None and not deciding and times.size < piece.times.size:
+            beyond = arc.events_at_jump(consistent, float(piece.times[times.size]), failure)
+            if beyond is not None:
+                crossings = [*crossings, *beyond[1]]
+                times, x = beyond[0].times[1:], beyond[0].x[1:]
+                deciding = [c for c in crossings if arc.decides(c.event)]
         count = times.size
         if deciding:
             # an output at the event itself comes before it

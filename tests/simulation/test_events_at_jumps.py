@@ -1,0 +1,128 @@
+"""Events at whose zeros forces jump, as where sliding ends: against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import mbdcasadi as mbd
+
+METHODS = ["idas", "erk", "rosenbrock"]
+GRID = np.linspace(0, 2, 41)
+FRICTION = 3.7
+
+
+def turning(*names: str) -> tuple[list[mbd.Body], list[mbd.Revolute]]:
+    """Bodies of unit inertia that turn about the origin."""
+    bodies = [mbd.Body(name, 1.0, 1.0) for name in names]
+    return bodies, [mbd.Revolute(f"pin {b.name}", mbd.ground.at(0, 0), b.at(0, 0)) for b in bodies]
+
+
+def braked(body: mbd.Body, friction: float = FRICTION) -> mbd.Torque:
+    return mbd.Torque(f"brake {body.name}", body, -friction * mbd.sign(body.omega))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_slipping_clutch_locks_where_its_torque_changes_sign(method):
+    driving, driven = mbd.Body("A", 1, 0.2), mbd.Body("B", 1, 0.5)
+    pins = [mbd.Revolute(n, mbd.ground.at(0, 0), b.at(0, 0)) for n, b in (("a", driving), ("b", driven))]
+    angle, slip = mbd.Parameter("angle", 0.0), driving.omega - driven.omega
+    drag = mbd.Torque("drag", driven, -0.1 * driven.omega)
+    clutch = mbd.Torque("clutch", driven, 4 * mbd.sign(slip), opposite=driving)
+    lock = mbd.RelativeAngle("lock", driving.at(0, 0), driven.at(0, 0), angle)
+    slips = mbd.Mechanism([driving, driven], pins, forces=[clutch, drag], parameters=[angle])
+    locked = mbd.Mechanism([driving, driven], [*pins, lock], forces=[drag], parameters=[angle])
+    locks = mbd.Event("locks", slip, direction=-1, becomes=locked, reset={angle: driven.phi - driving.phi})
+    run = mbd.simulate(
+        slips, times=GRID, events=[locks], initial=[driving.omega == 20, driven.omega == 0], method=method
+    )
+    low, high = 0.5, 1.0
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if 20 - 20 * middle > 40 * (1 - np.exp(-0.2 * middle)) else (low, middle)
+    assert [event.t for event in run.events] == pytest.approx([low], abs=1e-8)
+    assert run[driven.omega][-1] == pytest.approx((20 - 20 * low) * np.exp(-(2 - low) / 7), abs=1e-7)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("speed", "factor", "direction"), [(2.0, 1.0, -1), (1.85, -3.0, 1), (2.0, 1.0, 0)])
+def test_friction_stops_a_body_where_the_run_ends(method, speed, factor, direction):
+    # 1.85 / 3.7 s is the time of an output
+    (body,), pins = turning("body")
+    stop = mbd.Event("stop", factor * body.omega, direction=direction, terminal=True)
+    mechanism = mbd.Mechanism([body], pins, forces=[braked(body)])
+    run = mbd.simulate(mechanism, times=GRID, events=[stop], initial=[body.omega == speed], method=method)
+    assert run.events[0].t == pytest.approx(speed / FRICTION, abs=1e-8)
+    assert run.t[-1] == pytest.approx(speed / FRICTION, abs=1e-8) and np.all(np.diff(run.t) > 0)
+    assert run[body.omega][-1] == pytest.approx(0, abs=1e-8)
+    assert run[body.phi][-1] - run[body.phi][0] == pytest.approx(speed**2 / (2 * FRICTION), abs=1e-8)
+
+
+def test_several_such_events_in_turn():
+    (body,), pins = turning("body")
+    kick = mbd.Event("kick", body.omega, direction=-1, reset={body.omega: 1.5})
+    mechanism = mbd.Mechanism([body], pins, forces=[braked(body)])
+    run = mbd.simulate(mechanism, times=GRID, events=[kick], initial=[body.omega == 2], method="erk")
+    assert [event.t for event in run.events] == pytest.approx((2 + 1.5 * np.arange(4)) / FRICTION, abs=1e-8)
+    assert run[body.omega][-1] == pytest.approx(2 + 4 * 1.5 - 2 * FRICTION, abs=1e-8)
+
+
+@pytest.mark.parametrize("method", ["idas", "erk"])
+def test_with_play_before_a_spring(method):
+    (body,), pins = turning("body")
+    gap, stiffness = 0.2, 50.0
+    spring = mbd.Torque("spring", body, mbd.if_else(body.phi > gap, -stiffness * (body.phi - gap), 0))
+    stop = mbd.Event("stop", body.omega, direction=-1, terminal=True)
+    mechanism = mbd.Mechanism([body], pins, forces=[braked(body), spring])
+    run = mbd.simulate(mechanism, times=GRID, events=[stop], initial=[body.omega == 2, body.phi == 0], method=method)
+    there, rate = np.sqrt(4 - 2 * FRICTION * gap), np.sqrt(stiffness)
+    time = (2 - there) / FRICTION + np.arctan(there * rate / FRICTION) / rate
+    assert run.events[0].t == pytest.approx(time, abs=1e-7)
+
+
+def test_friction_that_an_input_gives():
+    (body,), pins = turning("body")
+    torque, stop = mbd.Input("torque"), mbd.Event("stop", body.omega, direction=-1, terminal=True)
+    mechanism = mbd.Mechanism([body], pins, forces=[mbd.Torque("brake", body, torque)], inputs=[torque])
+    feedback = {torque: -FRICTION * mbd.sign(body.omega)}
+    run = mbd.simulate(mechanism, times=GRID, events=[stop], initial=[body.omega == 2], inputs=feedback, method="erk")
+    assert run.events[0].t == pytest.approx(2 / FRICTION, abs=1e-8)
+
+
+@pytest.mark.parametrize("ahead", [1e-3, 1e-5])
+def test_another_force_that_jumps_on_the_way_is_met(ahead):
+    (body,), pins = turning("body")
+    begins = 2 / FRICTION - ahead
+    angle, speed = 2 * begins - FRICTION * begins**2 / 2, 2 - FRICTION * begins
+    stop = mbd.Event("stop", body.omega, direction=-1, terminal=True)
+    more = mbd.Torque("more", body, mbd.if_else(body.phi > angle, -5.0, 0.0))
+    mechanism = mbd.Mechanism([body], pins, forces=[braked(body), more])
+    run = mbd.simulate(mechanism, times=GRID, events=[stop], initial=[body.omega == 2, body.phi == 0], method="erk")
+    assert run.events[0].t == pytest.approx(begins + speed / (FRICTION + 5), abs=1e-8)
+
+
+def test_friction_at_rest_elsewhere_is_reported_before_the_event_and_not_after():
+    (one, other), pins = turning("one", "other")
+    stop = mbd.Event("stop", one.omega, direction=-1, terminal=True)
+    mechanism = mbd.Mechanism([one, other], pins, forces=[braked(one, 4), braked(other, 4)])
+
+    def run(speed: float) -> mbd.Trajectory:
+        start = [one.omega == 2, other.omega == speed]
+        return mbd.simulate(mechanism, times=GRID, events=[stop], initial=start, method="erk")
+
+    after = run(2.01)
+    assert after.events[0].t == pytest.approx(0.5, abs=1e-8)
+    assert after[other.omega][-1] == pytest.approx(0.01, abs=1e-8)
+    with pytest.raises(mbd.SimulationError, match=r"stopped at t = 0\.4975"):
+        run(1.99)
+
+
+@pytest.mark.parametrize("method", ["idas", "erk"])
+@pytest.mark.parametrize("direction", [-1, 0])
+def test_event_that_leaves_the_force_as_it_is_does_not_hide_that_it_turns(method, direction):
+    (body,), pins = turning("body")
+    count = mbd.StateVariable("count", 0.0)
+    mechanism = mbd.Mechanism([body], pins, forces=[braked(body)], states={count: 0 * count})
+    counts = mbd.Event("counts", body.omega, direction=direction, reset={count: count + 1})
+    with pytest.raises(mbd.SimulationError, match=r"stopped at t = 0\.54054.*a force may jump there"):
+        mbd.simulate(mechanism, times=GRID, events=[counts], initial=[body.omega == 2], method=method)
