@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from keyboard import interrupted_in
 from motions import crank_rocker, guided_block, half_turn, pendulum, rest_to_rest, sprung_block
 from scipy.linalg import expm
 from scipy.optimize import minimize
@@ -416,6 +417,21 @@ def test_a_motion_below_the_limits_of_speeds_is_not_solved_again_without_them(mo
     np.testing.assert_allclose(paces, [1.25, 2.5])
     assert solution.cost == pytest.approx(12, rel=1e-8)
     assert np.max(solution.trajectory.at(solution.mesh)[block.vx]) == pytest.approx(1.5, rel=1e-6)
+
+
+def test_a_motion_that_is_found_slowly_is_kept_after_ctrl_c(monkeypatch):
+    """In the first solve of a refinement, with a force that is at its limit: not the solution that is no motion."""
+    lost_below(monkeypatch, 80)
+    problem, *_ = rest_to_rest(lower=-5, upper=5)
+    monkeypatch.setattr(slow_first, "MULTIPLES", (np.inf,))
+    solves, solve = [], ProblemSolver.solve
+    with monkeypatch.context() as counted:
+        counted.setattr(ProblemSolver, "solve", lambda *args, **how: solves.append(args[0].pace) or solve(*args, **how))
+        mbd.optimize(problem, tolerance=1e-6)
+    first = max(k for k, pace in enumerate(solves) if pace is not None) + 1
+    assert first < len(solves)
+    error = interrupted_in(monkeypatch, first, lambda: mbd.optimize(problem, tolerance=1e-6), ProblemSolver)
+    assert error.partial.meshes[0].count >= 80
 
 
 def test_a_guess_that_leads_to_a_slow_motion_that_is_known_is_left(monkeypatch):

@@ -54,6 +54,7 @@ def refine_or_begin_anew(
         found = solve_slowly_first(solver, [mesh.split(pieces) for mesh in meshes], guess, seen, allowed)
         if found is not None and found[1]:
             found[0].statistics = found[0].statistics.after(solution.statistics)
+            solver.best.add(found[0])
             return found[0]
     closed = _closed_in(solver, None if holds or solver.best.work > allowed else without_limits())
     if closed is not None:

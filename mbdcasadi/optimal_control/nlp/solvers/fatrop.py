@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -33,6 +34,8 @@ WARM_START: dict[str, dict[str, Any]] = {
     "warm": {"fatrop.mu_init": 1e-4},
     "hot": {"fatrop.mu_init": 1e-6, "fatrop.bound_push": 1e-8, "fatrop.bound_frac": 1e-8},
 }
+#: Tightest tolerance, below which steps are rounding.
+TIGHTEST = 1e-13
 
 
 class Fatrop(NLPSolver):
@@ -53,6 +56,18 @@ class Fatrop(NLPSolver):
         )
         super().__init__(fatrop_options, progress, elsewhere)
         self._ipopt = Ipopt(others, progress, elsewhere)
+
+    def cost_factor(self, ratio: float) -> float:
+        """Factor by which IPOPT raises the cost."""
+        return self._ipopt.cost_factor(ratio)
+
+    def with_cost_factor(self, factor: float) -> Fatrop:
+        """Return the same solver with a tolerance that is as much tighter, since fatrop does not raise a cost."""
+        other = copy(self)
+        tolerance = max(self.defaults["fatrop.tolerance"] / factor, TIGHTEST)
+        other.options = {"fatrop.tolerance": tolerance} | self.options
+        other._ipopt = self._ipopt.with_cost_factor(factor)
+        return other
 
     def run(
         self, begin: Beginning, bounds: Bounds, warmth: str, iterate: Iterate | None = None, limit: int | None = None
