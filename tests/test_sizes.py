@@ -267,3 +267,35 @@ def test_poses_are_met_beside_light_parts_in_any_units(light):
             state = mbd.assemble(mechanism, [weight.y == place * units.length, weight.vy == 0.3 * units.speed])
             assert state[weight.y] == pytest.approx(place * units.length, rel=1e-9)
             assert state[weight.vy] == pytest.approx(0.3 * units.speed, rel=1e-9)
+
+
+@pytest.mark.parametrize("light", [0.0, 0.2])
+def test_reactions_that_are_not_unique_are_those_of_the_simulation_where_drivers_move_the_mechanism(light):
+    """Inverse dynamics by drivers beside the simulation and a numpy solution of least norm, in any units."""
+    found = []
+    for units in (ONE, MICRO, GIANT, Units(1.3)):
+        mechanism, weight, _ = welded_beams(units, light)
+        course = -units.length * (1.1 + 0.1 * mbd.sin(4 * mbd.t / units.time))
+        driven = mechanism.replace(drivers=[mbd.Driver("lift", weight.y, course)])
+        times = np.linspace(0, 0.3, 4) * units.time
+        inverse, run = mbd.inverse_dynamics(driven, times), mbd.simulate(driven, times)
+        assert inverse.lam == pytest.approx(run.lam, abs=1e-6 * np.max(np.abs(run.lam)))
+        between = inverse.at(times[:1] + 0.05 * units.time)
+        again = mbd.inverse_dynamics(driven, between.t)
+        assert between.lam == pytest.approx(again.lam, abs=1e-6 * np.max(np.abs(run.lam)))
+        eom = mbd.equations(driven)
+        jacobian, angular = eom.jacobian(0, inverse.q[0], [])[0].full(), eom.angular_rows
+        metres = np.where(eom.angles, units.length, 1.0)
+        if light:  # by masses
+            squares = jacobian**2 @ (1 / np.asarray(eom.masses([]), float).ravel())
+            sizes = np.sqrt(np.where(angular, np.mean(squares[angular]), np.mean(squares[~angular])))
+        else:  # by levers
+            squares = np.sum(jacobian[~angular] ** 2, axis=0)
+            lever = np.sqrt(np.sum(squares[2::3]) / (np.sum(squares) - np.sum(squares[2::3])))
+            sizes = np.where(angular, 1 / lever, 1.0)
+        scaled = (jacobian.T / sizes) / metres[:, None]
+        least = np.linalg.pinv(scaled) @ (scaled @ (sizes * inverse.lam[0])) / sizes
+        assert inverse.lam[0] == pytest.approx(least, abs=1e-6 * np.max(np.abs(least)))
+        found.append([np.ravel(inverse[j.reaction_on(j.b.body).force]) / units.force for j in driven.joints])
+    for others in found[1:]:
+        assert np.array(others) == pytest.approx(np.array(found[0]), abs=1e-4)

@@ -59,7 +59,7 @@ class VelocityProblem(NearestProblem):
     def _consistent(self, estimate: np.ndarray) -> np.ndarray:
         """Nearest velocity with ``Phi_q v = nu``."""
         jacobian, nu = self._jacobian, self._nu
-        v = project_velocity(jacobian, nu, estimate, self.numeric.weights)
+        v = project_velocity(jacobian, nu, estimate, self.numeric.weights, self.sizes)
         left_over = jacobian @ v - nu
         sizes = np.abs(nu) + np.abs(jacobian) @ self.sizes * (1 + largest(v / self.sizes))
         if np.any(np.abs(left_over) > 1e-8 * sizes):

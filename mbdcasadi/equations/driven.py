@@ -32,8 +32,8 @@ class DrivenEquations:
     rates : casadi.Function
         ``(t, q, p) -> (v, a, apart)``: velocity and acceleration in a pose.
     multipliers : casadi.Function
-        ``(t, q, v, a, z, u, p) -> lam`` from ``Phi_q^T lam = Q - M a``, of
-        least norm if rows are redundant.
+        ``(t, q, v, a, z, u, p, D) -> lam`` from ``Phi_q^T lam = Q - M a``, of
+        least norm ``lam^T D lam`` if rows are redundant.
     """
 
     def __init__(self, eom: Equations):
@@ -103,7 +103,7 @@ class DrivenEquations:
         ]
         load = eom.Q - eom.mass_diagonal * eom.a
         terms = ca.Function("terms", [*shapes, eom.lam], [eom.Phi_q, ca.densify(load), ca.jacobian(load, eom.lam)])
-        lam = ca.MX.zeros(eom.lam.numel())
+        lam, norm = ca.MX.zeros(eom.lam.numel()), ca.MX.sym("D", eom.lam.numel())
         # forces that depend on the multipliers take a few Newton steps; without them the first one is exact
         for _ in range(8 if eom.Q_depends_on_lam else 1):
             jacobian, right, slope = terms(*symbols, lam)
@@ -111,9 +111,10 @@ class DrivenEquations:
             if self.square:
                 lam = lam + ca.solve(jacobian.T - slope, residual, _SOLVER)
             else:
-                scaled = jacobian @ ca.diag(self._columns)  # rows as they are: of these the least norm is meant
-                lam = lam + scaled @ ca.solve(scaled.T @ scaled, self._columns * residual, _SOLVER)
-        return ca.Function("multipliers", symbols, [lam])
+                scaled = jacobian @ ca.diag(self._columns)
+                over = ca.diag(1 / norm) @ scaled
+                lam = lam + over @ ca.solve(scaled.T @ over, self._columns * residual, _SOLVER)
+        return ca.Function("multipliers", [*symbols, norm], [lam])
 
 
 def driven_equations(eom: Equations) -> DrivenEquations:

@@ -280,6 +280,16 @@ class NumericEquations:
             key, lambda: forward_dynamics(self.eom, augmentation=self.augmentation, metric=metric, **choice)
         )
 
+    @property
+    def norm_of_multipliers(self) -> ca.Function:
+        """``(t, q, p) -> D``: diagonal of the norm of which those of redundant rows are the least (m,)."""
+        eom, metric = self.eom, self.alike_masses
+
+        def make() -> ca.Function:
+            return ca.Function("norm", [eom.t, eom.q, eom.p], [ca.densify(norm_of_multipliers(eom, metric))])
+
+        return eom.shared.get_or_create(("norm of multipliers", None if metric is None else metric.tobytes()), make)
+
     def of_least_norm(self, t: np.ndarray, q: np.ndarray, lam: np.ndarray, p: np.ndarray | None = None) -> np.ndarray:
         """Multipliers with the same loads (k, m) of least norm, as those of :attr:`forward_dynamics` are.
 
@@ -290,17 +300,9 @@ class NumericEquations:
         p : numpy.ndarray, optional
             Parameter values other than these.
         """
-        metric, (count, m) = self.alike_masses, lam.shape
-
-        def make() -> ca.Function:
-            norm = ca.densify(norm_of_multipliers(self.eom, metric))
-            return ca.Function("norm", [self.eom.t, self.eom.q, self.eom.p], [ca.densify(self.eom.Phi_q), norm])
-
-        key = ("norm of multipliers", None if metric is None else metric.tobytes())
-        function = self.eom.shared.get_or_create(key, make)
-        found = [part.full() for part in function.map(count)(t[None, :], q.T, ca.DM(self.p if p is None else p))]
-        jacobians = found[0].reshape(m, count, -1).transpose(1, 2, 0)
-        root = 1 / np.sqrt(found[1].T)
+        known, (count, m) = ca.DM(self.p if p is None else p), lam.shape
+        jacobians = self.velocity_function(t[None, :], q.T, known)[0].full().reshape(m, count, -1).transpose(1, 2, 0)
+        root = 1 / np.sqrt(self.norm_of_multipliers(t[None, :], q.T, known).full().T)
         scaled = self.column_scale[:, None] * jacobians * root[:, None, :]
         return root * np.einsum("kmn,knl,kl->km", np.linalg.pinv(scaled, rcond=RANK), scaled, lam / root)
 

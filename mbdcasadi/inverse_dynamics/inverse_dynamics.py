@@ -13,6 +13,7 @@ from ..arguments.values import pairs_of, position_in
 from ..assembly.setup import Setup
 from ..equations import Equations
 from ..equations.driven import driven_equations
+from ..equations.numeric import NumericEquations
 from ..errors import MechanismError, SingularityError
 from ..kinematics.kinematics import driven_motion, kinematic_trajectory
 from ..model.drivers import Driver
@@ -128,8 +129,7 @@ def _of_drivers(setup: Setup, inputs: Any, progress: bool) -> Trajectory:
     frame = kinematic_trajectory(numeric, course)
     frame.z = _first_order_states(setup, inputs)
     u = _inputs(setup, frame)
-    function = driven_equations(eom).multipliers
-    lam = call_each(function, frame.t[None, :], frame.q.T, frame.v.T, frame.a.T, frame.z.T, u.T, numeric.p)[0].T
+    lam = _multipliers(numeric, frame, u)
     _finite(eom.row_names, frame.t, lam)
     redundant = eom.lam.numel() > eom.q.numel()
     notes = [_LEAST_NORM] if redundant else []
@@ -138,10 +138,18 @@ def _of_drivers(setup: Setup, inputs: Any, progress: bool) -> Trajectory:
         part = kinematic_trajectory(numeric, course).at(t)
         part.z = z
         there = _inputs(setup, part)
-        load = call_each(function, t[None, :], part.q.T, part.v.T, part.a.T, z.T, there.T, numeric.p)[0].T
-        return part.q, part.v, part.a, load, there
+        return part.q, part.v, part.a, _multipliers(numeric, part, there), there
 
     return _result(frame, u, lam, notes, refine, numeric.p)
+
+
+def _multipliers(numeric: NumericEquations, frame: Trajectory, u: np.ndarray) -> np.ndarray:
+    """Multipliers along a driven motion (k, m), of redundant rows those of least norm."""
+    pose = frame.t[None, :], frame.q.T
+    norm = call_each(numeric.norm_of_multipliers, *pose, numeric.p)[0]
+    function, motion = driven_equations(numeric.eom).multipliers, (frame.v.T, frame.a.T, frame.z.T)
+    found: np.ndarray = call_each(function, *pose, *motion, u.T, numeric.p, norm)[0].T
+    return found
 
 
 def _first_order_states(setup: Setup, inputs: Any) -> np.ndarray:

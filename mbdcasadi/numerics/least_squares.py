@@ -48,6 +48,7 @@ def project_velocity(
     right: np.ndarray,
     v: np.ndarray,
     weights: np.ndarray | None = None,
+    sizes: np.ndarray | None = None,
 ) -> np.ndarray:
     """Velocity nearest to a given one that meets ``J v = b``, in the metric of the weights.
 
@@ -62,11 +63,13 @@ def project_velocity(
         The given velocity (n,).
     weights : numpy.ndarray, optional
         Positive metric (n,).
+    sizes : numpy.ndarray, optional
+        Sizes of the velocities, by which a row has a slope or none; see :func:`row_scale` (n,).
     """
     missing = right - jacobian @ v
     if largest(missing) <= 4 * EPSILON * (1 + largest(v)):
         return v.copy()
-    scale = row_scale(jacobian, np.ones(v.size) if weights is None else weights)
+    scale = row_scale(jacobian, np.ones(v.size) if weights is None else weights, sizes)
     return v + least_norm(jacobian * scale[:, None], missing * scale, weights)
 
 
