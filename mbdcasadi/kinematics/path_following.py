@@ -31,6 +31,8 @@ LARGEST_DETERMINANT, WATCHED_POINTS = 60, 2000
 CONTRADICTION_TOLERANCE = 1e-8
 #: Steps are divided down to this share of the span.
 SMALLEST_STEP = 1e-12
+#: Share of the duration before and after a corner in which no step has to succeed.
+NEAR_CORNER = 1e-6
 
 
 class Continuation(MotionFollower):
@@ -158,19 +160,23 @@ class Continuation(MotionFollower):
             return Step(tuple(x[0] for x in block)) if len(block[0]) else None
 
         corners = self._corners[(self._corners > now - instant) & (self._corners < goal - 2 * instant)]
+        near = NEAR_CORNER * float(grid[-1] - grid[0])
         for end in (*corners, goal):
+            passed = instant
             if end > now:
                 path = follow(state, moved, start=now, end=float(end), step=(float(end) - now) / 2, smallest=smallest)
                 if path.failed is not None:
-                    motion, reached = self._motion(grid, blocks), path.point[0]
-                    raise (
-                        self._not_finite(reached, path.at, path.failed, motion)
-                        or self._contradicting(reached, path.at, goal, motion)
-                        or self._singular(path.at, reached, motion)
-                    )
+                    if end == goal or end - path.at > near:
+                        motion, reached = self._motion(grid, blocks), path.point[0]
+                        raise (
+                            self._not_finite(reached, path.at, path.failed, motion)
+                            or self._contradicting(reached, path.at, goal, motion)
+                            or self._singular(path.at, reached, motion)
+                        )
+                    passed = near  # rates next to it are lost in rounding, as those of acos(cos(t)) are
                 state, now = path.point, float(end)
             if end < goal:
-                now = float(end) + instant
+                now = min(float(end) + passed, goal)
                 after = self.correct(np.array([now]), state[0][None, :])
                 state = after.q[0], after.v[0], after.a[0]
         q, v, a = state

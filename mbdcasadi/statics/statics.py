@@ -186,7 +186,7 @@ class Statics:
         return p
 
     def of_least_norm(self, x: np.ndarray) -> np.ndarray:
-        """Multipliers that load the bodies alike (m,), of least norm if rows depend on each other."""
+        """Multipliers with the same loads (m,), of least norm if rows depend on each other."""
         q, _, lam, _ = self.split(x)
         if not self.m or not self.numeric.has_redundant_rows(self.t, q):
             return lam

@@ -29,7 +29,7 @@ class JumpingPart:
     place : int or tuple of int
         Its rows, or its position among those of its kind.
     expressions : tuple of casadi.SX
-        Of rows ``Phi``, ``Phi_q``, ``nu`` and ``gamma``; of a force its share of Q; else one expression. As they are
+        Of rows ``Phi``, ``Phi_q``, ``nu`` and ``gamma``; of a force its share of Q; else one expression; each
         :func:`~.switches.strictly_compared`.
     description : str
         To whom they belong, in words.

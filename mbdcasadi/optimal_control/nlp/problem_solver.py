@@ -87,10 +87,10 @@ class ProblemSolver(ProblemSetup):
         return other
 
     def raise_cost(self, solution: Solution) -> float:
-        """Let the cost count by its size in a solution, if that is far smaller than the typical one.
+        """Scale the cost by its size in a solution, if that is far smaller than its typical size.
 
-        Else it would be found to the tolerance of the solver as a share of the typical one, which is that of an input
-        far from its limits in the case of the work of a motor. Returned is the factor by which it is raised.
+        The solver finds it to its tolerance as a share of that size; the typical one may be far larger, as that of the
+        work of a motor whose voltage stays far below its limits. Returned is the factor by which the cost is raised.
         """
         size = solution.cost_size
         factor = self._nlp_solver.cost_factor(solution.program.cost_scale / size) if size > 0 else 1.0

@@ -81,13 +81,13 @@ class MotionConstraints:
 
     @property
     def least_norm(self) -> ca.Function:
-        """``(t, q, lam, p) -> lam``, of all coordinates: multipliers of least norm that load the bodies alike."""
+        """``(t, q, lam, p) -> lam``, of all coordinates: multipliers of least norm with the same loads."""
         light = self._numeric.augmentation is not None
         return self.kept.get_or_create("least norm", lambda: self._implied_rows.least_norm(light=light))
 
     @property
     def independent(self) -> Evaluator:
-        """``(t, q, lam, p) -> lam``, of all coordinates: multipliers of independent rows that load the bodies alike."""
+        """``(t, q, lam, p) -> lam``, of all coordinates: multipliers of independent rows with the same loads."""
         return self.kept.get_or_create("independent", lambda: Evaluator(self._implied_rows.independent()))
 
     @property
