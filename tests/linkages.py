@@ -153,3 +153,22 @@ def slider_crank_motion(theta, rate, acceleration, r, l):  # noqa: E741
     slope = -r * np.sin(theta) - r**2 * np.sin(theta) * np.cos(theta) / root
     bend = -r * np.cos(theta) - r**2 * np.cos(2 * theta) / root - r**4 * (np.sin(theta) * np.cos(theta)) ** 2 / root**3
     return x, slope * rate, bend * rate**2 + slope * acceleration
+
+
+def welded_beams(length: float, mass: float, inertia: float, light: float):
+    """A beam and a plate, light if so, with too many welds, and a weight in a guide on the beam; given by their units.
+
+    Returned are the beam and the weight, all bodies, and the joints, the four welds first.
+    """
+    beam = mbd.Body("beam", mass=mass, inertia=0.3 * inertia, pose=(0.5 * length, 0, 0))
+    plate = mbd.Body("plate", mass=light * mass, inertia=0.1 * light * inertia, pose=(1.3 * length, 0.1 * length, 0))
+    weight = mbd.Body("weight", mass=mass, inertia=0.1 * inertia, pose=(0.5 * length, -1.0 * length, 0))
+    down = -np.pi / 2
+    joints = [
+        mbd.Weld("left", mbd.ground.at(0, 0), beam.at(-0.5 * length, 0)),
+        mbd.Weld("middle", beam.at(0.5 * length, 0), plate.at(-0.3 * length, -0.1 * length)),
+        mbd.Weld("above", beam.at(0.4 * length, 0.2 * length), plate.at(-0.4 * length, 0.1 * length)),
+        mbd.Weld("right", mbd.ground.at(1.3 * length, 0.3 * length), plate.at(0, 0.2 * length)),
+        mbd.Translational("guide", beam.at(0, 0, down), weight.at(0, 0, down)),
+    ]
+    return beam, weight, [beam, plate, weight], joints

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from linkages import welded_beams
 
 import mbdcasadi as mbd
 
@@ -210,25 +211,14 @@ def test_starts_of_cams(units):
     assert poses[1] == pytest.approx(poses[0], rel=1e-7)
 
 
-def welded_beams(units, light):
+def beams_and_weight(units, light):
     """A beam and a plate with too many welds, with a weight that hangs from the beam by a spring in a guide."""
     length = units.length
-    beam = mbd.Body("beam", mass=units.mass, inertia=0.3 * units.inertia, pose=(0.5 * length, 0, 0))
-    mass, inertia = light * units.mass, 0.1 * light * units.inertia
-    plate = mbd.Body("plate", mass=mass, inertia=inertia, pose=(1.3 * length, 0.1 * length, 0))
-    weight = mbd.Body("weight", mass=units.mass, inertia=0.1 * units.inertia, pose=(0.5 * length, -1.0 * length, 0))
-    down = -np.pi / 2
-    joints = [
-        mbd.Weld("left", mbd.ground.at(0, 0), beam.at(-0.5 * length, 0)),
-        mbd.Weld("middle", beam.at(0.5 * length, 0), plate.at(-0.3 * length, -0.1 * length)),
-        mbd.Weld("above", beam.at(0.4 * length, 0.2 * length), plate.at(-0.4 * length, 0.1 * length)),
-        mbd.Weld("right", mbd.ground.at(1.3 * length, 0.3 * length), plate.at(0, 0.2 * length)),
-        mbd.Translational("guide", beam.at(0, 0, down), weight.at(0, 0, down)),
-    ]
+    beam, weight, bodies, joints = welded_beams(length, units.mass, units.inertia, light)
     pull = mbd.Input("pull")
     ends, stiffness = (beam.at(0, 0), weight.at(0, 0)), 20 * units.force / length
     spring = mbd.TSDA("spring", *ends, stiffness=stiffness, free_length=0.5 * length, actuator=pull)
-    return mbd.Mechanism([beam, plate, weight], joints, forces=[units.gravity(), spring], inputs=[pull]), weight, pull
+    return mbd.Mechanism(bodies, joints, forces=[units.gravity(), spring], inputs=[pull]), weight, pull
 
 
 @pytest.mark.parametrize("light", [0.0, 0.2])
@@ -236,7 +226,7 @@ def test_reactions_that_are_not_unique_are_the_same_in_all_analyses_and_units(li
     """Forces and moments of least norm: at rest, as states are assembled, simulated, and for a given motion."""
     found = []
     for units in (ONE, MICRO, GIANT, Units(1.3)):
-        mechanism, weight, pull = welded_beams(units, light)
+        mechanism, weight, pull = beams_and_weight(units, light)
         rest = mbd.equilibrium(mechanism)
         still = mbd.assemble(mechanism, [weight.y == rest[weight.y], weight.vy == 0])
         times = np.linspace(0, 0.2, 5) * units.time
@@ -262,7 +252,7 @@ def test_reactions_that_are_not_unique_are_the_same_in_all_analyses_and_units(li
 def test_poses_are_met_beside_light_parts_in_any_units(light):
     """A row in metres has a slope, though in micrometres it is small beside those in radians of a massless plate."""
     for units in (ONE, Units(1e-4), MICRO, GIANT):
-        mechanism, weight, _ = welded_beams(units, light)
+        mechanism, weight, _ = beams_and_weight(units, light)
         for place in (-0.95, -1.3):
             state = mbd.assemble(mechanism, [weight.y == place * units.length, weight.vy == 0.3 * units.speed])
             assert state[weight.y] == pytest.approx(place * units.length, rel=1e-9)
@@ -274,7 +264,7 @@ def test_reactions_that_are_not_unique_are_those_of_the_simulation_where_drivers
     """Inverse dynamics by drivers beside the simulation and a numpy solution of least norm, in any units."""
     found = []
     for units in (ONE, MICRO, GIANT, Units(1.3)):
-        mechanism, weight, _ = welded_beams(units, light)
+        mechanism, weight, _ = beams_and_weight(units, light)
         course = -units.length * (1.1 + 0.1 * mbd.sin(4 * mbd.t / units.time))
         driven = mechanism.replace(drivers=[mbd.Driver("lift", weight.y, course)])
         times = np.linspace(0, 0.3, 4) * units.time

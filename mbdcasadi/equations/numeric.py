@@ -131,7 +131,7 @@ class NumericEquations:
     @property
     def light_key(self) -> bytes | None:
         """Key of functions compiled with these effective masses."""
-        return None if self.augmentation is None else self.augmentation.tobytes()
+        return _bytes_of(self.augmentation)
 
     @cached_property
     def _position(self) -> Evaluator:
@@ -275,7 +275,7 @@ class NumericEquations:
         """``(t, q, v, z, u, p) -> (a, lam)`` for these masses."""
         choice: dict[str, Any] = {"redundant": redundant, "refinements": refinements}
         metric = self.alike_masses if redundant else None
-        key = ("forward dynamics", self.light_key, *choice.values(), None if metric is None else metric.tobytes())
+        key = ("forward dynamics", self.light_key, *choice.values(), _bytes_of(metric))
         return self.eom.shared.get_or_create(
             key, lambda: forward_dynamics(self.eom, augmentation=self.augmentation, metric=metric, **choice)
         )
@@ -288,7 +288,7 @@ class NumericEquations:
         def make() -> ca.Function:
             return ca.Function("norm", [eom.t, eom.q, eom.p], [ca.densify(norm_of_multipliers(eom, metric))])
 
-        return eom.shared.get_or_create(("norm of multipliers", None if metric is None else metric.tobytes()), make)
+        return eom.shared.get_or_create(("norm of multipliers", _bytes_of(metric)), make)
 
     def of_least_norm(self, t: np.ndarray, q: np.ndarray, lam: np.ndarray, p: np.ndarray | None = None) -> np.ndarray:
         """Multipliers with the same loads (k, m) of least norm, as those of :attr:`forward_dynamics` are.
@@ -440,8 +440,12 @@ class NumericEquations:
             function = self.forward_dynamics(redundant=redundant)
             return Evaluator(function) if function.is_a("SXFunction") else None
 
-        metric = self.alike_masses if redundant else None
-        key = ("forward dynamics by row", self.light_key, redundant, None if metric is None else metric.tobytes())
+        key = (
+            "forward dynamics by row",
+            self.light_key,
+            redundant,
+            _bytes_of(self.alike_masses if redundant else None),
+        )
         return self.eom.shared.get_or_create(key, make)
 
     def accelerations_of_rows(
@@ -454,3 +458,8 @@ class NumericEquations:
             return a.T, lam.T
         a, lam = evaluator.rows(t, q, v, z, u, self.p)
         return a, lam
+
+
+def _bytes_of(values: np.ndarray | None) -> bytes | None:
+    """Bytes of an array, as part of a key."""
+    return None if values is None else values.tobytes()

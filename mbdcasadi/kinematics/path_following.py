@@ -161,22 +161,22 @@ class Continuation(MotionFollower):
 
         corners = self._corners[(self._corners > now - instant) & (self._corners < goal - 2 * instant)]
         near = NEAR_CORNER * float(grid[-1] - grid[0])
-        for end in (*corners, goal):
+        for end in (*corners.tolist(), goal):
             passed = instant
             if end > now:
-                path = follow(state, moved, start=now, end=float(end), step=(float(end) - now) / 2, smallest=smallest)
-                if path.failed is not None:
-                    if end == goal or end - path.at > near:
-                        motion, reached = self._motion(grid, blocks), path.point[0]
-                        raise (
-                            self._not_finite(reached, path.at, path.failed, motion)
-                            or self._contradicting(reached, path.at, goal, motion)
-                            or self._singular(path.at, reached, motion)
-                        )
-                    passed = near  # rates next to it are lost in rounding, as those of acos(cos(t)) are
-                state, now = path.point, float(end)
+                path = follow(state, moved, start=now, end=end, step=(end - now) / 2, smallest=smallest)
+                if path.failed is not None and (end == goal or end - path.at > near):
+                    motion, reached = self._motion(grid, blocks), path.point[0]
+                    raise (
+                        self._not_finite(reached, path.at, path.failed, motion)
+                        or self._contradicting(reached, path.at, goal, motion)
+                        or self._singular(path.at, reached, motion)
+                    )
+                if path.failed is not None:  # rates next to a corner are lost in rounding, as those of acos(cos(t)) are
+                    passed = near
+                state, now = path.point, end
             if end < goal:
-                now = min(float(end) + passed, goal)
+                now = min(end + passed, goal)
                 after = self.correct(np.array([now]), state[0][None, :])
                 state = after.q[0], after.v[0], after.a[0]
         q, v, a = state

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from linkages import G, four_bar, pendulum
+from linkages import G, four_bar, pendulum, welded_beams
 
 import mbdcasadi as mbd
 
@@ -415,21 +415,11 @@ def test_a_slowed_rigid_motion_beside_a_stiff_spring():
 def test_reactions_that_are_not_unique_change_as_those_of_states_do(light, size):
     """A beam and a plate with too many welds, and a weight on a spring: by differences of assembled states."""
     push = mbd.Input("push", 1.0)
-    beam = mbd.Body("beam", mass=1.0, inertia=0.3 * size**2, pose=(0.5 * size, 0, 0))
-    plate = mbd.Body("plate", mass=light, inertia=0.1 * light * size**2, pose=(1.3 * size, 0.1 * size, 0))
-    weight = mbd.Body("weight", mass=1.0, inertia=0.1 * size**2, pose=(0.5 * size, -size, 0))
-    down = -np.pi / 2
-    joints = [
-        mbd.Weld("left", mbd.ground.at(0, 0), beam.at(-0.5 * size, 0)),
-        mbd.Weld("middle", beam.at(0.5 * size, 0), plate.at(-0.3 * size, -0.1 * size)),
-        mbd.Weld("above", beam.at(0.4 * size, 0.2 * size), plate.at(-0.4 * size, 0.1 * size)),
-        mbd.Weld("right", mbd.ground.at(1.3 * size, 0.3 * size), plate.at(0, 0.2 * size)),
-        mbd.Translational("guide", beam.at(0, 0, down), weight.at(0, 0, down)),
-    ]
+    beam, weight, bodies, joints = welded_beams(size, 1.0, size**2, light)
     spring = mbd.TSDA(
         "spring", beam.at(0, 0), weight.at(0, 0), stiffness=20, free_length=0.5 * size, damping=0.3, actuator=push
     )
-    mechanism = mbd.Mechanism([beam, plate, weight], joints, forces=[mbd.Gravity(), spring], inputs=[push])
+    mechanism = mbd.Mechanism(bodies, joints, forces=[mbd.Gravity(), spring], inputs=[push])
     rest = mbd.equilibrium(mechanism)
     reactions = [joint.reaction_on(joint.b.body) for joint in joints[:4]]
     outputs = [part for r in reactions for part in (r.force[0], r.force[1], r.torque / size)]

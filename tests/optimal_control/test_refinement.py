@@ -125,17 +125,21 @@ def test_defects_by_interval():
     assert np.max(finer.defects) < np.max(replay.defects) / 100
 
 
-def test_an_unstable_motion_may_be_right_and_not_replay():
-    """An inverted pendulum held up for a while: small defects, a large final error."""
+def held_up(duration):
+    """An inverted pendulum that passes from one side to the other."""
     bob, tau, mechanism = pendulum(length=0.2)
-    problem = mbd.OptimalControlProblem(
+    return mbd.OptimalControlProblem(
         mechanism,
-        duration=4.0,
+        duration=duration,
         initial=[bob.phi == np.pi - 0.3, bob.omega == 0],
         final=[bob.phi == np.pi + 0.3, bob.omega == 0],
         running_cost=tau**2,
     )
-    solution = mbd.optimize(problem, intervals=60)
+
+
+def test_an_unstable_motion_may_be_right_and_not_replay():
+    """An inverted pendulum held up for a while: small defects, a large final error."""
+    solution = mbd.optimize(held_up(4.0), intervals=60)
     replay = solution.verify()
     assert np.max(replay.defects) < 1e-6
     assert replay.final_error > 100 * np.max(replay.defects)
@@ -143,16 +147,8 @@ def test_an_unstable_motion_may_be_right_and_not_replay():
 
 def test_a_miss_to_which_the_simulation_adds_is_the_least_one():
     """An inverted pendulum held up for so long that errors of the integration alone lead it away."""
-    bob, tau, mechanism = pendulum(length=0.2)
-    problem = mbd.OptimalControlProblem(
-        mechanism,
-        duration=2.9,
-        initial=[bob.phi == np.pi - 0.3, bob.omega == 0],
-        final=[bob.phi == np.pi + 0.3, bob.omega == 0],
-        running_cost=tau**2,
-    )
     with pytest.warns(mbd.MechanismWarning, match=r"misses the motion by about (\S+) in .* or more, since") as caught:
-        solution = mbd.optimize(problem, intervals=80)
+        solution = mbd.optimize(held_up(2.9), intervals=80)
     said = float(str(caught[0].message).split("about ")[1].split()[0])
     assert solution.verify().final_error > said / 2
 

@@ -230,9 +230,9 @@ class ProblemSolver(ProblemSetup):
 
     def is_below_pace(self, solution: Solution) -> bool:
         """Return True if a solution stays below the limits of speeds and accelerations, and is one without them too."""
-        begin, unhurried = self.beginning_at(solution), copy(self)
-        unhurried.pace = None
-        x, limited, without = begin.x, begin.bounds, unhurried.beginning_at(solution).bounds
+        begin = self.beginning_at(solution)
+        x, limited = begin.x, begin.bounds
+        without = begin.program.bounds(self.start, begin.meshes, begin.guess.segment_times)
         above = (limited.upper < without.upper) & (x > BELOW * limited.upper)
         under = (limited.lower > without.lower) & (x < BELOW * limited.lower)
         return not np.any(above | under)

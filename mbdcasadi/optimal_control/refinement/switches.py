@@ -70,8 +70,7 @@ class UnresolvedSwitches(Measure):
 
     The cost is wrong by about the square of the length of an interval in which an input jumps, as a share of the
     duration, or by more if states change by much there, see :mod:`stretch_weight`: above the tolerance it is not
-    resolved. Inputs that are constant on intervals, those of a digital
-    controller, jump when it lets them.
+    resolved. Inputs that are constant on intervals, those of a digital controller, jump when it lets them.
     """
 
     def __init__(self, solution: SolvedMotion, tolerance: float):
