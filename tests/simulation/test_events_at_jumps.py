@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import mbdcasadi as mbd
+from mbdcasadi.simulation.stepping import whole_stepper
 
 METHODS = ["idas", "erk", "rosenbrock"]
 GRID = np.linspace(0, 2, 41)
@@ -126,3 +127,16 @@ def test_event_that_leaves_the_force_as_it_is_does_not_hide_that_it_turns(method
     counts = mbd.Event("counts", body.omega, direction=direction, reset={count: count + 1})
     with pytest.raises(mbd.SimulationError, match=r"stopped at t = 0\.54054.*a force may jump there"):
         mbd.simulate(mechanism, times=GRID, events=[counts], initial=[body.omega == 2], method=method)
+
+
+def test_whole_run_that_hardly_proceeds_where_a_force_turns_ends_in_a_message(monkeypatch):
+    """No event is at the jump: the steps of DOP853 alternate about it, some billions of them to the end."""
+    monkeypatch.setattr(whole_stepper, "MAX_STEPS", 4000)
+    (body,), pins = turning("body")
+    below = mbd.Event("below zero", body.omega + 1e-3, direction=-1, terminal=True)
+    mechanism = mbd.Mechanism([body], pins, forces=[braked(body)])
+    for events in [below], []:
+        with pytest.raises(
+            mbd.SimulationError, match=r"stopped at t = 0\.5405\d* s: .*as many steps.*a force may jump"
+        ):
+            mbd.simulate(mechanism, times=GRID, events=events, initial=[body.omega == 2], method="dop853")

@@ -11,7 +11,7 @@ from ...arguments.inputs import Signals
 from ...equations.numeric import NumericEquations
 from ...errors import SimulationError, SingularityError
 from ...integrators import Integrator
-from ...integrators.compiled import IntegrationFailure
+from ...integrators.compiled import MAX_STEPS, IntegrationFailure
 from ...integrators.dop853.runner import ExplicitRunner
 from ...integrators.native import build
 from ...integrators.native.stretch import ExplicitSystem, Progress, Reached, Status, Stretch, Watched
@@ -31,6 +31,8 @@ from .explicit_system import explicit_system
 
 #: Steps at the limit of stability, and steps that are still to come at that size, from which a motion is too stiff.
 STIFF_STEPS, TOO_MANY_STEPS = 1000, 200_000
+#: Steps that are still to come, as many as those since the last output lead to, from which a motion hardly proceeds.
+NEVER_DONE = 1e8
 #: Steps of the short way to an event or past a singular pose, at most.
 WAY_STEPS = 20_000
 #: Coefficient of a row in a combination of rows that vanishes, from which it takes part.
@@ -86,6 +88,7 @@ class WholeStepper(Stepper):
         self._progress = Progress()
         self._end: tuple[float, np.ndarray] | None = None
         self._last_start: float | None = None
+        self._since_output = 0
         self._starts = self._steps = self._all_steps = 0
         self._is_stiff = False
 
@@ -140,7 +143,7 @@ class WholeStepper(Stepper):
             times,
             piece.stops,
             piece.begins,
-            most_steps=self._runner.slice,
+            most_steps=min(self._runner.slice, MAX_STEPS // 2),
             every_step=bool(offset.size or self._rates or self._may_fold),
             keep_samples=self._keeps_samples,
             spacing=self._spacing if offset.size or self._keeps_samples else np.inf,
@@ -158,6 +161,7 @@ class WholeStepper(Stepper):
         again = self._last_start == piece.start
         if not goes_on:
             self._progress = Progress(regularity=self._progress.regularity)
+            self._since_output = 0
             self._starts += 1
         self._last_start = piece.start
         reached = self._runner.advance(self._of_piece(piece, x), self._progress)
@@ -169,6 +173,7 @@ class WholeStepper(Stepper):
             self._refuse_stiffness(piece, reached)
         if not reached.times.size:
             raise IntegrationFailure(FLAGS[reached.status], np.zeros((0, x.size)), np.zeros((0, 0)), piece.start, x)
+        self._refuse_to_creep(piece, reached)
         times = reached.times
         if piece.starts_at_jump or piece.ends_at_jump:  # outputs that were some roundings off these
             times = np.where(reached.index >= 0, piece.times[reached.index], times)
@@ -196,6 +201,16 @@ class WholeStepper(Stepper):
                 time=time,
             )
         self._is_stiff = True
+
+    def _refuse_to_creep(self, piece: Piece, reached: Reached) -> None:
+        """Raise if very many steps led no further, as where a force turns against the motion on either side."""
+        self._since_output = reached.steps if np.any(reached.index >= 0) else self._since_output + reached.steps
+        if reached.status not in (Status.PAUSED, Status.FULL) or self._since_output <= MAX_STEPS:
+            return
+        time, end = float(reached.times[-1]), float(piece.times[-1])
+        if (end - time) * reached.steps > NEVER_DONE * (time - piece.start):
+            n = reached.x.shape[1]
+            raise IntegrationFailure("IDA_TOO_MUCH_WORK", np.zeros((0, n)), np.zeros((0, 0)), time, reached.x[-1])
 
     def unprojected(self, start: float, x: np.ndarray, times: np.ndarray) -> np.ndarray:
         return self.states_from(start, x)(times)  # every step ends on the constraints
