@@ -74,6 +74,8 @@ class DifferentiableMotion:
         True if switches in the state are cuts too; without, they are integrated over.
     reversible : bool
         True if it is differentiated backwards: by `varied`, the inputs and the start.
+    ending : casadi.SX, optional
+        Expression of an event that ends it: what jumps there is held on its side before the event.
 
     Attributes
     ----------
@@ -98,6 +100,7 @@ class DifferentiableMotion:
         integrands: ca.SX | None = None,
         in_state: bool = True,
         reversible: bool = False,
+        ending: ca.SX | None = None,
     ):
         numeric, signals, grid, start = setup.numeric, setup.signals, setup.grid, setup.start
         if integrator.runs_whole and setup.has_redundant_rows:
@@ -112,7 +115,7 @@ class DifferentiableMotion:
         self._integrands = ca.SX(0, 1) if integrands is None else integrands
         self.form = choose_formulation(numeric, integrator, redundant=self.redundant)
         self._integrator, self._given, self._in_state = integrator, frozenset(varied), in_state
-        self._is_reversible = reversible and integrator.is_multistep
+        self._is_reversible, self._ending = reversible and integrator.is_multistep, ending
         self._courses: OrderedDict[tuple[Any, ...], Cuts] = OrderedDict()
         self.load_limit = LoadLimit(setup, integrator, self._integrands)
         self._timed = timed_equations(setup, self._integrands)
@@ -152,6 +155,7 @@ class DifferentiableMotion:
             parts=self._parts,
             free=free,
             in_time=in_time,
+            ending=self._ending,
         )
         decay = DECAY * PIECES / float(self.grid[-1] - self.grid[0])
         if self._integrator.runs_whole:
@@ -360,18 +364,23 @@ class DifferentiableMotion:
         results = at_one.map(grid.size)(ca.DM(grid).T, states[:-1, :], p, levels, by_output)
         return ca.Function("outputs", [states, *values], [results], ["X", *RunValues._fields], ["Y"])
 
-    def at_one_output(self, expression: ca.SX, *, project: bool = True) -> ca.Function:
+    def at_one_output(self, expression: ca.SX, *, project: bool = True, held: bool = False) -> ca.Function:
         """``(t, x, p, levels, channel) -> values`` at one output.
 
         Parameters
         ----------
         project : bool
             False for states that are on the constraints, with their variations.
+        held : bool
+            True for the equations whose switches are held; the sides follow the parameters.
         """
-        eom, kind = self.numeric.eom, ca.MX if self.numeric.eom.Q_depends_on_lam else ca.SX
-        arguments = [kind.sym("t"), kind.sym("x", self.state_size), *self.symbols(1, kind)]
+        numeric, signals = (
+            (self.held.system.numeric, self.held.system.signals) if held else (self.numeric, self.signals)
+        )
+        eom, kind = numeric.eom, ca.MX if numeric.eom.Q_depends_on_lam else ca.SX
+        values = self.symbols(1, kind)._replace(p=kind.sym("p", eom.p.numel()))
+        arguments = [kind.sym("t"), kind.sym("x", self.state_size), *values]
         t, x, p, *inputs = arguments
-        x = projected(Recovery(self.numeric, redundant=self.redundant), t, x, p) if project else x
-        six = completed(self.numeric, self.signals, [t, x, p, *inputs], redundant=self.redundant)
-        values = eom.function(expression)(t, *six, p)
-        return ca.Function("output", arguments, [values])
+        x = projected(Recovery(numeric, redundant=self.redundant), t, x, p) if project else x
+        six = completed(numeric, signals, [t, x, p, *inputs], redundant=self.redundant)
+        return ca.Function("output", arguments, [eom.function(expression)(t, *six, p)])

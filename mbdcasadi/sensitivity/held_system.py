@@ -95,6 +95,8 @@ class HeldSystem:
         Operations that are left as they are.
     in_time : collection of int
         Operations that jump in time alone.
+    ending : casadi.SX, optional
+        Expression whose zero ends the motion.
 
     Attributes
     ----------
@@ -111,6 +113,8 @@ class HeldSystem:
         rates of the state alone. x is ``(q, v, z)`` and the integrals.
     slopes : casadi.Function
         Derivatives of the quantities by ``(t, x, p)``, of the same arguments.
+    ending : casadi.Function or None
+        Rate of the expression whose zero ends the motion, and its derivatives by ``(t, x, p)``, of the same arguments.
     quantities_in_time, slopes_in_time : casadi.Function
         Quantities in time, and their derivatives by ``(t, p)``, of these; zero for others.
     """
@@ -125,6 +129,7 @@ class HeldSystem:
         parts: Collection[JumpingPart],
         free: Collection[int],
         in_time: Collection[int],
+        ending: ca.SX | None = None,
     ):
         held = [part for part in parts if part.nodes - part.continuous - set(free)]
         self.integrands, self.signals = ca.SX(integrands), signals
@@ -133,8 +138,9 @@ class HeldSystem:
         self.whole = np.array([switch.whole for switch in self.switches], dtype=bool)
         self.in_time = np.array([switch.node in in_time for switch in self.switches], dtype=bool)
         self.recovery = Recovery(self.numeric, redundant=redundant)
+        self.ending: ca.Function | None = None
         if self.size:
-            self._compile(redundant)
+            self._compile(redundant, ending)
 
     def _hold(self, parts: Collection[JumpingPart], free: Collection[int]) -> tuple[Switch, ...]:
         """Put held expressions in the place of natural ones; what is held."""
@@ -155,7 +161,7 @@ class HeldSystem:
         """Number of switches."""
         return len(self.switches)
 
-    def _compile(self, redundant: bool) -> None:
+    def _compile(self, redundant: bool, ending: ca.SX | None) -> None:
         eom, signals = self.numeric.eom, self.signals
         kind = ca.MX if eom.Q_depends_on_lam else ca.SX
         n, k = eom.q.numel(), eom.z.numel()
@@ -171,13 +177,19 @@ class HeldSystem:
         )
         z_rate, w = rest(t, q, v, a, z, lam, u, p, levels, channel)
         rates = ca.vertcat(v, a, z_rate)
-        everything = ca.vertcat(t, x)
-        w_rates = ca.jtimes(w, everything, ca.vertcat(1, rates))
+        everything, all_rates = ca.vertcat(t, x), ca.vertcat(1, rates)
+        w_rates = ca.jtimes(w, everything, all_rates)
         self.quantities = ca.Function("quantities", arguments, [w])
         self.rates = ca.Function("rates", arguments, [rates])
         self.switching = ca.Function("switching", arguments, [w, w_rates, rates])
-        slopes = ca.horzcat(*[ca.jacobian(w, part) for part in (t, x, p)])
-        self.slopes = ca.Function("slopes", arguments, [ca.densify(slopes)])
+
+        def by_all(expression: Any) -> Any:
+            return ca.densify(ca.horzcat(*[ca.jacobian(expression, part) for part in (t, x, p)]))
+
+        self.slopes = ca.Function("slopes", arguments, [by_all(w)])
+        if ending is not None:
+            end = eom.function(ending)(t, q, v, a, z, lam, u, p)
+            self.ending = ca.Function("ending", arguments, [ca.jtimes(end, everything, all_rates), by_all(end)])
         timed = ca.vertcat(*[w if own else 0 for w, own in zip(ca.vertsplit(substituted), self.in_time, strict=True)])
         self.quantities_in_time = ca.Function("quantities_in_time", [eom.t, eom.p], [ca.densify(timed)])
         by_time = ca.densify(ca.jacobian(ca.sparsify(timed), ca.vertcat(eom.t, eom.p)))

@@ -117,6 +117,8 @@ class PhaseFlow:
         The whole motion.
     number : int
         Number of the phase.
+    ending : casadi.SX, optional
+        Expression of the event that ends it.
 
     Attributes
     ----------
@@ -130,7 +132,7 @@ class PhaseFlow:
         True for outputs that the mechanism has (n_y,).
     """
 
-    def __init__(self, varied: VariedMotion, number: int):
+    def __init__(self, varied: VariedMotion, number: int, ending: ca.SX | None = None):
         part = varied.motion.phases[number]
         self.part, self.mechanism, self.eom = part, part.mechanism, part.equations
         self.grid, whole, directions = varied.grid(number), varied.motion.mechanism, varied.directions
@@ -142,9 +144,9 @@ class PhaseFlow:
             raise ModelError(
                 "sensitivities: through changes of the mechanism inputs= takes numbers and expressions, no samples"
             )
-        self._directions = directions
+        self._directions, self._ending, self._follows = directions, ending, number > 0
         places = [k for k, x in enumerate(self.mechanism.parameters) if x in directions.parameters]
-        self.motion = DifferentiableMotion(setup, varied.integrator, varied=places)
+        self.motion = DifferentiableMotion(setup, varied.integrator, varied=places, ending=ending)
         self.p = setup.p
         self.x0 = np.r_[first.q, first.v, first.z]
         values, outputs = varied.motion.parameters_by_phase[number], varied.outputs
@@ -201,7 +203,15 @@ class PhaseFlow:
         shown, slopes = np.full((n_t, self.rows.size), np.nan), np.full((n_t, self.rows.size, k), np.nan)
         shown[:, self.rows] = y.full().T
         slopes[:, self.rows] = dy.full().reshape(n_y, k, n_t).transpose(2, 0, 1) / lengths
-        return shown, slopes, results[1].full().ravel(), moved[1].full() / lengths
+        last, dlast = results[1].full().ravel(), moved[1].full() / lengths
+        if motion.held.system.size:  # at a border the switches of themselves are on either side
+            none = np.zeros(k)
+            if self._follows:
+                here = VariedState(float(self.grid[0]), self.x0, none, dx0, dp)
+                shown[0], slopes[0] = self.outputs_at(here, starts=True)
+            if self._ending is not None:
+                shown[-1], slopes[-1] = self.outputs_at(VariedState(float(self.grid[-1]), last, none, dlast, dp))
+        return shown, slopes, last, dlast
 
     def _integrated(self, function: Callable[..., Any], *arguments: Any) -> Any:
         try:
@@ -213,34 +223,41 @@ class PhaseFlow:
                 time=float(self.part.t[0]),
             ) from None
 
-    # --- at one instant ------------------------------------------------------------------------
-    def at(self, expression: ca.SX, here: VariedState) -> tuple[np.ndarray, np.ndarray]:
-        """An expression at a state, and its variations (n, k)."""
-        function, known = Compiled(self.motion.at_one_output(ca.vec(expression))), self._at(here.time, here.x)
+    # --- at its ends ---------------------------------------------------------------------------
+    def at(self, expression: ca.SX, here: VariedState, *, starts: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """An expression at the state at the end or the start, and its variations (n, k)."""
+        function, known = self._function(ca.vec(expression)), self._at(here.time, here.x, starts)
         value = function(*known)
-        change = function.changes(known, [value], here.dt[None, :], here.dx, here.dp, self._dlevels)
+        sides = np.zeros((known[2].size - self.p.size, here.dt.size))
+        change = function.changes(known, [value], here.dt[None, :], here.dx, np.vstack([here.dp, sides]), self._dlevels)
         return value.full().ravel(), change.full()
 
-    def outputs_at(self, here: VariedState) -> tuple[np.ndarray, np.ndarray]:
-        """All outputs at a state (n_y,), and their variations (n_y, k)."""
+    def outputs_at(self, here: VariedState, *, starts: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """All outputs at the state at the end or the start (n_y,), and their variations (n_y, k)."""
         values, slopes = np.full(self.rows.size, np.nan), np.full((self.rows.size, here.dt.size), np.nan)
         if self._shown:
             stacked = ca.vertcat(*[ca.vec(e) for e in self._shown])
-            values[self.rows], slopes[self.rows] = self.at(stacked, here)
+            values[self.rows], slopes[self.rows] = self.at(stacked, here, starts=starts)
         return values, slopes
 
-    def rates(self, time: float, x: np.ndarray) -> np.ndarray:
-        """Rates of ``(q, v, z)``."""
-        eom = self.eom
-        function = self.motion.at_one_output(ca.vertcat(eom.v, eom.a, eom.z_rate))
-        return np.asarray(function(*self._at(time, x)).full().ravel())
+    def rates(self, time: float, x: np.ndarray, *, starts: bool = False) -> np.ndarray:
+        """Rates of ``(q, v, z)`` at the end or the start."""
+        eom = self.motion.held.system.numeric.eom
+        function = self._function(ca.vertcat(eom.v, eom.a, eom.z_rate))
+        return np.asarray(function(*self._at(time, x, starts)).full().ravel())
 
     def rate_of(self, expression: ca.SX, time: float, x: np.ndarray) -> float:
-        """Rate of an expression along the motion."""
-        function, known = Compiled(self.motion.at_one_output(expression)), self._at(time, x)
+        """Rate of an expression along the motion at its end."""
+        function, known = self._function(expression), self._at(time, x, starts=False)
         rates = self.rates(time, x)[:, None]
         return float(function.changes(known, [function(*known)], np.ones((1, 1)), rates))
 
-    def _at(self, time: float, x: np.ndarray) -> list[Any]:
-        """Arguments of a function at one output; there are no samples."""
-        return [time, x, self.p, self.motion.values.levels, np.zeros((0, 1))]
+    def _function(self, expression: ca.SX) -> Compiled:
+        """An expression at one output, under the switches that are held."""
+        return Compiled(self.motion.at_one_output(expression, held=True))
+
+    def _at(self, time: float, x: np.ndarray, starts: bool) -> list[Any]:
+        """Arguments of a function at one output, with the sides of the switches there; there are no samples."""
+        course = self.motion.course(self.x0, self.motion.values)
+        sides = course.sides if starts or not course.cuts else course.cuts[-1].sides
+        return [time, x, np.r_[self.p, sides], self.motion.values.levels, np.zeros((0, 1))]

@@ -116,12 +116,16 @@ class _Passage:
     def __init__(self, varied: VariedMotion):
         self._varied = varied
         self._events: list[EventVariation] = []
+        #: expressions of the events that end the phases
+        self._endings: list[ca.SX] = []
         #: variations of the state at a fixed time, and of the parameters
         self._dx, self._parameters = varied.directions.start, dict(varied.directions.parameters)
 
     def run(self, changes: Sequence[Event], ending: Event | None) -> PhasedVariation:
         """Go through all phases."""
-        flow: PhaseFlow | None = PhaseFlow(self._varied, 0)
+        self._endings = [event.expression for event in changes]
+        self._endings += [] if ending is None else [ending.expression]
+        flow: PhaseFlow | None = self._flow(0)
         pieces = []
         for number, part in enumerate(self._varied.motion.phases):
             if flow is None:
@@ -135,6 +139,10 @@ class _Passage:
         t, y, slope = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
         return PhasedVariation(t, y, slope, tuple(self._events), self._dx)
 
+    def _flow(self, number: int) -> PhaseFlow:
+        """The motion in a phase."""
+        return PhaseFlow(self._varied, number, dict(enumerate(self._endings)).get(number))
+
     def _end(self, flow: PhaseFlow, event: Event, time: float, x: np.ndarray) -> None:
         """End the motion at an event."""
         instant = _at_event(flow, event, time, x, self._dx, flow.dp(self._parameters))
@@ -143,16 +151,16 @@ class _Passage:
 
     def _change(self, flow: PhaseFlow, event: Event, number: int, time: float, x: np.ndarray) -> PhaseFlow | None:
         """Go across a change: the motion that follows, None if the motion ends just after it."""
-        following = PhaseFlow(self._varied, number + 1)
+        following = self._flow(number + 1)
         instant = _at_event(flow, event, time, x, self._dx, flow.dp(self._parameters))
         jumped, self._parameters = _Change(flow, following, event, instant).across(self._parameters)
         after = VariedState(time, following.x0, instant.dt, jumped, following.dp(self._parameters))
-        values = flow.outputs_at(instant), following.outputs_at(after)
+        values = flow.outputs_at(instant), following.outputs_at(after, starts=True)
         self._events.append(EventVariation(event.name, time, instant.dt, *values))
         if len(self._varied.motion.phases[number + 1]) < 2:
             self._dx = jumped
             return None
-        self._dx = jumped - np.outer(following.rates(time, following.x0), instant.dt)
+        self._dx = jumped - np.outer(following.rates(time, following.x0, starts=True), instant.dt)
         return following
 
 

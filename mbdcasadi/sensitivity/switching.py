@@ -44,6 +44,9 @@ AHEAD = 4.0
 NEAR_IN_TIME = 1e-9
 #: Jump of velocities, relative to their size, that is rounding.
 NO_IMPULSE = 1e-9
+#: Share of a motion before its end in which a switch may pass its border at the event that ends it: by the errors of
+#: two integrations.
+AT_END = 1e-4
 #: Difference of the derivatives of two instants, relative to their size, that is rounding.
 SAME_DERIVATIVE = 1e-6
 
@@ -149,7 +152,21 @@ class BorderPassage:
         w, rates, _ = self._switching(self.sides)
         near = np.abs(margins_of(w, self.sides, self._system.whole)) <= self._near(rates)
         moving = np.abs(rates) > AT_REST * (1 + self._speed)
-        return [int(k) for k in self._watched if near[k] and moving[k]]
+        at_borders = [int(k) for k in self._watched if near[k] and moving[k]]
+        return [k for k in at_borders if not self._is_at_end(k, self._time, self._x)]
+
+    def _is_at_end(self, k: int, time: float, x: np.ndarray) -> bool:
+        """True if a switch passes its border where the event is that ends the motion, whatever the parameters are."""
+        system, grid = self._system, self._grid
+        if system.ending is None or grid[-1] - time > AT_END * (grid[-1] - grid[0]):
+            return False
+        here = np.array([time]), x[None, :], self.sides
+        slopes, (rate, ending) = (
+            self._call(system.slopes, *here, columns=True)[0],
+            self._call(system.ending, *here, columns=True),
+        )
+        own_rate = float(self._call(system.switching, *here)[1][k, 0])
+        return _same_derivative(slopes[k], own_rate, ending[0], float(rate[0, 0]))
 
     # --- one stretch ---------------------------------------------------------------------------
     def _advance_once(self, end: float) -> None:
@@ -169,6 +186,9 @@ class BorderPassage:
             self._stretch = (end - start) / AHEAD
             return
         crossing = self._first_crossing(np.r_[start, times], np.vstack([self._x, x])) if self._watched.size else None
+        if crossing is not None and self._is_at_end(crossing[0], crossing[1], crossing[2]):
+            self._watched = self._watched[self._watched != crossing[0]]  # what is behind the event is not used
+            return
         if crossing is None:
             self._time, self._x = end, self._projected(end, x[-1])
             self._stretch *= 2

@@ -1,5 +1,7 @@
 """Sensitivities through changes of the mechanism, against closed forms and differences of simulations."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -194,3 +196,80 @@ def test_without_a_change_it_is_the_same():
     found = mbd.sensitivities(free, [0, 0.1, 0.2], [ball.y], [g], events=[event])
     np.testing.assert_allclose(found[ball.y, g], plain[ball.y, g], atol=1e-10)
     assert not found.events
+
+
+def turning_about_origin() -> tuple[mbd.Body, mbd.Revolute]:
+    body = mbd.Body("body", 1.0, 1.0)
+    return body, mbd.Revolute("pin", mbd.ground.at(0, 0), body.at(0, 0))
+
+
+@pytest.mark.parametrize("method", ["idas", "erk"])
+@pytest.mark.parametrize("size", [1.37, 2.11, 3.3, 5.9, 0.73])
+def test_change_where_a_force_jumps(method, size):
+    """On which side of the jump the state at the event lies is a matter of rounding."""
+    body, pin = turning_about_origin()
+    torque = mbd.Parameter("torque", size)
+    push = mbd.Torque("push", body, mbd.if_else(body.phi < 0.5, torque, -1.0))
+    pushed = mbd.Mechanism([body], [pin], forces=[push], parameters=[torque])
+    leaves = mbd.Event("leaves", body.phi - 0.5, direction=1, becomes=pushed.replace(forces=[]))
+    start = [body.phi == 0, body.omega == 0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", mbd.MechanismWarning)
+        found = mbd.sensitivities(
+            pushed, [0, 0.1, 3], [body.omega, body.alpha], [torque], start, events=[leaves], method=method
+        )
+    (event,) = found.events
+    assert event.time(torque) == pytest.approx(-0.5 * size**-1.5, rel=1e-6)
+    assert found[body.omega, torque][-1] == pytest.approx(0.5 / np.sqrt(size), rel=1e-6)
+    assert event[body.alpha] == pytest.approx(size) and event[body.alpha, torque] == pytest.approx(1)
+    before, after = np.flatnonzero(found.t == event.t)
+    assert found[body.alpha][before] == pytest.approx(size) and found[body.alpha, torque][before] == pytest.approx(1)
+    assert found[body.alpha][after] == pytest.approx(0)
+
+
+@pytest.mark.parametrize("method", ["idas", "erk", "dop853"])
+def test_end_where_friction_stops_a_body(method):
+    body, pin = turning_about_origin()
+    friction, speed = mbd.Parameter("friction", 3.7), 1.85
+    brake = mbd.Torque("brake", body, -friction * mbd.sign(body.omega))
+    stop = mbd.Event("stop", body.omega, direction=-1, terminal=True)
+    mechanism = mbd.Mechanism([body], [pin], forces=[brake], parameters=[friction])
+    start = [body.omega == speed, body.phi == 0]
+    outputs = [body.phi, body.alpha]
+    found = mbd.sensitivities(
+        mechanism, np.linspace(0, 2, 41), outputs, [friction], start, events=[stop], method=method
+    )
+    (event,) = found.events
+    assert event.time(friction) == pytest.approx(-speed / 3.7**2, rel=1e-6)
+    assert event[body.phi, friction] == pytest.approx(-(speed**2) / 2 / 3.7**2, rel=1e-6)
+    assert event[body.alpha] == pytest.approx(-3.7) and found[body.alpha, friction][-1] == pytest.approx(-1)
+
+
+@pytest.mark.parametrize("method", ["idas", "dop853"])
+def test_clutch_that_locks_where_its_torque_changes_sign(method):
+    """Against differences of a closed form: slip ends at t, then both turn on under the drag."""
+    driving, driven = mbd.Body("A", 1, 0.2), mbd.Body("B", 1, 0.5)
+    pins = [mbd.Revolute(n, mbd.ground.at(0, 0), b.at(0, 0)) for n, b in (("a", driving), ("b", driven))]
+    angle, grip, slip = mbd.Parameter("angle", 0.0), mbd.Parameter("grip", 4.0), driving.omega - driven.omega
+    drag = mbd.Torque("drag", driven, -0.1 * driven.omega)
+    clutch = mbd.Torque("clutch", driven, grip * mbd.sign(slip), opposite=driving)
+    lock = mbd.RelativeAngle("lock", driving.at(0, 0), driven.at(0, 0), angle)
+    slips = mbd.Mechanism([driving, driven], pins, forces=[clutch, drag], parameters=[angle, grip])
+    locked = slips.replace(joints=[*pins, lock], forces=[drag])
+    locks = mbd.Event("locks", slip, direction=-1, becomes=locked, reset={angle: driven.phi - driving.phi})
+    start = [driving.omega == 20, driven.omega == 0]
+    found = mbd.sensitivities(slips, [0, 1, 2], [driven.omega], [grip], start, events=[locks], method=method)
+
+    def exact(torque: float) -> tuple[float, float]:
+        def excess(t: float) -> float:
+            return 20 - torque * t / 0.2 - 10 * torque * (1 - np.exp(-0.2 * t))
+
+        low, high = 0.0, 2.0
+        for _ in range(100):
+            middle = (low + high) / 2
+            low, high = (middle, high) if excess(middle) > 0 else (low, middle)
+        return low, (20 - torque * low / 0.2) * np.exp(-(2 - low) / 7)
+
+    slopes = (np.array(exact(4.001)) - np.array(exact(3.999))) / 0.002
+    assert found.events[0].time(grip) == pytest.approx(slopes[0], rel=1e-5)
+    assert found[driven.omega, grip][-1] == pytest.approx(slopes[1], rel=1e-5)
