@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -25,7 +26,7 @@ from .singular.passage import Passage, SingularPassage, Trail
 from .singular.regularity import Regularity
 from .stepper import SteppedSystem, Stepper
 from .stepping.compiled_stepper import CompiledStepper
-from .stepping.held_switches import HeldMotion
+from .stepping.held_switches import AT_EVENT, NEAR, HeldMotion, HeldSwitches, natural_values, switches_of
 from .stepping.piece_projection import PieceProjection
 from .stepping.whole_stepper import WholeStepper
 
@@ -33,6 +34,8 @@ from .stepping.whole_stepper import WholeStepper
 REALLY_SINGULAR = 0.02
 #: Time beyond the place of a failure up to which an event is looked for, as a share of that between two outputs.
 BEYOND = 1e-3
+#: Time before an event at which switches are on their sides, as a share of the run.
+SHORTLY = 1e-5
 #: Times that the switches to be held are chosen.
 TRIALS = 4
 
@@ -190,6 +193,33 @@ class Arc:
                 return (Path.joined([path, further]) if reach == end else path), crossings
             free |= passed  # which switch on the way to what stops the integrator
         return None
+
+    def outputs_before(self, path: Path, crossing: Crossing) -> Outputs:
+        """Return what makes the outputs at an event: switches at their borders there are on their sides before it.
+
+        Parameters
+        ----------
+        path : Path
+            States on the constraints around it.
+        crossing : Crossing
+            The event.
+        """
+        outputs, time = self.stepper.outputs, crossing.time
+        if not switches_of(self._system.numeric, self._system.signals).switches:
+            return outputs
+        earlier = time - SHORTLY * self._system.span
+        start, x = self.trail.with_path(path, time - self.watch.instant).before(earlier)
+        far, near = (
+            np.abs(natural_values(self._system, outputs, start, *at)) for at in ((start, x), (time, crossing.x))
+        )
+        if not np.any(near <= NEAR * far):
+            return outputs
+        before = start, x
+        if start < earlier:
+            with contextlib.suppress(IntegrationFailure):
+                before = earlier, self.stepper.states_from(start, x)(np.array([earlier]))[0]
+        held = HeldSwitches(self._system, outputs, start, before, (time, crossing.x), near=AT_EVENT)
+        return held.outputs if held.switches else outputs
 
     def passage_from(self, path: Path, smooth_until: Callable[[float], float]) -> Passage | None:
         """Return the motion across a singular pose, if a path comes near to one and is not regular enough there.

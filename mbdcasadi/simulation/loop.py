@@ -334,6 +334,7 @@ class Run:
         except IntegrationFailure as stopped:  # between two outputs that another run of steps has reached
             raise self._failed(piece, stopped, times[:0], x[:0]) from None
         deciding = [c for c in crossings if arc.decides(c.event)]
+        beyond = None
         if failure is not None and passage is None and not deciding and times.size < piece.times.size:
             beyond = arc.events_at_jump(consistent, float(piece.times[times.size]), failure)
             if beyond is not None:
@@ -350,16 +351,22 @@ class Run:
             arc.resolution.note(counted)
             if self.keeps_paths:
                 self._paths.append(counted)
+        located = consistent if beyond is None else beyond[0]
+        at_events = [arc.outputs(passage) if passage else arc.outputs_before(located, c) for c in crossings]
+        before = next((o for o, c in zip(at_events, crossings, strict=True) if deciding and c is deciding[0]), None)
         wanted = piece.wanted[:count]
-        kept: Any = slice(count) if wanted.all() else wanted.nonzero()[0]
-        self._keep(times[kept], x[kept], piece.begins[kept], arc.outputs(passage))
-        for crossing in crossings:
+        # an output at the event itself is just before it
+        at_end = wanted & (times[:count] >= deciding[0].time - self.instant) if deciding else np.zeros(count, bool)
+        for some, made_by in ((wanted & ~at_end, arc.outputs(passage)), (at_end, before)):
+            kept: Any = slice(count) if some.all() else some.nonzero()[0]
+            self._keep(times[kept], x[kept], piece.begins[kept], made_by)
+        for crossing, outputs in zip(crossings, at_events, strict=True):
             if not arc.decides(crossing.event):
-                self._builder.events.append(self._occurrence(crossing))
+                self._builder.events.append(self._occurrence(crossing, outputs))
         if deciding and passage is not None and not all(c.event.terminal for c in deciding):
             raise singular_event(arc.numeric, deciding[0].event.name, deciding[0].time, deciding[0].x)
         if deciding:
-            return self._at_events(deciding)
+            return self._at_events(deciding, before or arc.outputs(passage))
         if failure is not None:
             raise self._failed(piece, failure, times, x)
         self._time, self._x = float(times[-1]), x[-1]
@@ -443,12 +450,24 @@ class Run:
         watch = EventWatch(numeric.eom, self.events, self.instant, self.transitions.resting, own)
         return Arc(mode, state, system, watch, own)
 
-    def _occurrence(self, crossing: Crossing) -> EventOccurrence:
-        state = self._arc.stepper.outputs.state(crossing.time, crossing.x)
+    def _occurrence(self, crossing: Crossing, outputs: Outputs) -> EventOccurrence:
+        state = self._state(outputs, crossing.time, crossing.x)
         return EventOccurrence(crossing.event.name, crossing.time, self.modes.whole(self._arc.mode, state))
 
-    def _at_events(self, crossings: Sequence[Crossing]) -> bool:
-        """Go on from the events of one instant; return True if one of them ends the run."""
+    def _state(self, outputs: Outputs, time: float, x: np.ndarray) -> State:
+        """A state of the mechanism of the present mode."""
+        _, q, v, a, z, lam, u = (part[0] for part in outputs.block(np.array([time]), x[None, :]))
+        numeric = self._arc.numeric
+        return State(numeric.eom.mechanism, time, q, v, a, z, lam, u, numeric.p)
+
+    def _at_events(self, crossings: Sequence[Crossing], before: Outputs) -> bool:
+        """Go on from the events of one instant; return True if one of them ends the run.
+
+        Parameters
+        ----------
+        before : Outputs
+            What makes the outputs just before it.
+        """
         arc, first = self._arc, crossings[0]
         time = first.time
         self._index = self._schedule.index_after(time + self.instant)
@@ -457,10 +476,10 @@ class Run:
             time = max(time, self._builder.last_time)  # at an output, by rounding before it
         for crossing in terminal:
             if crossing.event.becomes is None:
-                self._builder.events.append(self._occurrence(crossing))
+                self._builder.events.append(self._occurrence(crossing, before))
         if terminal and self._builder.last_time < time:
-            self._keep(np.array([time]), first.x[None, :], np.array([time]))
-        state = arc.stepper.outputs.state(time, first.x)
+            self._keep(np.array([time]), first.x[None, :], np.array([time]), before)
+        state = self._state(before, time, first.x)
         mode_events = [c.event for c in crossings if arc.is_own(c.event)]
         if mode_events:
             state, occurrences = self.transitions.out_of_mode(state, mode_events)

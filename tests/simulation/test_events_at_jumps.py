@@ -140,3 +140,43 @@ def test_whole_run_that_hardly_proceeds_where_a_force_turns_ends_in_a_message(mo
             mbd.SimulationError, match=r"stopped at t = 0\.5405\d* s: .*as many steps.*a force may jump"
         ):
             mbd.simulate(mechanism, times=GRID, events=events, initial=[body.omega == 2], method="dop853")
+
+
+@pytest.mark.parametrize("method", ["idas", "erk", "dop853"])
+@pytest.mark.parametrize("speed", [1.85, 1.3])
+@pytest.mark.parametrize("ends", [True, False])
+def test_state_at_the_event_is_the_one_before_the_force_jumps(method, speed, ends):
+    """On which side of the jump it lies is a matter of rounding; accelerations and reactions are those before."""
+    arm = mbd.Body("arm", 2.0, 0.5, pose=(0.5, 0, 0))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), arm.at(-0.5, 0))
+    braking = mbd.Mechanism([arm], [pin], forces=[braked(arm)])
+    change = {"terminal": True} if ends else {"becomes": braking.replace(forces=[])}
+    stop = mbd.Event("stop", arm.omega, direction=-1, **change)
+    start = [arm.phi == 0, arm.omega == speed]
+    run = mbd.simulate(braking, times=GRID, events=[stop], initial=start, method=method)
+    (event,) = run.events
+    before = np.flatnonzero(run.t == event.t)[0]
+    # unit inertia about the pin, whose force is that which accelerates the mass across the arm
+    force = mbd.dot(pin.reaction_on(arm).force, arm.at(0, 0).y_axis)
+    for found in event.state[arm.alpha], run[arm.alpha][before]:
+        assert found == pytest.approx(-FRICTION, rel=1e-6)
+    for found in event.state[force], run[force][before]:
+        assert found == pytest.approx(-FRICTION, rel=1e-6)
+    assert run.at([event.t - 1e-4])[arm.omega] == pytest.approx(FRICTION * 1e-4, rel=1e-3)
+
+
+def test_events_that_only_record_have_the_state_before_the_force_jumps():
+    """A mass on a spring with weak dry friction turns: the spring overcomes it."""
+    mass = mbd.Body("mass", 1.0, 1.0)
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), mass.at(0, 0))
+    load = mbd.Force("load", mass.at(0, 0), (-100 * mass.x - 5 * mbd.sign(mass.vx), 0))
+    turns = mbd.Event("turns", mass.vx)
+    start = [mass.x == 1, mass.vx == 0]
+    run = mbd.simulate(
+        mbd.Mechanism([mass], [guide], forces=[load]), np.linspace(0, 1, 21), initial=start, events=[turns]
+    )
+    places = [1 - 0.1 * (k + 1) for k in range(3)]
+    signs = [-1, 1, -1]
+    assert len(run.events) == 3
+    for event, place, sign in zip(run.events, places, signs, strict=True):
+        assert event.state[mass.ax] == pytest.approx(-100 * sign * place - 5 * sign, rel=1e-6)

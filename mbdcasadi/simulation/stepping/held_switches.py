@@ -26,6 +26,8 @@ from .compiled_stepper import CompiledStepper
 #: Distance from its border where an integrator got stuck, relative to that some time before, below which a switch is
 #: what it got stuck at: the place is known to the 2^-16 of the time between two outputs.
 NEAR = 1e-2
+#: The same of an event that was located, relative to some 1e-5 of a run before it.
+AT_EVENT = 1e-3
 #: Points of the way to an event at which held switches must be on their sides.
 CHECKS = 32
 
@@ -42,6 +44,35 @@ def parts_of_motion(
     for k in range(integrands.numel()):
         parts += part_of(numeric, "integrand", k, (integrands[k],), "the running cost")
     return tuple(parts)
+
+
+class MotionSwitches:
+    """The parts of a motion in which something jumps, and all their switches; made once for a mechanism.
+
+    Attributes
+    ----------
+    parts : tuple of JumpingPart
+        The parts.
+    switches : tuple of Switch
+        Their switches.
+    whole : numpy.ndarray of bool
+        True if a switch has its borders at whole numbers.
+    natural : casadi.SX
+        Their quantities with nothing held.
+    """
+
+    def __init__(self, numeric: NumericEquations, signals: Signals):
+        self.parts = parts_of_motion(numeric, signals)
+        self.switches = tuple(s for part in self.parts for s in hold(part.expressions, free=part.continuous)[1])
+        self.whole = np.array([switch.whole for switch in self.switches], bool)
+        self.natural = ca.densify(ca.vertcat(ca.SX(0, 1), *[switch.natural for switch in self.switches]))
+
+
+def switches_of(numeric: NumericEquations, signals: Signals) -> MotionSwitches:
+    """Return the switches of a motion."""
+    return signals.kept(
+        numeric.eom, ("switches of the motion",), lambda: MotionSwitches(numeric, signals), bounded=True
+    )
 
 
 def held_motion(
@@ -62,6 +93,79 @@ def held_motion(
         if kind == "input":
             parametrised[place] = held[0]
     return eom, replace(signals, parametrised=parametrised)
+
+
+class HeldSwitches:
+    """Switches at their borders at a state, and the system in which they are held on the sides that they were on.
+
+    Parameters
+    ----------
+    system : SteppedSystem
+        The equations, inputs and method of the run.
+    outputs : Outputs
+        What makes its outputs.
+    since : float
+        Start of the interval of whose inputs the motion is.
+    before, there : tuple of (float, numpy.ndarray)
+        Times and states at which the switches are on their sides, and at which they are at their borders.
+    free : collection of int
+        Operations that are left as they are.
+    near : float
+        Distance from a border, relative to that before, that counts as none.
+
+    Attributes
+    ----------
+    switches : tuple of Switch
+        Switches that are held; none if nothing switches there.
+    sides : numpy.ndarray
+        Their sides.
+    system : SteppedSystem
+        That in which they are held; the given one if there are none.
+    """
+
+    def __init__(
+        self,
+        system: SteppedSystem,
+        outputs: Outputs,
+        since: float,
+        before: tuple[float, np.ndarray],
+        there: tuple[float, np.ndarray],
+        free: Collection[int] = (),
+        near: float = NEAR,
+    ):
+        self.switches: tuple[Switch, ...] = ()
+        self.system, self.sides = system, np.zeros(0)
+        numeric, signals = system.numeric, system.signals
+        motion = switches_of(numeric, signals)
+        parts, every, whole = motion.parts, motion.switches, motion.whole
+        if not every:
+            return
+        values = [natural_values(system, outputs, since, *at) for at in (before, there)]
+        sides = sides_of(values[0], whole)
+        far, rest = (margins_of(value, sides, whole) for value in values)
+        chosen = (far > 0) & (np.abs(rest) <= near * far)
+        if not np.any(chosen):
+            return
+        nodes = {switch.node for switch, at_border in zip(every, chosen, strict=True) if at_border}
+        free = frozenset(switch.node for switch in every) - (nodes - set(free))
+        (eom, held), _ = signals.kept(  # the operations are kept beside it: hashes are unique only while they live
+            numeric.eom, ("held", free), lambda: (held_motion(numeric, signals, parts, free), parts), bounded=True
+        )
+        if not eom.switches:
+            return
+        side_of = {switch.node: side for switch, side in zip(every, sides, strict=True)}
+        self.switches, self.sides = eom.switches, np.array([side_of[switch.node] for switch in eom.switches])
+        self.system = replace(
+            system,
+            numeric=NumericEquations(eom, np.r_[numeric.p, self.sides]),
+            signals=replace(signals, parametrised=held.parametrised),
+        )
+
+    @property
+    def outputs(self) -> Outputs:
+        """What makes outputs with the switches held."""
+        system = self.system
+        return Outputs(system.numeric, system.signals, system.levels, redundant=system.redundant)
 
 
 class HeldMotion:
@@ -95,49 +199,23 @@ class HeldMotion:
         stuck: tuple[float, np.ndarray],
         free: Collection[int] = (),
     ):
-        (self._start, x_start), self._levels = start, system.levels
-        numeric, signals = system.numeric, system.signals
-        parts = signals.kept(
-            numeric.eom, ("parts of the motion",), lambda: parts_of_motion(numeric, signals), bounded=True
-        )
-        every = [s for part in parts for s in hold(part.expressions, free=part.continuous)[1]]
-        whole = np.array([switch.whole for switch in every], bool)
-        natural = ca.densify(ca.vertcat(ca.SX(0, 1), *[switch.natural for switch in every]))
-        values = [self._values(outputs, signals, natural, np.array([t]), x[None])[:, 0] for t, x in (before, stuck)]
-        sides = sides_of(values[0], whole)
-        far, near = (margins_of(value, sides, whole) for value in values)
-        chosen = (far > 0) & (np.abs(near) <= NEAR * far)
-        self.switches: tuple[Switch, ...] = ()
-        if not np.any(chosen):
-            return
-        nodes = {switch.node for switch, at_border in zip(every, chosen, strict=True) if at_border}
-        free = frozenset(switch.node for switch in every) - (nodes - set(free))
-        (eom, held), _ = signals.kept(  # the operations are kept beside it: hashes are unique only while they live
-            numeric.eom, ("held", free), lambda: (held_motion(numeric, signals, parts, free), parts), bounded=True
-        )
-        side_of = {switch.node: side for switch, side in zip(every, sides, strict=True)}
-        if not eom.switches:
-            return
-        self.switches, self._whole = eom.switches, np.array([switch.whole for switch in eom.switches], bool)
-        self._sides = np.array([side_of[switch.node] for switch in eom.switches])
-        self._stepper = CompiledStepper(
-            replace(
-                system,
-                numeric=NumericEquations(eom, np.r_[numeric.p, self._sides]),
-                signals=replace(signals, parametrised=held.parametrised),
-            )
-        )
-        self.states_at: StatesAt = self._stepper.states_from(self._start, x_start, precise=True)
+        self._start, x_start = start
+        self._held = HeldSwitches(system, outputs, self._start, before, stuck, free)
+        self.switches: tuple[Switch, ...] = self._held.switches
+        if self.switches:
+            self._stepper = CompiledStepper(self._held.system)
+            self.states_at: StatesAt = self._stepper.states_from(self._start, x_start, precise=True)
 
     def passed(self, until: float) -> frozenset[int]:
         """Operations that are held and come to their borders before a time; without any the motion is the true one."""
         if until <= self._start:
             return frozenset()
         times = np.linspace(self._start, until, CHECKS + 1)[1:]
-        outputs, signals = self._stepper.outputs, self._stepper.signals
         quantities = ca.densify(ca.vertcat(*[switch.quantity for switch in self.switches]))
+        whole = np.array([switch.whole for switch in self.switches], bool)
+        outputs, states = self._stepper.outputs, self.states_at(times)
         margins = margins_of(
-            self._values(outputs, signals, quantities, times, self.states_at(times)), self._sides, self._whole
+            _values(self._held.system, outputs, quantities, self._start, times, states), self._held.sides, whole
         )
         return frozenset(self.switches[k].node for k in np.flatnonzero(~np.all(margins >= 0, axis=1)))
 
@@ -146,12 +224,19 @@ class HeldMotion:
         if self.switches:
             self._stepper.release()
 
-    def _values(
-        self, outputs: Outputs, signals: Signals, quantities: ca.SX, times: np.ndarray, x: np.ndarray
-    ) -> np.ndarray:
-        """Values of quantities at states (quantities, k), under the inputs of the interval of the motion."""
-        since = np.full(times.size, min(self._start, times[0]))
-        known = [*outputs.numeric.eom.symbols, signals.levels, signals.channel]
-        evaluator = Evaluator(ca.Function("quantities", known, [quantities]))
-        t, *rest = outputs.block(times, x, since)
-        return evaluator.rows(t[:, None], *rest, outputs.numeric.p, self._levels, signals.columns_from(since))[0].T
+
+def natural_values(system: SteppedSystem, outputs: Outputs, since: float, time: float, x: np.ndarray) -> np.ndarray:
+    """Quantities of all switches of a motion at a state, with nothing held (switches,)."""
+    natural = switches_of(system.numeric, system.signals).natural
+    return _values(system, outputs, natural, since, np.array([time]), x[None, :])[:, 0]
+
+
+def _values(
+    system: SteppedSystem, outputs: Outputs, quantities: ca.SX, start: float, times: np.ndarray, x: np.ndarray
+) -> np.ndarray:
+    """Values of quantities at states (quantities, k), under the inputs of the interval of a motion."""
+    since, signals = np.full(times.size, min(start, times[0])), system.signals
+    known = [*outputs.numeric.eom.symbols, signals.levels, signals.channel]
+    evaluator = Evaluator(ca.Function("quantities", known, [quantities]))
+    t, *rest = outputs.block(times, x, since)
+    return evaluator.rows(t[:, None], *rest, outputs.numeric.p, system.levels, signals.columns_from(since))[0].T
