@@ -205,14 +205,13 @@ class Arc:
             The event.
         """
         outputs, time = self.stepper.outputs, crossing.time
-        if not switches_of(self._system.numeric, self._system.signals).switches:
+        whole = switches_of(self._system.numeric, self._system.signals).whole
+        if not whole.size:
             return outputs
         earlier = time - SHORTLY * self._system.span
         start, x = self.trail.with_path(path, time - self.watch.instant).before(earlier)
-        far, near = (
-            np.abs(natural_values(self._system, outputs, start, *at)) for at in ((start, x), (time, crossing.x))
-        )
-        if not np.any(near <= NEAR * far):
+        far, near = (natural_values(self._system, outputs, start, *at) for at in ((start, x), (time, crossing.x)))
+        if not np.any(np.abs(np.where(whole, near - np.round(near), near)) <= NEAR * np.abs(far)):
             return outputs
         before = start, x
         if start < earlier:

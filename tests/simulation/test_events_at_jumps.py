@@ -180,3 +180,14 @@ def test_events_that_only_record_have_the_state_before_the_force_jumps():
     assert len(run.events) == 3
     for event, place, sign in zip(run.events, places, signs, strict=True):
         assert event.state[mass.ax] == pytest.approx(-100 * sign * place - 5 * sign, rel=1e-6)
+
+
+@pytest.mark.parametrize("method", ["idas", "dop853"])
+def test_state_at_the_event_where_a_force_changes_by_steps(method):
+    (body,), pins = turning("body")
+    steps = mbd.Torque("steps", body, 1 - 3 * mbd.floor(body.phi))
+    step = mbd.Event("step", body.phi - 1, direction=1, terminal=True)
+    start = [body.omega == 1, body.phi == 0]
+    run = mbd.simulate(mbd.Mechanism([body], pins, forces=[steps]), GRID, initial=start, events=[step], method=method)
+    assert run.events[0].t == pytest.approx(np.sqrt(3) - 1, abs=1e-8)
+    assert run.events[0].state[body.alpha] == pytest.approx(1) and run[body.alpha][-1] == pytest.approx(1)
