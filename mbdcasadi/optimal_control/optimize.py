@@ -76,8 +76,9 @@ def optimize(
         Refine the mesh until the local error of every interval is below it, path limits are passed by less than this
         share of their sizes, and the estimated errors of polynomial inputs are below this share of their largest
         values. Stretches around switches and kinks, in which inputs may be off by more, are shorter than its root, or
-        at kinks than a hundredth, as a share of the duration, and still shorter if velocities or first-order states
-        change by much there, so that their effect on the cost is as small.
+        at kinks than a hundredth, as a share of the duration, and still shorter if velocities, first-order states or
+        the running cost change by much there, so that their effect on the cost is as small. Times at which costs,
+        limits or forces jump become mesh points, and the integral of the running cost is right to this share.
     guess : Solution or Trajectory, optional
         Initial guess, on any mesh: another solution, a simulation, or an
         inverse dynamics of the same bodies with a driver in place of the input.

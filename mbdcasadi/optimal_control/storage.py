@@ -52,6 +52,7 @@ def save(solution: SolvedMotion, path: str | Path) -> None:
         content |= {f"{prefix}segment times": part.segment_times, f"{prefix}parameters": part.numeric.p}
         content |= {f"{prefix}mesh {k}": fractions for k, fractions in enumerate(part.mesh.segments)}
         content[f"{prefix}moving mesh points"] = np.array(part.mesh.moving, int)
+        content[f"{prefix}pinned mesh points"] = np.array(part.mesh.pinned, int)
     write_arrays(path, content)
 
 
@@ -143,8 +144,9 @@ def _phases(problem: OptimalControlProblem, content: Archive) -> tuple[list[Mesh
                 if segments
                 else f"{content.path}: the solution does not have the phase '{phase.name}' of the problem"
             )
-        moving = f"{prefix}moving mesh points"  # files of earlier versions have none
-        meshes.append(Mesh(tuple(segments), tuple(content.numbers(moving, None).tolist()) if moving in content else ()))
+        names = (f"{prefix}{kind} mesh points" for kind in ("moving", "pinned"))  # earlier versions have none
+        places = (tuple(content.numbers(name, None).tolist()) if name in content else () for name in names)
+        meshes.append(Mesh(tuple(segments), *places))
         times.append(_increasing(content, f"{prefix}segment times", len(segments) + 1))
     return meshes, times, parameters
 

@@ -19,6 +19,8 @@ from ..solution import Solution
 
 #: Longest text of an expression in a message.
 _LONGEST = 60
+#: Points of an interval at which it is looked on which side of a jump it is.
+_TAUS = np.linspace(0, 1, 5)
 
 
 def kinks_in(expression: ca.SX) -> list[str]:
@@ -33,9 +35,7 @@ def kinks_in(expression: ca.SX) -> list[str]:
     nodes = list(operations(whole, (*BENDING, ca.OP_ATAN2)))
     angles = [node.element_hash() for op, node in nodes if op == ca.OP_ATAN2]  # they jump at ±π alone
     held, switches = hold([whole, ca.jacobian(whole, symbols)], free=angles)
-    count = symbols.numel()
-    around = Surroundings(symbols, np.zeros(count), np.ones(count), ca.SX(0, 1), np.zeros(0))
-    smooth = continuous_switches(held, switches, around)
+    smooth = _continuous(held, switches, symbols)
     sharp = [switch for switch in switches if switch.node not in smooth]
     return _named(sharp, [node for op, node in nodes if op in BENDING], symbols)
 
@@ -49,8 +49,7 @@ def _named(sharp: list[Switch], bends: list[ca.SX], symbols: ca.SX) -> list[str]
     found = []
     for switch, border in zip(sharp, values, strict=False):
         own = [node for node, other in zip(bends, values[len(sharp) :], strict=True) if np.isclose(border, other)]
-        value = "a whole number" if switch.whole else "zero"
-        found.append(f"{_text(own[0])} bends" if own else f"{_text(switch.natural)} passes {value}")
+        found.append(f"{_text(own[0])} bends" if own else f"{_text(switch.natural)} passes {_border(switch)}")
     return list(dict.fromkeys(found))
 
 
@@ -66,6 +65,45 @@ def kinks_in_path(problem: OptimalControlProblem) -> str:
     """Return in words the kinks in the path conditions of a problem, found once for it; empty if there are none."""
     conditions = [(f"path: {c.label}", c.expression) for phase in problem.phases for c in phase.path]
     return problem.shared.get_or_create("kinks of the path", lambda: _kinks(conditions))
+
+
+def jump_of_cost(solution: Solution) -> str:
+    """Return in words where a running cost jumps with the states on the way of a motion; empty if none does.
+
+    A jump in time alone is at a time that does not change with the motion.
+    """
+    for phase, part in zip(solution.problem.phases, solution.phases, strict=True):
+        for switch in _jumps_with_states(phase) if part.mesh.count else ():
+            k, tau = np.repeat(np.arange(part.mesh.count), _TAUS.size), np.tile(_TAUS, part.mesh.count)
+            (values,) = part.by_polynomials([switch.natural], k, tau)
+            sides = np.floor(values.ravel()) if switch.whole else np.sign(values.ravel())
+            changes = np.flatnonzero(np.diff(sides))
+            if changes.size:
+                time, value = part.time_at(int(k[changes[0]]), float(tau[changes[0]])), _border(switch)
+                return f"running_cost jumps at t = {time:.6g} s or so, where {_text(switch.natural)} passes {value}"
+    return ""
+
+
+def _jumps_with_states(phase: Phase) -> list[Switch]:
+    """Switches over which the running cost of a phase jumps, but for those in time alone."""
+    if not any(operations(phase.running_cost, JUMPING)):
+        return []
+    eom = phase.equations
+    moving = ca.vertcat(eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u, phase.input_rates)
+    held, switches = hold([phase.running_cost])
+    smooth = _continuous(held, switches, ca.vertcat(ca.SX(0, 1), *ca.symvar(phase.running_cost)))
+    return [s for s in switches if s.node not in smooth and ca.depends_on(s.natural, moving)]
+
+
+def _continuous(held: list[ca.SX], switches: list[Switch], symbols: ca.SX) -> set[int]:
+    """Nodes of the switches over which expressions are continuous, at values of symbols around zero."""
+    count = symbols.numel()
+    around = Surroundings(symbols, np.zeros(count), np.ones(count), ca.SX(0, 1), np.zeros(0))
+    return continuous_switches(held, switches, around)
+
+
+def _border(switch: Switch) -> str:
+    return "a whole number" if switch.whole else "zero"
 
 
 def _kinks(expressions: Iterable[tuple[str, ca.SX]]) -> str:

@@ -232,9 +232,9 @@ class CollocationProgram:
         `start` is the first state if the initial conditions decide it; `times` are those of start, waypoints and end to
         begin with, by phase, s, and `pace` limits speeds and accelerations, by phase.
         """
-        points = (mesh.times(segment_times) for mesh, segment_times in zip(meshes, times, strict=True))
-        limited = zip(self.phases, points, pace or [np.inf] * len(self.phases), strict=True)
-        sides = zip(*[phase.bounds(start, of, most) for phase, of, most in limited], strict=True)
+        limited = zip(self.phases, meshes, times, pace or [np.inf] * len(self.phases), strict=True)
+        each = [phase.bounds(start, mesh.times(of), most, mesh.pinned) for phase, mesh, of, most in limited]
+        sides = zip(*each, strict=True)
         scale = self.scale[self.parameter_index]
         limits = np.array([p.lower for p in self._free]) / scale, np.array([p.upper for p in self._free]) / scale
         impulses = np.full(sum(change.index.size for change in self.changes), np.inf)

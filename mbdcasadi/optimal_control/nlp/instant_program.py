@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as ca
 import numpy as np
 
@@ -48,7 +50,7 @@ class InstantProgram(PhaseProgram):
         return []
 
     def bounds(
-        self, start: State, mesh_times: np.ndarray, pace: np.ndarray | float = np.inf
+        self, start: State, mesh_times: np.ndarray, pace: np.ndarray | float = np.inf, pinned: Sequence[int] = ()
     ) -> tuple[np.ndarray, np.ndarray]:
         """Limits of the variables, scaled."""
         n, mechanism = self.scheme.eom.q.numel(), self.phase.mechanism

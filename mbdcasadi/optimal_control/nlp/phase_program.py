@@ -186,13 +186,17 @@ class PhaseProgram:
         at = self.scheme.expanded(at, unknowns.interval.p, loads=loads)
         return function(*at.values, unknowns.interval.p, unknowns.extra)
 
+    def quadrature(self, expression: ca.SX) -> tuple[np.ndarray, np.ndarray]:
+        """Points and weights by which an expression is integrated over an interval."""
+        dense = self._leaves_inputs(expression)
+        return self.scheme.dense_rule if dense else (self.scheme.stages, self.scheme.quadrature)
+
     def _integral(self, expression: ca.SX, unknowns: Unknowns) -> ca.SX:
         if expression.is_zero():
             return ca.SX(0)
         function = ca.Function("e", self.arguments, [expression])
         scheme, interval = self.scheme, unknowns.interval
-        rule = scheme.dense_rule if self._leaves_inputs(expression) else (scheme.stages, scheme.quadrature)
-        points, weights = (x.tolist() for x in rule)
+        points, weights = (x.tolist() for x in self.quadrature(expression))
         values = (self._applied(function, scheme.at(interval, tau), unknowns) for tau in points)
         return interval.length * sum((w * value for w, value in zip(weights, values, strict=True)), ca.SX(0))
 
@@ -422,13 +426,13 @@ class PhaseProgram:
 
     # --- bounds of the variables ----------------------------------------------------------
     def bounds(
-        self, start: State, mesh_times: np.ndarray, pace: np.ndarray | float = np.inf
+        self, start: State, mesh_times: np.ndarray, pace: np.ndarray | float = np.inf, pinned: Sequence[int] = ()
     ) -> tuple[np.ndarray, np.ndarray]:
         """Limits of the variables, scaled.
 
         `start` is the first state if the initial conditions decide it. Of `mesh_times`, the mesh points to begin with,
-        s, those that move stay between their neighbours. `pace` limits speeds before the end, and
-        accelerations (2, n).
+        s, those that move stay between their neighbours, or where they are if they are `pinned`. `pace` limits speeds
+        before the end, and accelerations (2, n).
         """
         scheme, mechanism = self.scheme, self.phase.mechanism
         n, bounds = scheme.eom.q.numel(), []
@@ -445,6 +449,8 @@ class PhaseProgram:
             inner[scheme.interval_slice("u")] = np.tile(u, len(scheme.inputs.inner))
             times = mesh_times[np.clip(self._knots + (2 * side - 1), 0, self.count)][: self.time_count]
             if self.time_count:
+                stays = np.isin(self._knots, pinned)
+                times[stays] = mesh_times[self._knots[stays]]
                 times[self.stated_knots] = [self.begins[side] + span[side] for span in self.phase.time_spans]
             bound = np.r_[np.tile(np.r_[before, inner], self.count), point, times] / self.scale
             if self.initial is None and not self.follows:

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
+from ...numerics.lazy import cached_property
 from ...numerics.real import stretches
 from ..nlp.scaling import SMALLEST_SHARE
 from ..phase_solution import PhaseSolution
@@ -20,8 +21,9 @@ from ..solved_motion import SolvedMotion
 from .kinks import Kinks
 from .measure import Measure
 from .mesh import Mesh
-from .stretch_weight import weight_of
+from .stretch_weight import StretchWeights
 from .switches import TOO_NEAR, arcs_of, jumps_of, kinks_and_jumps, known_switches, shares_of
+from .time_jumps import points_at_jumps
 
 #: Points of an interval at which the product of the distances is looked at, both ends included.
 POINTS = 41
@@ -33,14 +35,20 @@ CONTINUOUS = 4.0
 
 
 def input_errors(
-    part: PhaseSolution, *, worse: bool = False, jumps: Sequence[int] = (), kinks: float = 0.0
+    part: PhaseSolution,
+    *,
+    worse: bool = False,
+    jumps: Sequence[int] = (),
+    kinks: float = 0.0,
+    mixed: Sequence[int] = (),
 ) -> np.ndarray:
     """Return the errors of the inputs in each interval as shares of their largest values (N, n_u).
 
     By the neighbour that agrees better, or by the one that agrees `worse`, except across waypoints, mesh points that
     move with a switch, further `jumps`, and mesh points at which an input may have a kink, since its courses meet there
     within a share of its size, `kinks`.
-    An interval alone between two of these is off by its term of the highest degree, or by less.
+    An interval alone between two of these is off by its term of the highest degree, or by less, if limits do not begin
+    or cease to be active in it, as in `mixed` ones: its kink may meet the course of a neighbour.
     Zero for inputs whose course was chosen, constant or linear. Infinite on a mesh of one interval, which has no
     neighbours, if the inputs are no constants.
     """
@@ -69,6 +77,8 @@ def input_errors(
         alone, degree = np.bincount(piece)[piece] == 1, coefficients.shape[1] - 1
         bent = np.abs(coefficients[:, -1]) * lengths[:, None] ** degree if degree else errors[0]
         errors[0, alone] = np.minimum(errors[0], bent)[alone]
+        bends = np.isin(np.arange(count), mixed) & alone
+        errors[:, bends] = bent[bends]
     sizes = _sizes(part, coefficients, lengths[:, None] * taus)
     errors_at: np.ndarray = np.min(errors, axis=0)
     if worse:
@@ -87,7 +97,7 @@ class UnresolvedInputs(Measure):
     """
 
     def __init__(self, solution: SolvedMotion, tolerance: float):
-        self._shares = shares_of(solution)
+        self._shares, self._weights = shares_of(solution), StretchWeights(solution)
         super().__init__(solution, tolerance)
 
     def of(self, part: PhaseSolution) -> np.ndarray:
@@ -95,13 +105,17 @@ class UnresolvedInputs(Measure):
         unresolved, lengths = np.zeros(part.mesh.count), np.diff(part.mesh_times)
         shortest = np.sqrt(self.tolerance)
         arcs = arcs_of(part, self._shares)
-        jumps, known = jumps_of(part, arcs), known_switches(part, arcs)
+        in_time = points_at_jumps(part)
+        jumps = sorted({*jumps_of(part, arcs), *in_time})
+        known = sorted({*known_switches(part, arcs), *in_time})
+        mixed = [k for arc in arcs if arc.active is None for k in range(arc.first, arc.end)]
         sizes = _shares_of_largest(part)
         for worse, share in ((False, shortest), (True, max(shortest, KINK_SHARE))):
-            errors = np.max(input_errors(part, worse=worse, jumps=jumps, kinks=self.tolerance), axis=1, initial=0.0)
+            by_input = input_errors(part, worse=worse, jumps=jumps, kinks=self.tolerance, mixed=mixed)
+            errors = np.max(by_input, axis=1, initial=0.0)
             for run in _divided(stretches(errors > self.tolerance), known):
                 off = float(np.max(errors[run]) / np.max(sizes[run], initial=np.max(errors[run])))
-                if weight_of(part, range(run.start, run.stop), off) > share:
+                if self._weights.of(part, range(run.start, run.stop), off) > share:
                     unresolved[run] = np.maximum(unresolved[run], errors[run])
         kinks = self._kinks(part)
         for switch in kinks_and_jumps(part, arcs)[0]:
@@ -116,14 +130,28 @@ class UnresolvedInputs(Measure):
 
     def placed(self, part: PhaseSolution, mesh: Mesh) -> Mesh:
         """The mesh of a phase with points at the kinks in stretches in which inputs are off."""
-        errors = self.errors[part.program.number].copy()
-        for switch in kinks_and_jumps(part, arcs_of(part, self._shares))[1]:
-            errors[max(switch.intervals[0] - 1, 0) : switch.intervals[-1] + 2] = 0.0
-        times = [kink.time for kink in self._kinks(part).within(errors)]
+        times = self._kink_times[part.program.number]
         if not times:
             return mesh
         positions = np.interp(times, part.mesh_times, part.mesh.positions)
         return mesh.through_points(positions, TOO_NEAR, mesh.positions[list(mesh.moving)])
+
+    @cached_property
+    def _kink_times(self) -> list[list[float]]:
+        """Times of the kinks by phase, but for those beside jumps, s."""
+        found = []
+        for part, all_errors in zip(self.solution.phases, self.errors, strict=True):
+            errors = all_errors.copy()
+            for switch in kinks_and_jumps(part, arcs_of(part, self._shares))[1] if errors.size else ():
+                errors[max(switch.intervals[0] - 1, 0) : switch.intervals[-1] + 2] = 0.0
+            found.append([kink.time for kink in self._kinks(part).within(errors)] if errors.size else [])
+        return found
+
+    @property
+    def step(self) -> float:
+        """Longest step from a mesh point to a kink, s."""
+        pairs = zip(self.solution.phases, self._kink_times, strict=True)
+        return max((float(np.min(np.abs(part.mesh_times - t))) for part, times in pairs for t in times), default=0.0)
 
     def order(self, part: PhaseSolution) -> int:
         """Number of values of an input that belong to an interval."""
@@ -139,9 +167,14 @@ class UnresolvedInputs(Measure):
 
     @property
     def loss(self) -> float:
-        """Squares of errors and stretches, near to an optimum."""
-        areas = (np.max(errors[run]) * np.sum(lengths[run]) for errors, lengths, run in self._stretches())
-        return float((max(areas, default=0.0) / self.solution.duration) ** 2)
+        """Largest one of a stretch."""
+        parts = zip(self.solution.phases, self.errors, strict=True)
+        pairs = [(part, errors, run) for part, errors in parts for run in stretches(errors > 0)]
+        return max((self._lost(*pair) for pair in pairs), default=0.0)
+
+    def _lost(self, part: PhaseSolution, errors: np.ndarray, run: slice) -> float:
+        """Share of the cost that is lost in a stretch."""
+        return self._weights.lost(part, range(run.start, run.stop), min(float(np.max(errors[run])), 1.0))
 
     @property
     def spread(self) -> float:

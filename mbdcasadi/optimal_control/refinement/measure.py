@@ -61,6 +61,11 @@ class Measure(ABC):
         return False
 
     @property
+    def step(self) -> float:
+        """Longest step from a mesh point to one that is placed, s; it gets shorter if the places are right."""
+        return 0.0
+
+    @property
     def loss(self) -> float:
         """Share of the cost by which it may be wrong, so that solutions can be compared."""
         return 0.0

@@ -19,6 +19,8 @@ class Mesh:
     segments: tuple[np.ndarray, ...]
     #: mesh points whose times the solver finds, in order; their fractions are those to begin with
     moving: tuple[int, ...] = ()
+    #: those of them that keep their times, whatever moves beside them: where costs, limits or forces jump in time
+    pinned: tuple[int, ...] = ()
 
     @classmethod
     def equal(cls, intervals: int, segment_times: np.ndarray) -> Mesh:
@@ -37,18 +39,24 @@ class Mesh:
         return cls((np.zeros(1),))
 
     @classmethod
-    def through(cls, positions: np.ndarray, moving: Collection[float]) -> Mesh:
-        """The mesh through points given as number of the segment plus fraction, some of which move."""
+    def through(cls, positions: np.ndarray, moving: Collection[float], pinned: Collection[float] = ()) -> Mesh:
+        """The mesh through points given as number of the segment plus fraction, some of which move or are pinned."""
         segments = []
         for k in range(round(float(positions[-1]))):
             inside = positions[(positions > k) & (positions < k + 1)] - k
             segments.append(np.r_[0.0, inside, 1.0])
-        return cls(tuple(segments), tuple(np.searchsorted(positions, sorted(moving)).tolist()))
+        places = (tuple(np.searchsorted(positions, sorted(some)).tolist()) for some in (moving, pinned))
+        return cls(tuple(segments), *places)
 
     @property
     def counts(self) -> tuple[int, ...]:
         """Number of intervals of each segment."""
         return tuple(fractions.size - 1 for fractions in self.segments)
+
+    @property
+    def free(self) -> tuple[int, ...]:
+        """Mesh points that move and are not pinned."""
+        return tuple(k for k in self.moving if k not in self.pinned)
 
     @property
     def structure(self) -> Hashable:
@@ -102,7 +110,8 @@ class Mesh:
     # --- times --------------------------------------------------------------------------------
     def is_same(self, other: Mesh) -> bool:
         """Return True if another mesh has the same points."""
-        return self.structure == other.structure and np.array_equal(self.positions, other.positions)
+        alike = self.structure == other.structure and self.pinned == other.pinned
+        return alike and np.array_equal(self.positions, other.positions)
 
     def times(self, segment_times: np.ndarray) -> np.ndarray:
         """Mesh points (N + 1,), s, for segments that begin and end at given times."""
@@ -119,7 +128,7 @@ class Mesh:
         segment = self.positions[:-1].astype(int)
         positions = segment + (points - ends[segment]) / np.diff(ends)[segment]
         positions = np.r_[positions, self.positions[-1]]
-        return Mesh.through(positions, positions[list(self.moving)])
+        return Mesh.through(positions, positions[list(self.moving)], positions[list(self.pinned)])
 
     def refined(self, pieces: np.ndarray, merge: np.ndarray) -> Mesh:
         """Mesh with intervals split into so many pieces (N,), or merged with the next one of their piece (N,)."""
@@ -131,7 +140,8 @@ class Mesh:
                 continue
             points.append(np.linspace(begin, end, pieces[k] + 1)[1:])
             begin = end
-        return Mesh.through(np.concatenate(points), self.positions[list(self.moving)])
+        knots = (self.positions[list(places)] for places in (self.moving, self.pinned))
+        return Mesh.through(np.concatenate(points), *knots)
 
     def split(self, pieces: int) -> Mesh:
         """Mesh with every interval split into as many pieces."""
@@ -143,12 +153,17 @@ class Mesh:
             return self
         return Mesh(tuple(np.linspace(0, 1, max(1, round(share * count)) + 1) for count in self.counts))
 
-    def through_points(self, points: np.ndarray, near: float, moving: np.ndarray) -> Mesh:
+    def through_points(
+        self, points: np.ndarray, near: float, moving: np.ndarray, pinned: np.ndarray | None = None
+    ) -> Mesh:
         """Mesh with further points, and with others that move in place of the present ones, as :attr:`positions` are.
 
-        Points nearer to one of them than a share of the interval on their other side are left out.
+        Points nearer to one of them than a share of the interval on their other side are left out. Without `pinned`
+        ones those stay that are there.
         """
         fixed = np.arange(len(self.segments) + 1.0)
+        pinned = self.positions[list(self.pinned)] if pinned is None else pinned
+        moving = np.union1d(moving, pinned)
         ends = np.unique(np.r_[fixed, points, moving])
         chosen = [ends[:1]]
         for begin, end in itertools.pairwise(ends):
@@ -158,7 +173,11 @@ class Mesh:
             while inside and end - inside[-1] < near * (inside[-1] - (inside[-2] if len(inside) > 1 else begin)):
                 del inside[-1]
             chosen += [np.array(inside), np.array([end])]
-        return Mesh.through(np.concatenate(chosen), np.setdiff1d(moving, fixed).tolist())
+        return Mesh.through(np.concatenate(chosen), np.setdiff1d(moving, fixed).tolist(), pinned.tolist())
+
+    def without_free(self) -> Mesh:
+        """Return the mesh whose points do not move, but for those that are pinned."""
+        return replace(self, moving=self.pinned)
 
     def with_moving(self, points: Iterable[int]) -> Mesh:
         """Return the mesh with further mesh points that move; start, waypoints and end do not."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...errors import warn
 from ...numerics.console import interruptible
+from ..checks.expressions import jump_of_cost
 from ..checks.failure import OptimizationError
 from ..nlp.held_limits import LIMIT_TOLERANCE
 from ..nlp.problem_solver import ProblemSolver
@@ -16,6 +17,7 @@ from ..nlp.statistics import Attempt
 from ..phase_solution import PhaseSolution
 from ..solution import Solution
 from .coarse_mesh import HALVED_INTERVALS
+from .cost_error import CostErrors, cost_size
 from .input_error import UnresolvedInputs
 from .limit_error import PassedLimits
 from .local_error import LocalErrors
@@ -24,13 +26,18 @@ from .mesh import Mesh, interval_count
 from .reintegration import not_integrated
 from .singularity import close_to_singular
 from .switches import UnresolvedSwitches
+from .time_jumps import TimeJumps
 
 #: What is measured on a solution with small local errors.
-MEASURES: tuple[type[Measure], ...] = (UnresolvedSwitches, PassedLimits, UnresolvedInputs)
+MEASURES: tuple[type[Measure], ...] = (UnresolvedSwitches, PassedLimits, UnresolvedInputs, CostErrors, TimeJumps)
 #: Largest number of passes, and of intervals of a mesh.
 PASSES, INTERVALS = 12, 2000
 #: Passes in which mesh points move to switches, or are put at kinks; after these the intervals are split.
 MOVES = 5
+#: Share of a step of mesh points to kinks that did not get shorter from which on this is tried again.
+PLACED_AGAIN = 0.01
+#: Multiple of a loss, which is estimated, by which the cost may be wrong.
+UNCERTAIN = 100.0
 #: Least and largest number of iterations that are left to a pass from a solution with small local errors.
 ITERATIONS = (100, 300)
 #: Multiple of the work of the first solve, in iterations times intervals, after which such a solution is not improved,
@@ -68,9 +75,17 @@ def refine(solver: ProblemSolver, solution: Solution, tolerance: float) -> Solut
     Warns
     -----
     MechanismWarning
-        If local errors meet the tolerance, but inputs, limits or switches do not.
+        If local errors meet the tolerance, but inputs, limits, switches or the integral of the running cost do not, or
+        if that jumps with the states, which the derivatives of the solver do not show.
     """
-    return _Refinement(solver, solution, tolerance).run()
+    refined = _Refinement(solver, solution, tolerance).run()
+    jump = jump_of_cost(refined)
+    if jump:
+        warn(
+            f"the cost may be off by more than the tolerance {tolerance:g}: {jump}, and the solver does not see what a "
+            "shift of that time changes; divide the motion into phases= there, each with its own running_cost"
+        )
+    return refined
 
 
 class _Refinement:
@@ -84,6 +99,11 @@ class _Refinement:
         #: largest local error of each of them, and errors times their stretches
         self.history: list[tuple[float, float]] = []
         self.merging, self.moves = True, MOVES
+        #: steps of mesh points when measures last placed them, and steps below which they do so again: as long as no
+        #: interval is split, and for good, once they did so in vain
+        self.steps: dict[type[Measure], float] = {}
+        self.shorter: dict[type[Measure], float] = {}
+        self.shortest: dict[type[Measure], float] = {}
         #: True if the last pass had more mesh points for switches, or more that move
         self.resolves = False
         #: largest errors times their stretches, before the last pass that split intervals for these
@@ -147,19 +167,40 @@ class _Refinement:
     def _missed(self) -> str:
         """Demands that a solution with small local errors does not meet, in words; nothing if it meets all."""
         self.measures = [measure(self.solution, self.tolerance) for measure in MEASURES]
+        in_vain = [type(m) for m in self.measures if m.step > self.shorter.get(type(m), np.inf)]
+        self.shortest |= {kind: self.steps[kind] * PLACED_AGAIN for kind in in_vain}
         # what mesh points that move did not resolve counts no more once the cost does not change
         done = self.resolves and self._is_settled()
         missed = [m.sentences()[:1] for m in self.measures if not (done and m.moves)]
         words = " and ".join(text for one in missed for text in one)
-        loss = sum(measure.loss for measure in self.measures)
-        self.gains = loss < self.least / 4
-        self.in_vain = 0 if loss < self.least else self.in_vain + 1
-        if self.reached is None or loss <= self.least:
+        loss = min(sum(measure.loss for measure in self.measures), 1.0)
+        better = self._is_better(loss)
+        self.gains = better and loss < self.least / 4
+        self.in_vain = 0 if better and (loss < self.least or loss >= 1) else self.in_vain + 1
+        if better:
             self.reached, self.least = (self.solution, words), loss
         return words
 
+    def _is_better(self, loss: float) -> bool:
+        """Return True if the last solution is better than the best one so far.
+
+        By what is lost, unless the costs differ by far more than that, as those of two optima do, or all may be lost.
+        """
+        if self.reached is None:
+            return True
+        one, other = self.solution, self.reached[0]
+        gain, size = other.cost - one.cost, min(cost_size(one), cost_size(other))
+        if abs(gain) > UNCERTAIN * (loss if gain > 0 else self.least) * size + self.tolerance * size:
+            return gain > 0
+        return gain >= 0 if loss >= 1 else loss <= self.least
+
     def _meshes(self) -> list[Mesh] | None:
         """Meshes of the next pass; None if there is none that is better."""
+        jumps, parts = TimeJumps(self.solution, self.tolerance), self.solution.phases
+        at_jumps = [jumps.placed(part, part.mesh) if part.mesh.count else part.mesh for part in parts]
+        if jumps.largest and not all(map(Mesh.is_same, at_jumps, self.solution.meshes)):
+            self._begin_anew()
+            return at_jumps
         return self._adapted() if self.error > self.tolerance else self._moved() or self._split()
 
     def _adapted(self) -> list[Mesh] | None:
@@ -188,6 +229,9 @@ class _Refinement:
         if self._is_settled() and all(map(Mesh.is_same, moved, self.solution.meshes)):
             return None
         self.moves -= 1
+        steps = {type(measure): measure.step for measure in self._placing if measure.step}
+        self.steps |= steps
+        self.shorter |= {kind: step / 2 for kind, step in steps.items()}
         self.spread = np.inf
         self._begin_anew()
         # while a switch lies within an interval, further points at which a limit holds there are mostly of no use
@@ -198,9 +242,15 @@ class _Refinement:
     def _placed(self, part: PhaseSolution) -> Mesh:
         """The mesh of a phase with the points that measures place."""
         mesh = part.mesh
-        for measure in self.measures if mesh.count else ():
+        for measure in self._placing if mesh.count else ():
             mesh = measure.placed(part, mesh)
         return mesh
+
+    @property
+    def _placing(self) -> list[Measure]:
+        """Measures that place mesh points: not those whose steps do not get shorter, as at a peak that is no kink."""
+        limits = self.shortest | self.shorter
+        return [m for m in self.measures if not m.step > limits.get(type(m), np.inf)]
 
     def _begin_anew(self) -> None:
         """Forget the local errors of other meshes, of which nothing follows for the next ones."""
@@ -209,6 +259,7 @@ class _Refinement:
     def _split(self) -> list[Mesh] | None:
         """Meshes with intervals split as the measures need it; None if that did not help in the last pass."""
         self.solver.limit_tolerance = self.tolerance
+        self.shorter = {}
         before, spread = self.spread, max(measure.spread for measure in self.measures)
         if np.isinf(before):  # mesh points that moved in vain say nothing about finer meshes
             self.in_vain = 0
@@ -244,7 +295,9 @@ class _Refinement:
             if near:  # mesh points that do not move well move no more
                 moved, self.moves = self.moves > 0, 0
                 again = self._meshes() if moved else None
-                return again is not None and self._solve(again)
+                if again is None or all(map(Mesh.is_same, again, meshes)):
+                    again = [mesh.without_free() for mesh in meshes]
+                return not all(map(Mesh.is_same, again, meshes)) and self._solve(again)
         try:  # a guess that is near on one mesh may be far on another
             self.solution = solver.solve(meshes, guess)
             return True

@@ -27,7 +27,7 @@ from ..phase_solution import PhaseSolution
 from ..solved_motion import SolvedMotion
 from .measure import Measure
 from .mesh import Mesh
-from .stretch_weight import weight_of
+from .stretch_weight import StretchWeights
 
 #: Scaled slack below which a limit counts as active, whatever its multiplier: on long arcs both may be small.
 SLACK = 3e-4
@@ -74,7 +74,7 @@ class UnresolvedSwitches(Measure):
     """
 
     def __init__(self, solution: SolvedMotion, tolerance: float):
-        self._shares = shares_of(solution)
+        self._shares, self._weights = shares_of(solution), StretchWeights(solution)
         self.switches: list[list[Switch]] = [[] for _ in solution.phases]
         self._arcs: list[list[Arc]] = [[] for _ in solution.phases]
         super().__init__(solution, tolerance)
@@ -84,7 +84,7 @@ class UnresolvedSwitches(Measure):
         number, errors = part.program.number, np.zeros(part.mesh.count)
         arcs = self._arcs[number] = arcs_of(part, self._shares)
         for switch in kinks_and_jumps(part, arcs)[1]:
-            if weight_of(part, switch.intervals) > self._shortest:
+            if self._weights.of(part, switch.intervals) > self._shortest:
                 self.switches[number].append(switch)
                 errors[list(switch.intervals)] = np.inf
         return errors
@@ -111,7 +111,7 @@ class UnresolvedSwitches(Measure):
     def loss(self) -> float:
         """Squares of the weights of the switches."""
         parts = zip(self.solution.phases, self.switches, strict=True)
-        return sum(weight_of(part, switch.intervals) ** 2 for part, of in parts for switch in of)
+        return sum(self._weights.of(part, switch.intervals) ** 2 for part, of in parts for switch in of)
 
     @property
     def _shortest(self) -> float:
@@ -126,7 +126,7 @@ class UnresolvedSwitches(Measure):
             return part.mesh.with_moving(k for switch in self.switches[part.program.number] for k in switch.points)
         number = part.program.number
         held = _held_positions(part, self._shares)
-        knots, fixed = _knots(part, self._arcs[number], self._shortest, held)
+        knots, fixed = _knots(part, self._arcs[number], self._weights, self._shortest, held)
         if not np.any(held) and not fixed and not len(np.setdiff1d(knots, part.mesh_times)):  # kinks alone
             return part.mesh.with_moving(k for switch in self.switches[number] for k in switch.points)
         moving, points = (np.interp(times, part.mesh_times, part.mesh.positions) for times in (knots, fixed))
@@ -176,7 +176,7 @@ def jumps_of(part: PhaseSolution, arcs: list[Arc]) -> list[int]:
     mesh = part.mesh
     between = _edges(arcs)
     inside = [k for k in between if k not in mesh.knots]
-    moves = [bool({*mesh.knots[[p, p + 1]].tolist()} & set(mesh.moving)) for p in range(mesh.knots.size - 1)]
+    moves = [bool({*mesh.knots[[p, p + 1]].tolist()} & set(mesh.free)) for p in range(mesh.knots.size - 1)]
     pieces = [int(mesh.piece[k]) for k in inside]
     return [k for k, piece in zip(inside, pieces, strict=True) if moves[piece] and pieces.count(piece) == 1]
 
@@ -222,7 +222,9 @@ def _switches(part: PhaseSolution, arcs: list[Arc]) -> list[Switch]:
     return switches
 
 
-def _knots(part: PhaseSolution, arcs: list[Arc], shortest: float, held: np.ndarray) -> tuple[list[float], list[float]]:
+def _knots(
+    part: PhaseSolution, arcs: list[Arc], weights: StretchWeights, shortest: float, held: np.ndarray
+) -> tuple[list[float], list[float]]:
     """Times of the switches between arcs, s, at mesh points that move, and at others that do not yet.
 
     Arcs whose weight is no more than the `shortest` one do not count.
@@ -230,7 +232,7 @@ def _knots(part: PhaseSolution, arcs: list[Arc], shortest: float, held: np.ndarr
     knots, fixed = list[float](), list[float]()
 
     def weight(first: int, last: int) -> float:
-        return weight_of(part, range(first, last))
+        return weights.of(part, range(first, last))
 
     lasting = [arc for arc in arcs if arc.active is not None and weight(arc.first, arc.end) > shortest]
     for begin, end in itertools.pairwise([0, *part.mesh.waypoints.tolist(), part.mesh.count]):
@@ -245,7 +247,7 @@ def _knots(part: PhaseSolution, arcs: list[Arc], shortest: float, held: np.ndarr
             if place is None:
                 knots += _between(part, before, after, is_short, held)
             elif not is_short:
-                fixed.append(place)
+                (knots if place in part.mesh_times[[first, last]] else fixed).append(place)
     return knots, fixed
 
 
@@ -266,7 +268,7 @@ def _between(part: PhaseSolution, before: Arc, after: Arc, is_short: bool, held:
     if place is None or np.any(held[max(first - 1, 0) : last + 1]):
         return [float(times[k]) for k in ends]
     # a mesh point that moved to an end of the interval did not suffice
-    known = [float(times[k]) for k in ends if k in part.mesh.moving]
+    known = [float(times[k]) for k in ends if k in part.mesh.free]
     return sorted([*known, float(times[first] + times[last]) / 2]) if known else [place]
 
 
@@ -290,7 +292,7 @@ def _place_at_end(part: PhaseSolution, first: int, last: int, reach: int) -> flo
 
     The stretch from mesh point `first` to `last` is at an end of a segment. The arc beside it is `reach` intervals
     long, and lies before it if that is negative. The place is that with the right mean of the input that jumps most,
-    from its value at the end of the segment and one on the arc further away.
+    from its value at the end of the segment and one on the arc further away; that of the arc if it is near.
     """
     times, lengths = part.mesh_times, np.diff(part.mesh_times)
     if first == last:
@@ -313,7 +315,9 @@ def _place_at_end(part: PhaseSolution, first: int, last: int, reach: int) -> flo
             largest, share = abs(inner - outer) / span, excess / (outer - inner) / (times[last] - times[first])
     if not np.isfinite(share):
         return None
-    past = float(np.clip(share, *INSIDE) * (times[last] - times[first]))
+    if share >= INSIDE[1]:
+        return float(times[last] if is_start else times[first])
+    past = float(max(share, INSIDE[0]) * (times[last] - times[first]))
     return float(times[first]) + past if is_start else float(times[last]) - past
 
 

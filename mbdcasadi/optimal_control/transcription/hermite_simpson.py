@@ -7,6 +7,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ...numerics.collocation import gauss
 from ..nlp.rows import Rows
 from ..nlp.scaling import Scales
 from .base import Transcription
@@ -53,7 +54,13 @@ class HermiteSimpson(Transcription):
 
     def input_points(self, *, lower_degree: bool) -> tuple[tuple[float, ...], bool]:
         """Both ends and the middle."""
-        return (0.5,), True
+        return () if lower_degree else (0.5,), True
+
+    @property
+    def dense_rule(self) -> tuple[np.ndarray, np.ndarray]:
+        """Exact for the product of a cubic and a parabola: Simpson's rule is not, and inputs would make use of that."""
+        rule = gauss(3)
+        return rule.points, rule.weights
 
     def point(self, interval: Interval, tau: Any) -> CollocationPoint:
         """State at a point of the interval: Hermite cubics, multipliers through the three stages."""

@@ -1,0 +1,94 @@
+"""Errors of the running cost: those of its integral, and what it may be wrong by if a state comes late.
+
+The integral over an interval is a sum over few points. Where the cost jumps or bends with the motion, or in time, it
+differs from that along the same polynomials, which a finer rule gives, and an optimum makes use of that.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from ...numerics.symbolic import symbolic
+from ..phase_solution import PhaseSolution
+from ..solved_motion import SolvedMotion
+from .measure import Measure
+
+#: Points of each half of an interval by which the integral is found again.
+POINTS = 5
+#: Share of its typical size below which a cost is zero.
+NO_COST = 1e-6
+
+
+def cost_size(solution: SolvedMotion) -> float:
+    """Absolute value of the cost, without cancellation in its running part, or a small share of its typical size."""
+    return max(solution.cost_size, NO_COST * solution.program.cost_scale)
+
+
+@symbolic
+def integral_errors(part: PhaseSolution) -> np.ndarray:
+    """Return the errors of the integral of the running cost in the intervals (N,)."""
+    running, count = part.phase.running_cost, part.mesh.count
+    if running.is_zero() or not count:
+        return np.zeros(count)
+    own, weights = part.program.quadrature(running)
+    points, fine = np.polynomial.legendre.leggauss(POINTS)
+    halves = (1 + points) / 4
+    taus, finer = np.r_[own, halves, halves + 0.5], np.r_[fine, fine] / 4
+    k, tau = np.repeat(np.arange(count), taus.size), np.tile(taus, count)
+    (values,) = part.by_polynomials([running], k, tau)
+    values = np.broadcast_to(values, (1, k.size)).reshape(count, taus.size)
+    errors: np.ndarray = np.abs(values[:, : own.size] @ weights - values[:, own.size :] @ finer)
+    return errors * np.diff(part.mesh_times)
+
+
+@symbolic
+def cost_slopes(part: PhaseSolution) -> np.ndarray:
+    """Largest absolute slopes of the running cost by the states at both ends of each interval (N, k)."""
+    eom, count = part.phase.equations, part.mesh.count
+    states = ca.vertcat(eom.q, eom.v, eom.z)
+    slopes = ca.jacobian(part.phase.running_cost, states)
+    if not slopes.nnz():
+        return np.zeros((count, states.numel()))
+    k, tau = np.repeat(np.arange(count), 2), np.tile([0.0, 1.0], count)
+    (values,) = part.by_polynomials([slopes.T], k, tau)
+    largest: np.ndarray = np.max(np.abs(values.T.reshape(count, 2, -1)), axis=1)
+    return np.nan_to_num(largest, nan=0.0, posinf=0.0)
+
+
+class CostErrors(Measure):
+    """Errors of the integral of the running cost in the intervals, if their sum is above the tolerance.
+
+    An even share of the sum that is allowed, the tolerance as a share of the whole cost, counts as much as that.
+    """
+
+    def of(self, part: PhaseSolution) -> np.ndarray:
+        """Errors of the intervals of a phase (N,)."""
+        share = integral_errors(part) / cost_size(self.solution)
+        wrong = len(self.solution.phases) * np.sum(share) > self.tolerance
+        return share * part.mesh.count if wrong else np.zeros(share.size)
+
+    def order(self, part: PhaseSolution) -> int:
+        """One, since the cost jumps or bends."""
+        return 1
+
+    @property
+    def loss(self) -> float:
+        """Sum of the errors."""
+        pairs = zip(self.solution.phases, self.errors, strict=True)
+        return float(sum(np.sum(errors) / max(part.mesh.count, 1) for part, errors in pairs))
+
+    @property
+    def spread(self) -> float:
+        """The same times the duration."""
+        return self.loss * self.solution.duration
+
+    def sentences(self) -> list[str]:
+        """The largest error, with its time."""
+        if not self.largest:
+            return []
+        part, k = self.worst
+        return [
+            f"the integral of the running cost, which is off by about {self.loss:.2g} of it, at t = "
+            f"{part.mesh_times[k]:.6g} s most"
+        ]
