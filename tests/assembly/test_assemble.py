@@ -644,6 +644,59 @@ def test_the_least_norm_beside_parts_without_mass_knows_no_axes(turn, order):
     assert state.lam == pytest.approx(least, abs=1e-6 * np.max(np.abs(least)))
 
 
+@pytest.mark.parametrize(
+    ("links", "light", "turn", "size"), [(30, 0.0, 0.0, 1.0), (60, 1.0, 0.7, 1.0), (60, 1.0, 2.0, 1e-3)]
+)
+def test_every_section_of_a_long_cantilever_carries_what_is_beyond_it(links, light, turn, size):
+    """Links welded and pinned: the smallest eigenvalue of their rows falls with the fourth power of their number."""
+    along, across = size * np.array([np.cos(turn), np.sin(turn)]), size * np.array([-np.sin(turn), np.cos(turn)])
+    masses = [light if k % 3 == 0 else 1.0 for k in range(links)]
+    bodies = [
+        mbd.Body(f"link {k}", mass=m, inertia=m * size**2 / 12, pose=(*((k + 0.5) * along), turn))
+        for k, m in enumerate(masses)
+    ]
+    places = [(mbd.ground.at(0, 0, turn), mbd.ground.at(*(0.2 * across)))]
+    places += [(body.at(0.5 * size, 0), body.at(0.5 * size, 0.2 * size)) for body in bodies[:-1]]
+    welds = [
+        mbd.Weld(f"weld {k}", a, b.at(-0.5 * size, 0)) for k, ((a, _), b) in enumerate(zip(places, bodies, strict=True))
+    ]
+    pins = [
+        mbd.Revolute(f"pin {k}", a, b.at(-0.5 * size, 0.2 * size))
+        for k, ((_, a), b) in enumerate(zip(places, bodies, strict=True))
+    ]
+    state = mbd.assemble(mbd.Mechanism(bodies, [*welds, *pins], forces=[mbd.Gravity()]))
+    assert np.abs(state.a).max() < 1e-7
+    carried = np.empty((links, 3))
+    for k, (weld, pin, body) in enumerate(zip(welds, pins, bodies, strict=True)):
+        first, second = state[weld.reaction_on(body).force], state[pin.reaction_on(body).force]
+        moment = state[weld.reaction_on(body).torque] + 0.2 * (across[0] * second[1] - across[1] * second[0])
+        carried[k] = *(first + second), moment
+    weights = G * np.cumsum(masses[::-1])[::-1]
+    moments = [sum(G * m * (j + 0.5 - k) for j, m in enumerate(masses) if j >= k) * along[0] for k in range(links)]
+    expected = np.column_stack([np.zeros(links), weights, moments])
+    units = np.array([weights[0], weights[0], np.abs(expected).max()])
+    assert carried / units == pytest.approx(expected / units, abs=1e-8)
+
+
+@pytest.mark.parametrize("mass", [0.0, 1.0])
+@pytest.mark.parametrize("gap", [0.01, 1e-3, 3e-4])
+def test_an_arm_on_three_pins_that_are_close(mass, gap):
+    """Three metres on millimetres: a load at the tip is carried by large forces that nearly cancel each other."""
+    arm = mbd.Body("arm", mass=mass, inertia=0.75 * mass, pose=(1.5, 0, 0))
+    tip = mbd.Body("tip", mass=2.0, inertia=1.0, pose=(3, 0, 0))
+    pins = [mbd.Revolute(f"pin {k}", mbd.ground.at(k * gap, 0), arm.at(k * gap - 1.5, 0)) for k in range(3)]
+    state = mbd.assemble(
+        mbd.Mechanism([arm, tip], [*pins, mbd.Weld("end", arm.at(1.5, 0), tip.at(0, 0))], forces=[mbd.Gravity()])
+    )
+    forces = np.array([state[pin.reaction_on(arm).force] for pin in pins])
+    # of least norm: forces vary linearly with the place
+    mean, slope = (mass + 2) * G / 3, -((1.5 * mass + 6) * G - (mass + 2) * G * gap) / (2 * gap)
+    expected = mean - slope * np.array([-1, 0, 1])
+    assert np.abs(state.a).max() < 1e-6
+    assert forces[:, 1] / slope == pytest.approx(expected / slope, abs=1e-7)
+    assert forces[:, 0] / slope == pytest.approx(0, abs=1e-7)
+
+
 @pytest.mark.parametrize("light", [0.0, 1e-9])
 def test_the_least_norm_of_forces_and_moments_beside_light_parts_knows_no_units(light):
     """Welds at both ends and in between: forces, and moments over the mean lever, in metres as in other lengths."""

@@ -69,6 +69,23 @@ def test_accelerations_and_multipliers_to_rounding(seed, closed):
         np.testing.assert_allclose(a, exact[:n], rtol=accuracy, atol=1e-3 * accuracy * np.abs(exact[:n]).max())
 
 
+@pytest.mark.parametrize(("drift", "accuracy"), [(1e-12, 1e-5), (1e-10, 2e-3), (1e-8, 2e-1)])
+def test_dependent_rows_that_drift_apart_are_not_pursued(drift, accuracy):
+    """Off the constraints three parallel cranks contradict each other: over epsilon that is all that it may matter."""
+    generator = np.random.default_rng(0)
+    cranks = [mbd.Body(f"crank {k}", mass=1.0, inertia=1 / 12, pose=(k + 0.3, 0.4, np.arctan2(4, 3))) for k in range(3)]
+    beam = mbd.Body("beam", mass=2.0, inertia=0.5, pose=(1.6, 0.8, 0))
+    joints = [mbd.Revolute(f"foot {k}", mbd.ground.at(k, 0), crank.at(-0.5, 0)) for k, crank in enumerate(cranks)]
+    joints += [mbd.Revolute(f"head {k}", crank.at(0.5, 0), beam.at(k - 1, 0)) for k, crank in enumerate(cranks)]
+    state = mbd.assemble(mbd.Mechanism([*cranks, beam], joints, forces=[mbd.Gravity()]))
+    numeric, none = NumericEquations(mbd.equations(state.mechanism), np.zeros(0)), np.zeros(0)
+    for _ in range(5):
+        q, v = (part + drift * generator.normal(size=part.size) for part in (state.q, state.v))
+        a, lam = (x.full().ravel() for x in numeric.forward_dynamics(redundant=True)(0, q, v, none, none, none))
+        assert a == pytest.approx(state.a, abs=1e2 * drift)
+        assert lam == pytest.approx(state.lam, abs=accuracy * np.abs(state.lam).max())
+
+
 def test_ordinary_bodies_take_the_direct_form():
     generator = np.random.default_rng(0)
     rod = [mbd.Body(f"rod {k}", mass=m, inertia=m / 12, pose=(k + 0.5, 0, 0)) for k, m in enumerate((1, 5, 0.2))]

@@ -528,6 +528,42 @@ def test_redundant_parallelogram(coupler_mass, method):
     np.testing.assert_allclose(feet, inertial, atol=1e-6 * np.abs(inertial).max() + 1e-6)
 
 
+def oscillating(beams, joints, cart):
+    """Errors of the height of a cart that bounces in a guide, and of the acceleration of what it carries."""
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0, np.pi / 2), cart.at(0, 0, np.pi / 2))
+    mass = cart.mass + sum(beam.mass for beam in beams)
+    spring = mbd.Force("spring", cart.at(0, 0), (0, -10 * mass * cart.y))
+    model = mbd.Mechanism([cart, *beams], joints=[guide, *joints], forces=[mbd.Gravity(), spring])
+    times = np.linspace(0, 2, 11)
+    motion, phase = mbd.simulate(model, times, method="erk"), np.cos(np.sqrt(10) * times)
+    assert motion.statistics.formulation == "regularised"
+    return np.abs(motion[cart.y] + 0.1 * G * (1 - phase)).max(), np.abs(motion[beams[-1].ay] + G * phase).max()
+
+
+@pytest.mark.parametrize("gap", [1e-3, 1e-4])
+def test_an_arm_on_pins_that_are_close_moves_with_its_cart(gap):
+    """Redundant pins that hold three metres on a millimetre: the motion of one mass on a spring."""
+    cart = mbd.Body("cart", mass=1.0, inertia=1.0)
+    arm = mbd.Body("arm", mass=1.0, inertia=0.75, pose=(1.5, 0, 0))
+    pins = [mbd.Revolute(f"pin {k}", cart.at(k * gap, 0), arm.at(k * gap - 1.5, 0)) for k in range(3)]
+    height, acceleration = oscillating([arm], pins, cart)
+    assert height < 1e-8 and acceleration < 1e-6
+
+
+@pytest.mark.slow
+def test_a_long_redundant_cantilever_moves_with_its_cart():
+    """Sixty links, each welded and pinned to the last."""
+    cart = mbd.Body("cart", mass=5.0, inertia=1.0)
+    links = [mbd.Body(f"link {k}", mass=1.0, inertia=1 / 12, pose=(k + 0.5, 0, 0)) for k in range(60)]
+    joints = []
+    for k, link in enumerate(links):
+        last, x = (links[k - 1], 0.5) if k else (cart, 0)
+        joints.append(mbd.Weld(f"weld {k}", last.at(x, 0), link.at(-0.5, 0)))
+        joints.append(mbd.Revolute(f"pin {k}", last.at(x, 0.2), link.at(-0.5, 0.2)))
+    height, acceleration = oscillating(links, joints, cart)
+    assert height < 1e-8 and acceleration < 1e-6
+
+
 @pytest.mark.slow
 def test_flat_parallelogram_keeps_its_branch():
     """At usual tolerances, over several turns; the pose is singular twice in each."""
