@@ -204,6 +204,14 @@ def test_continuous_inputs_at_a_jump():
     assert solution.cost == pytest.approx(exact, rel=1e-5)
 
 
+def test_a_controller_keeps_its_intervals():
+    """A force that is constant on intervals: a weight that jumps within one of them is reported."""
+    problem, *_ = weighted(1.0, 1.0, [0.37], [1.0, 5.0])
+    with pytest.warns(mbd.MechanismWarning, match="integral of the running cost"):
+        solution = mbd.optimize(problem, intervals=20, control="constant", tolerance=1e-6)
+    assert solution.mesh.size == 21
+
+
 def test_a_mesh_on_which_moving_points_fail():
     """Inputs that leave their limits: mesh points that move are led astray, and stay where they are once that fails."""
     duration, distance, limit = 1.4775348, 1.4333798, 3.84438756

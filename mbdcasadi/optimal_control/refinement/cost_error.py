@@ -72,6 +72,11 @@ class CostErrors(Measure):
         """One, since the cost jumps or bends."""
         return 1
 
+    def pieces(self, part: PhaseSolution) -> np.ndarray:
+        """Number of pieces of each interval (N,); inputs that are constant on intervals keep their mesh."""
+        keeps = part.program.scheme.inputs.name == "constant"
+        return np.ones(part.mesh.count, int) if keeps else super().pieces(part)
+
     @property
     def loss(self) -> float:
         """Sum of the errors."""

@@ -266,7 +266,9 @@ class _Refinement:
         self.spread = spread or np.inf
         self._begin_anew()
         stays = spread > max(0.8 * before, SMALL_SPREAD * self.tolerance * self.solution.duration)
-        return None if stays else [split(part, self.measures) for part in self.solution.phases]
+        finer = [split(part, self.measures) for part in self.solution.phases]
+        keeps = self.solution.settings.control == "constant" and all(map(Mesh.is_same, finer, self.solution.meshes))
+        return None if stays or keeps else finer
 
     def _is_settled(self) -> bool:
         """Return True if the cost did not change in the last pass, beyond the tolerance and that of the solver."""
