@@ -113,6 +113,8 @@ class HeldSystem:
         rates of the state alone. x is ``(q, v, z)`` and the integrals.
     slopes : casadi.Function
         Derivatives of the quantities by ``(t, x, p)``, of the same arguments.
+    shares : casadi.Function
+        Shares of their largest jumps that the switches have at a state, of the same arguments.
     ending : casadi.Function or None
         Rate of the expression whose zero ends the motion, and its derivatives by ``(t, x, p)``, of the same arguments.
     quantities_in_time, slopes_in_time : casadi.Function
@@ -187,6 +189,9 @@ class HeldSystem:
             return ca.densify(ca.horzcat(*[ca.jacobian(expression, part) for part in (t, x, p)]))
 
         self.slopes = ca.Function("slopes", arguments, [by_all(w)])
+        shares = ca.densify(ca.vertcat(*[switch.share for switch in self.switches]))
+        of_state = ca.Function("shares", of_all, [ca.substitute(shares, eom.u, signals.parametrised)])
+        self.shares = ca.Function("shares", arguments, [of_state(t, q, v, a, z, lam, u, p, levels, channel)])
         if ending is not None:
             end = eom.function(ending)(t, q, v, a, z, lam, u, p)
             self.ending = ca.Function("ending", arguments, [ca.jtimes(end, everything, all_rates), by_all(end)])

@@ -47,6 +47,8 @@ NO_IMPULSE = 1e-9
 #: Share of a motion before its end in which a switch may pass its border at the event that ends it: by the errors of
 #: two integrations.
 AT_END = 1e-4
+#: Share of its largest jump that is none.
+NO_JUMP = 1e-9
 #: Difference of the derivatives of two instants, relative to their size, that is rounding.
 SAME_DERIVATIVE = 1e-6
 
@@ -257,7 +259,7 @@ class BorderPassage:
                 "jump: that instant has no derivative",
                 time=self._time,
             )
-        if abs(rate) <= GRAZING * fastest and k not in self._grazed:
+        if abs(rate) <= GRAZING * fastest and k not in self._grazed and self._jumps([k]):
             self._grazed.add(k)
             warn(
                 f"{self._name(k)} jumps at t = {self._time:.6g} s, where the motion nearly only touches the border of "
@@ -265,6 +267,11 @@ class BorderPassage:
             )
         self._flip(k, rate)
         self._leave_borders(passed=k)
+
+    def _jumps(self, switches: Sequence[int]) -> bool:
+        """True if some of the switches jump at the present state."""
+        shares = self._call(self._system.shares, np.array([self._time]), self._x[None, :], self.sides)[0][:, 0]
+        return bool(np.any(np.abs(shares[list(switches)]) > NO_JUMP))
 
     def _rests(self, w: np.ndarray, rates: np.ndarray, sides: np.ndarray) -> np.ndarray:
         """True for switches on the side of positive quantities whose own is zero, and stays so."""
@@ -364,6 +371,7 @@ class BorderPassage:
         border = float(max(self.sides[k], sides[k])) if self._system.whole[k] else 0.0
         if self._follows:
             impulse = self._strike(sides)
+            switches = switches if self._jumps(switches) else ()  # without a jump the instant does not matter
         self._append(tuple(switches), border, sides, impulse)
 
     def _strike(self, sides: np.ndarray) -> bool:
@@ -389,7 +397,7 @@ class BorderPassage:
         time = self.cuts[-1].time if joined else time
         self.cuts.append(Cut(time, place - 1, at_output, joined, switches, border, tuple(sides.tolist()), impulse))
         self.sides = sides.copy()
-        if sum(bool(cut.switches) for cut in self.cuts) > MOST_SWITCHES:
+        if switches and sum(bool(cut.switches) for cut in self.cuts) > MOST_SWITCHES:
             raise SimulationError(
                 f"{self._name(switches[0])} jumps again at t = {time:.6g} s, after {MOST_SWITCHES} jumps, more "
                 "than derivatives are carried through; take a smooth law (mbd.tanh, mbd.step)",

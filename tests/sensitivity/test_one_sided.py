@@ -58,3 +58,26 @@ def test_a_switch_between_outputs_is_not_reported():
         warnings.simplefilter("error")
         found = slope({"pulse": lambda o: ca.if_else(mbd.t < end, 2.0, 0.0)}, [end], [0, 0.9, 1.1])[0]
     np.testing.assert_allclose(found, [0, 0, 2], atol=1e-6)
+
+
+@pytest.mark.parametrize("course", ["turns", "steers"])
+def test_an_angle_that_passes_where_it_does_not_jump_is_no_jump(course):
+    """The slip of a wheel that rolls forwards passes zero at an output, or leaves it as the wheel turns."""
+    cart, stiffness, steers = mbd.Body("cart", 1.0, 1.0), mbd.Parameter("stiffness", 60.0), course == "steers"
+    turn = 0.03 * mbd.step(mbd.t, 0.2, 0, 0.6, 1) if steers else 0.0
+    ahead, across = (mbd.cos(turn), mbd.sin(turn)), (-mbd.sin(turn), mbd.cos(turn))
+    slip = mbd.atan2(mbd.dot(cart.velocity, across), mbd.dot(cart.velocity, ahead))
+    drag = mbd.Force("drag", cart.at(0, 0), (-stiffness * slip, -stiffness * slip if steers else 0))
+    upright = mbd.AbsoluteAngle("upright", cart.at(0, 0))
+    drivers = [] if steers else [mbd.Driver("course", cart.y, 0.5 * mbd.t - 0.5 * mbd.t**2)]
+    mechanism = mbd.Mechanism([cart], [upright], drivers, [drag], parameters=[stiffness])
+    times, start = np.linspace(0, 1, 11), [cart.x == 0, cart.vx == 20]
+    start += [cart.y == 0, cart.vy == 0] if steers else []
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", mbd.MechanismWarning)
+        found = mbd.sensitivities(mechanism, times, [cart.x], [stiffness], start)
+    more, less = (
+        mbd.simulate(mechanism, times, initial=start, parameters={stiffness: 60 + h}, reltol=1e-12, abstol=1e-12)
+        for h in (0.01, -0.01)
+    )
+    assert found[cart.x, stiffness] == pytest.approx((more[cart.x] - less[cart.x]) / 0.02, abs=1e-7)

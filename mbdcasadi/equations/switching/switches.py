@@ -9,7 +9,7 @@ the motion may change at an instant that has a derivative.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
@@ -53,6 +53,8 @@ class Switch:
         True if whole numbers count.
     description : str
         The element, state or input to which it belongs, in words.
+    share : casadi.SX
+        Jump of the value at the border, as a share of the largest: one, but zero where a direction is continuous.
     """
 
     node: int
@@ -61,6 +63,7 @@ class Switch:
     natural: ca.SX
     whole: bool
     description: str = ""
+    share: ca.SX = field(default_factory=lambda: ca.SX(1))
 
 
 def jumps_anywhere(expressions: Sequence[ca.SX]) -> bool:
@@ -110,7 +113,8 @@ def hold(
             return None
         side, whole = symbol(f"side {len(switches)}"), op in _AT_WHOLE_NUMBERS
         quantity, natural = quantity_of(op, now), quantity_of(op, operands(node))
-        switches.append(Switch(key, side, quantity, natural, whole, description))
+        turn = _held(op, now, ca.SX(0)) - _held(op, now, ca.SX(1)) if op == ca.OP_ATAN2 else 2 * np.pi
+        switches.append(Switch(key, side, quantity, natural, whole, description, ca.SX(turn) / (2 * np.pi)))
         return _held(op, now, side)
 
     return rewritten(expressions, held), switches
