@@ -253,6 +253,11 @@ class Transcription(ABC):
         return [self.at(interval, float(tau)) for tau in self.stages]
 
     @property
+    def integrates_accelerations(self) -> bool:
+        """True if states are exact integrals of the polynomials through the accelerations at the stages."""
+        return False
+
+    @property
     def dense_rule(self) -> tuple[np.ndarray, np.ndarray]:
         """Points and weights of an integral that sees more of the states than the stages do, if there are more."""
         return self.stages, self.quadrature

@@ -66,6 +66,10 @@ class GaussLegendre(Transcription):
         return tuple(gauss(max(self.degree - lower_degree, 1)).points.tolist()), False
 
     @property
+    def integrates_accelerations(self) -> bool:
+        return True
+
+    @property
     def dense_rule(self) -> tuple[np.ndarray, np.ndarray]:
         """One point more: states that are right at all stages may be off in turn at the mesh points."""
         rule = gauss(self.degree + 1)
