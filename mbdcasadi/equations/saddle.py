@@ -140,9 +140,10 @@ def saddle_point_solver(
             alike = jacobian @ ca.diag(ca.DM(1 / metric)) @ jacobian.T
             sizes_of_rows = sizes_by_levers(eom, metric)
             more = lam - solve_redundant(alike, alike @ lam, eom.angular_rows, refinements, sizes_of_rows)
-            # of rows that are independent it is rounding, which small multipliers are spared
+            # of rows that are independent it is rounding, which small multipliers are spared; zeros have derivatives
             rounding = LEAST_MORE * ca.repmat(ca.mmax(ca.fabs(lam)), *lam.shape)
-            lam = lam - ca.if_else(ca.fabs(more) > rounding, more, 0)
+            is_known = ca.logic_or(more == 0, ca.fabs(more) > rounding)
+            lam = lam - ca.if_else(is_known, more, 0)
         return a, lam
 
     return solution
@@ -260,7 +261,8 @@ def solve_redundant(
     of long chains are below epsilon. Conjugate residuals, with the factors as preconditioner, find each of these in
     about one step more. Unlike conjugate gradients they do not pursue what dependent rows contradict each other by, as
     drift, and they end where nothing else is left. The last step is a plain one: it brings what is small to its own
-    accuracy.
+    accuracy. Where the right side is zero, or dependent rows alone are left, all steps are plain, and so linear in the
+    right side: derivatives are those of plain refinement.
 
     Parameters
     ----------
@@ -274,26 +276,27 @@ def solve_redundant(
     norm = row_sizes(ca.diag(matrix), angular, sizes)
     factors = shifted(matrix, angular, norm)
     solution, left = ca.SX.zeros(*right.shape), ca.ldl_solve(ca.densify(right), *factors)
-    direction = along = last = None
+    direction = along = last = strong = None
     for _ in range(refinements - 1 + matrix.size1() // ROWS_A_STEP):
         moved = matrix @ left
         size = ca.sum1(left * moved)
-        # from where it is not, nothing changes any more
-        strong = size > weakest * (norm.T @ left**2)
-        if last is None:
-            direction, along = left, moved
+        is_strong = size > weakest * (norm.T @ left**2)
+        if strong is None:
+            strong, direction, along = is_strong, left, moved
         else:
-            share = _for_each_column(_quotient(size, last, strong), left)
+            # from where it is not, all further steps are plain
+            strong = ca.logic_and(strong, is_strong)
+            share = _for_each_column(_quotient(size, last, strong, 0), left)
             direction, along = left + share * direction, moved + share * along
         answer = ca.ldl_solve(along, *factors)
-        length = _for_each_column(_quotient(size, ca.sum1(along * answer), strong), left)
+        length = _for_each_column(_quotient(size, ca.sum1(along * answer), strong, 1), left)
         solution, left, last = solution + length * direction, left - length * answer, size
     return solution + ca.ldl_solve(right - matrix @ solution, *factors)
 
 
-def _quotient(one: ca.SX, other: ca.SX, defined: ca.SX) -> ca.SX:
-    """Quotient where it is defined, else zero, with derivatives that are finite there."""
-    return ca.if_else(defined, one, 0) / ca.if_else(defined, other, 1)
+def _quotient(one: ca.SX, other: ca.SX, defined: ca.SX, otherwise: float) -> ca.SX:
+    """Quotient where it is defined, else a number, with derivatives that are finite there."""
+    return ca.if_else(defined, one, otherwise) / ca.if_else(defined, other, 1)
 
 
 def _for_each_column(values: ca.SX, columns: ca.SX) -> ca.SX:
