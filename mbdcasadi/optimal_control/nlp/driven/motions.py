@@ -14,7 +14,7 @@ formulations for trajectory optimization", IEEE ICRA 2021.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -40,12 +40,13 @@ COARSEST, COARSE_TOLERANCE, TOLERANCE = 10, 1e-2, 2e-5
 #: Least and largest number of steps after which a search on a mesh ends, and their work between these, the number of
 #: intervals times the cube of that of coordinates: in long curved valleys more of them lower the effort by little.
 STEPS, WORK = (50, 250), 2.5e6
-#: Number of intervals on which random motions are compared, number of them, and of those that go on to twice as many
-#: intervals.
-FIRST_INTERVALS, RANDOM_MOTIONS, KEPT = 20, 36, 4
-#: Half waves of a random motion, and their amplitudes in turn as shares of the sizes of the coordinates: of 16 arms the
-#: best ways were found by each of them.
-WAVES, AMPLITUDES = 3, (0.5, 1.0, 2.0)
+#: Number of intervals on which random motions are compared, number of them, of those that are the best so far with
+#: random waves, and of those that go on to twice as many intervals.
+FIRST_INTERVALS, RANDOM_MOTIONS, CHANGED_MOTIONS, KEPT = 20, 30, 12, 6
+#: Half waves of a random motion, their amplitudes in turn as shares of the sizes of the coordinates, the amplitude of
+#: those that are added to one of the best so far, and number of these: of seven choices the one with the least efforts
+#: of 14 arms, by a tenth.
+WAVES, AMPLITUDES, CHANGE, BEST = 3, (0.7, 1.4, 2.8), 1.0, 4
 
 
 @dataclass(frozen=True)
@@ -227,22 +228,29 @@ class DrivenMotions:
 
         None if inputs do not follow from the motion.
         """
-        found: list[LeastSquaresEnd] = []
         random = np.random.default_rng(0)
         first, last = self.setup.path.segment_times[[0, -1]].tolist()
-        spline = self._spline(np.linspace(first, last, FIRST_INTERVALS + 1))
+        spline, finer = (self._spline(np.linspace(first, last, k * FIRST_INTERVALS + 1)) for k in (1, 2))
+        effort, finer_effort = self._on(spline), self._on(finer)
+        even = spline.through(self._with_waves(spline.times, np.zeros((WAVES, self.dynamics.n))))
+        found: list[LeastSquaresEnd] = []
+
+        def waves(amplitude: float) -> np.ndarray:
+            random_waves = amplitude * random.normal(size=(WAVES, self.dynamics.n))
+            return spline.through(self._with_waves(spline.times, random_waves)) - even
+
         try:
-            for number in range(RANDOM_MOTIONS):
-                amplitude = AMPLITUDES[number % len(AMPLITUDES)] if number else 0.0
-                states = self._with_waves(spline.times, amplitude * random.normal(size=(WAVES, self.dynamics.n)))
-                found.append(self._on(spline).end(spline.through(states), COARSE_TOLERANCE, STEPS[0]))
-            finer = self._spline(np.linspace(first, last, 2 * FIRST_INTERVALS + 1))
-            kept = [end.x for end in sorted(found, key=lambda end: end.value)[:KEPT]]
-            ends = [self._on(finer).end(finer.like(spline, x), COARSE_TOLERANCE, STEPS[0]) for x in kept]
+            for number in range(RANDOM_MOTIONS + CHANGED_MOTIONS):
+                if number < RANDOM_MOTIONS:
+                    x = even + (waves(AMPLITUDES[number % len(AMPLITUDES)]) if number else 0.0)
+                else:
+                    x = _best(found, BEST)[number % BEST].x + waves(CHANGE)
+                found.append(effort.end(x, COARSE_TOLERANCE, STEPS[0]))
+            kept = [finer.like(spline, end.x) for end in _best(found, KEPT)]
+            ends = [finer_effort.end(x, COARSE_TOLERANCE, STEPS[0]) for x in kept]
         except np.linalg.LinAlgError:
             return None
-        best = min(ends, key=lambda end: end.value)
-        return RandomMotions(finer, best.x, len(found), sum(end.iterations for end in (*found, *ends)))
+        return RandomMotions(finer, _best(ends, 1)[0].x, len(found), sum(end.iterations for end in (*found, *ends)))
 
     def _with_waves(self, times: np.ndarray, waves: np.ndarray) -> np.ndarray:
         """States (k, 2 n) of the straight motion between the ends with half waves (w, n) besides."""
@@ -295,3 +303,8 @@ def _end_of(setup: PhaseSetup) -> tuple[np.ndarray, np.ndarray] | None:
         return None
     end = float(setup.path.segment_times[-1])
     return state_by_linear_conditions(setup.numeric, final, end, setup.start.z, setup.scheme.eom)
+
+
+def _best(ends: Sequence[LeastSquaresEnd], count: int) -> list[LeastSquaresEnd]:
+    """Those of the least effort."""
+    return sorted(ends, key=lambda end: end.value)[:count]
