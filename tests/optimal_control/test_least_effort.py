@@ -161,13 +161,15 @@ def test_the_cost_is_that_of_the_motion():
     h = 1e-4
     shares = np.r_[(1 - np.sqrt(0.6)) / 2, 0.5, (1 + np.sqrt(0.6)) / 2, np.linspace(0.05, 0.95, 19)]
     t = (np.arange(60)[:, None] + shares).ravel() * 1.2 / 60
-    before, now, after = (solution.trajectory.at(t + shift) for shift in (-h, 0.0, h))
+    near = [solution.trajectory.at(t + k * h) for k in (-2, -1, 0, 1, 2)]
+    now, weights = near[2], np.array([-1, 16, -30, 16, -1]) / (12 * h**2)
     needed = []
     for k in range(4):
         pin = now[bars[k].at(-0.25, 0).position]
         moment = 0.0
         for bar in bars[k:]:
-            ax, ay, alpha = ((after[s] - 2 * now[s] + before[s]) / h**2 for s in (bar.x, bar.y, bar.phi))
+            places = (bar.x, bar.y, bar.phi)
+            ax, ay, alpha = (sum(w * at[x] for w, at in zip(weights, near, strict=True)) for x in places)
             arm_x, arm_y = now[bar.x] - pin[:, 0], now[bar.y] - pin[:, 1]
             moment = moment + 0.02 * alpha + arm_x * (ay + 9.81) - arm_y * ax
         needed.append(moment)
