@@ -78,7 +78,8 @@ def optimize(
         values. Stretches around switches and kinks, in which inputs may be off by more, are shorter than its root, or
         at kinks than a hundredth, as a share of the duration, and still shorter if velocities, first-order states or
         the running cost change by much there, so that their effect on the cost is as small. Times at which costs,
-        limits or forces jump become mesh points, and the integral of the running cost is right to this share.
+        limits or forces jump become mesh points, and the integral of the running cost is right to this share; what
+        jumps with the states or at a time that is a free parameter is reported.
     guess : Solution or Trajectory, optional
         Initial guess, on any mesh: another solution, a simulation, or an
         inverse dynamics of the same bodies with a driver in place of the input.

@@ -17,7 +17,7 @@ from ..results.state import State
 from ..results.trajectory import Statistics, Trajectory
 from .guess.guess import PhaseGuess, guess_from_motion
 from .nlp.limit_excess import POINTS, Excess, excess_of_motion, intervals_near
-from .nlp.phase_program import PhaseProgram
+from .nlp.phase_program import SHORTEST_SWITCH, PhaseProgram
 from .phase import Phase
 from .refinement.growth import Growth, growth
 from .refinement.mesh import Mesh
@@ -26,6 +26,8 @@ from .transcription.motion import OptimalMotion, Polynomials
 
 #: Points of an interval at which the size of a running cost is looked at.
 COST_POINTS = 4
+#: Multiple of the shortest interval beside a mesh point that moves up to which one is no longer than that.
+STOPPED = 1.01
 
 
 class PhaseSolution:
@@ -121,6 +123,18 @@ class PhaseSolution:
         sizes = np.array([self.program.condition_sizes[limit] for limit in limits])
         near = intervals_near(self.excess_of_polynomials, sizes)
         return list(excess_of_motion(self.trajectory, self.mesh_times, near, limits)) if near.size else []
+
+    @property
+    def stopped(self) -> np.ndarray:
+        """Intervals in which the start, a waypoint or the end comes up to a mesh point that keeps its time (N,)."""
+        knots, program, mesh = self.mesh.knots, self.program, self.mesh
+        if not mesh.pinned or not program.time_count:
+            return np.zeros(mesh.count, bool)
+        pinned, stated = np.isin(knots, mesh.pinned), np.isin(np.arange(knots.size), program.stated_knots)
+        beside = (pinned[1:] & stated[:-1]) | (pinned[:-1] & stated[1:])
+        shortest = np.diff(self.mesh_times[knots]) <= STOPPED * SHORTEST_SWITCH * program.scales.time
+        stopped: np.ndarray = (beside & shortest)[mesh.piece]
+        return stopped
 
     @property
     def duration(self) -> float:

@@ -11,8 +11,9 @@ Before them it is looked whether the linkage reaches the waypoints and the end a
    coarse mesh may promise a cost that no motion has: :func:`refine_if_coarse`. The best one of those that all stay
    coarse is refined once more; if that does not help, or all are no motions, the problem is solved slowly first, and
    at last with limits that close in from a solution without: :mod:`slow_first`.
-3. If all of this fails: without limits, with limits that close in, from detours, and with least violation, see
-   :mod:`closing_limits`; for a fine mesh on a coarse one first.
+3. If all of this fails: with mesh points where something jumps in time, if other times are free; without limits, with
+   limits that close in, from detours, and with least violation, see :mod:`closing_limits`; for a fine mesh on a coarse
+   one first.
 4. A saddle is left along the direction in which the cost falls: :mod:`saddle`; so is the neighbourhood of one in which
    the first solve got stuck.
 5. A solution that jumps to another branch of the linkage is solved again from other guesses, see :func:`as_motion`.
@@ -38,7 +39,7 @@ from ..errors import ModelError
 from ..numerics.lazy import cached_property
 from .checks.failure import OptimizationError
 from .checks.reach import check_reach
-from .guess.closing_limits import LimitSearch, may_go_on
+from .guess.closing_limits import LimitSearch, is_limited, may_go_on
 from .guess.detours import random_detour
 from .guess.guess import Guess
 from .guess.multistart import at_rest, best_of, guesses
@@ -56,6 +57,7 @@ from .refinement.refine import refine
 from .refinement.saddle import leave_saddle, solve_past_saddle
 from .refinement.second_try import as_motion
 from .refinement.slow_first import refine_or_begin_anew
+from .refinement.time_jumps import meshes_at_jumps
 from .solution import Shifted, Solution
 
 #: Intervals of a mesh whose number is not given.
@@ -126,9 +128,10 @@ class Search:
                 failed.append((attempt, error))
         else:
             attempt, failure = failed[0]
-            if not goes_on or not may_go_on(failure, attempt.solver.settings.options):
+            found = attempt.on_jumps(failure) if goes_on else None
+            if found is None and not (goes_on and may_go_on(failure, attempt.solver.settings.options)):
                 raise failure
-            solution = attempt.go_on(failure)
+            solution = attempt.go_on(failure) if found is None else found
         if checked:
             solution = attempt.as_motion(attempt.past_saddle(solution))
         return solution if tolerance is None else refine(attempt.solver, solution, tolerance)
@@ -185,6 +188,18 @@ class _Attempt:
         more: dict[str, Any] = {"executor": executor, "settle": settle, "limit": limit, "further": self.further}
         best = best_of(self.solver, self.meshes, self.candidates, warm=warm, **more)
         return self._on_fine_mesh(best) if self.refined else best
+
+    def on_jumps(self, failure: OptimizationError) -> Solution | None:
+        """A solution with mesh points that stay at times of jumps, if other times are free; None if there is none.
+
+        Without them the cost jumps with the duration, each time a stage passes such a time.
+        """
+        iterate = failure.partial
+        meshes = meshes_at_jumps(iterate, np.inf) if self.solver.problem.has_free_times else None
+        if meshes is None or is_limited(failure, self.solver.settings.options):
+            return None
+        found = self.solver.solve_further(iterate, meshes, self.solver.motion_of(iterate), FIRST_ITERATIONS)
+        return None if found is None else self._refined(found)
 
     def go_on(self, failure: OptimizationError) -> Solution:
         """Return a solution past a saddle, or one found by limits that close in, or raise the failure with the result.

@@ -9,7 +9,7 @@ import warnings
 
 import numpy as np
 import pytest
-from motions import rest_to_rest
+from motions import guided_block, rest_to_rest
 from scipy.optimize import brentq, fsolve, minimize, minimize_scalar
 from test_refinement import motor_at_rest, work_by_hand
 
@@ -274,3 +274,186 @@ def test_jumps_in_two_phases():
     solution = solved(mbd.OptimalControlProblem(phases=[first, second]), tolerance=1e-6)
     exact = least_effort(1.0, 1.0, [(0.67, constant(1.0), np.inf), (1.0, constant(3.0), np.inf)])
     assert solution.cost == pytest.approx(exact, rel=1e-7)
+
+
+def priced(jump, before, after, duration=(0.2, 6.0), weight=1.0):
+    """Least effort and time, whose price per second jumps."""
+    problem, u, _ = rest_to_rest(1.0, 1.5)
+    price = mbd.if_else(mbd.t < jump, before, after)
+    return problem.replace(duration=duration, running_cost=weight * u**2 + price)
+
+
+@pytest.mark.parametrize(("jump", "before", "after"), [(0.8, 5.0, 60.0), (1.0, 5.0, 20.0)])
+@pytest.mark.parametrize("tolerance", [None, 1e-6])
+def test_a_price_that_jumps_before_a_free_end(jump, before, after, tolerance):
+    """The cost jumps with the duration as stages pass the time: the solver ran out of iterations."""
+    best = (36 / after) ** 0.25
+    exact = 12 / best**3 + before * jump + after * (best - jump)
+    solution = solved(priced(jump, before, after), tolerance=tolerance)
+    assert solution.cost == pytest.approx(exact, rel=1e-7)
+    assert np.min(np.abs(solution.mesh - jump)) < 1e-9
+
+
+def test_the_best_end_is_at_a_jump():
+    """Later each second costs 200: the end comes up to the jump, and what is left to it is reported if it counts."""
+    exact = 12 / 0.9**3 + 5 * 0.9
+    assert solved(priced(0.9, 5.0, 200.0), tolerance=1e-4).cost == pytest.approx(exact, rel=1e-4)
+    with pytest.warns(mbd.MechanismWarning, match=r"integral of the running cost, .* at t = 0.900001 s most"):
+        assert mbd.optimize(priced(0.9, 5.0, 200.0), tolerance=1e-6).cost == pytest.approx(exact, rel=2e-5)
+
+
+@pytest.mark.parametrize("tolerance", [None, 1e-6])
+@pytest.mark.parametrize("time", [0.6, 5.0])
+def test_an_end_passes_a_mesh_point_of_the_guess(time, tolerance):
+    """The mesh point of a guess at 0.6 s kept the end behind it, where one second costs so much: 1256 for 977."""
+    late, rate = mbd.Parameter("late", 0.6), mbd.Parameter("rate", 10.0)
+    u = mbd.Input("u")
+    block, mechanism = guided_block(1.0, u, parameters=[late, rate])
+    problem = mbd.OptimalControlProblem(
+        mechanism,
+        (0.05, 4.0),
+        initial=[block.x == 0, block.vx == 0],
+        final=[block.x == 1, block.vx == 0],
+        running_cost=mbd.if_else(mbd.t < late, 1, 3) * u**2 + rate,
+    )
+    guess = solved(problem, tolerance=1e-6)
+    assert guess.meshes[0].pinned
+    solution = solved(problem, guess=guess, parameters={rate: 2000.0, late: time}, tolerance=tolerance)
+    best = (36 / 2000) ** 0.25
+    assert solution.cost == pytest.approx(12 / best**3 + 2000 * best, rel=1e-8)
+
+
+def test_jumps_nearer_than_mesh_points_that_move():
+    """Two jumps within 0.1 µs, and one as near to the start, with a free end: no mesh was found."""
+    for jumps, weights in (([0.4, 0.4 + 1e-7], [1.0, 50.0, 3.0]), ([1e-7, 0.4], [5.0, 1.0, 3.0])):
+        problem, *_ = weighted(1.5, 1.0, jumps, weights)
+        solution = solved(problem.replace(duration=(0.2, 6.0), running_cost=problem.running_cost + 10), tolerance=1e-5)
+
+        def whole(duration):
+            return 10 * duration + least_effort(
+                duration, 1.0, [(0.4, constant(1.0), np.inf), (duration, constant(3.0), np.inf)]
+            )
+
+        exact = minimize_scalar(whole, bounds=(0.8, 3.0), method="bounded", options={"xatol": 1e-9}).fun
+        assert solution.cost == pytest.approx(exact, rel=2e-6)
+
+
+def test_an_integral_whose_weight_jumps():
+    """A cost at the end that is an integral, and its square: off by 9 and 17 tolerances in silence."""
+    problem, u, _ = rest_to_rest(1.0, 1.0)
+    effort = mbd.integral(mbd.if_else(mbd.t < 0.37, 1, 5) * u**2)
+    exact = least_effort(1.0, 1.0, [(0.37, constant(1.0), np.inf), (1.0, constant(5.0), np.inf)])
+    for power in (1, 2):
+        found = solved(problem.replace(running_cost=0, terminal_cost=effort**power), tolerance=1e-6)
+        assert found.cost == pytest.approx(exact**power, rel=1e-7)
+
+
+def test_a_jump_at_a_time_that_is_free_is_reported():
+    """Its time goes to a limit, since the solver does not see what the weight is worth: 6% above the optimum."""
+    problem, u, _ = rest_to_rest(1.0, 1.0)
+    at = mbd.Parameter("at", 0.4, lower=0.1, upper=0.9)
+    problem = problem.replace(
+        running_cost=mbd.if_else(mbd.t < at, 1, 3) * u**2, free_parameters=[at], terminal_cost=40 * at**2
+    )
+    with pytest.warns(mbd.MechanismWarning, match=r"running_cost jumps .* where at - t passes zero"):
+        mbd.optimize(problem, tolerance=1e-4)
+
+
+@pytest.mark.parametrize(("before", "after", "x0", "duration"), [(1.0, -1.0, 0.6, 1.5), (-5.0, 0.0, 0.5, 2.0)])
+def test_a_force_that_jumps_with_the_motion_is_reported(before, after, x0, duration):
+    """The effort was off by 1.5% and 16% in silence; phases with the force of their own side find it."""
+    u = mbd.Input("u")
+    block = mbd.Body("block", mass=1.0, inertia=0.01)
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
+
+    def blown(wind):
+        push = mbd.Force("push", block.at(0, 0), (u + wind, 0))
+        return mbd.Mechanism([block], [guide], forces=[push], inputs=[u])
+
+    start, end = [block.x == 0, block.vx == 0], [block.x == 1, block.vx == 0]
+    jumping = mbd.OptimalControlProblem(
+        blown(mbd.if_else(block.x < x0, before, after)), duration, initial=start, final=end, running_cost=u**2
+    )
+    with pytest.warns(mbd.MechanismWarning, match=r"force 'push' jumps .* where .* passes zero"):
+        imprecise = mbd.optimize(jumping, tolerance=1e-6)
+    first = mbd.Phase("first", blown(before), (0.1, 1.9), start, [block.x == x0], running_cost=u**2)
+    second = mbd.Phase("second", blown(after), (0.1, 1.9), final=end, running_cost=u**2)
+    both = mbd.OptimalControlProblem(phases=[first, second], boundary=[first.duration + second.duration == duration])
+
+    def effort(x, begin, finish, time, wind):
+        """Least integral of the square of the acceleration without the wind, over a distance between two speeds."""
+        whole = 4 * (3 * x**2 / time**2 - 3 * x * (begin + finish) / time + begin**2 + begin * finish + finish**2)
+        return whole / time - 2 * wind * (finish - begin) + wind**2 * time
+
+    exact = minimize(
+        lambda at: effort(x0, 0.0, at[1], at[0], before) + effort(1 - x0, at[1], 0.0, duration - at[0], after),
+        [0.7, 1.0],
+        method="Nelder-Mead",
+        options={"xatol": 1e-10, "fatol": 1e-12},
+    ).fun
+    assert solved(both, tolerance=1e-6).cost == pytest.approx(exact, rel=1e-7)
+    assert imprecise.cost > exact * 1.01
+
+
+@pytest.mark.parametrize("side", ["start", "end", "rest"])
+def test_a_border_that_a_motion_only_comes_to_is_not_reported(side):
+    """It begins or ends at the border, with no jump on its way."""
+    problem, u, block = rest_to_rest(1.0, 1.0)
+    other = {"start": block.x < 0, "end": block.x > 1, "rest": block.vx < 0}[side]
+    found = solved(problem.replace(running_cost=mbd.if_else(other, 100, 1) * u**2), tolerance=1e-6)
+    assert found.cost == pytest.approx(12.0, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    "weight",
+    [
+        lambda block: mbd.if_else(mbd.t < 0.2, mbd.if_else(block.x < 0.5, 1, 2), 3),
+        lambda block: 2 + mbd.atan2(block.x - 0.5, 1 + block.vx),
+        lambda block: 1 + mbd.if_else(block.x > 0.5, 4 * (block.x - 0.5) ** 2, 0),
+    ],
+    ids=["behind another condition", "an angle within its range", "a bend"],
+)
+def test_what_does_not_jump_on_the_way_is_not_reported(weight):
+    """The border is passed, and nothing jumps there."""
+    problem, u, block = rest_to_rest(1.0, 1.0)
+    solved(problem.replace(running_cost=weight(block) * u**2), tolerance=1e-5)
+
+
+@pytest.mark.parametrize("duration", [1.0, (0.5, 1.0)])
+def test_a_jump_at_a_fixed_time_is_no_kink(duration):
+    """A motion that is impossible is not blamed on a weight whose time no solver changes."""
+    problem, u, _ = rest_to_rest(1.0, 1.0, lower=-1.0, upper=1.0)
+    problem = problem.replace(duration=duration, running_cost=mbd.if_else(mbd.t < 0.3, 1, 2) * u**2)
+    with pytest.raises(mbd.OptimizationError) as caught:
+        mbd.optimize(problem)
+    assert ("kink" in str(caught.value)) is (duration != 1.0)
+
+
+@pytest.mark.parametrize("transcription", ["gauss-legendre", "hermite-simpson"])
+def test_a_jump_beside_a_free_change_of_phases(transcription):
+    """Half the way in a time that is free, with weights that jump in time in both phases: no solution was found."""
+    jump, weights = 0.5617, [[2.172, 7.913], [0.114, 5.338]]
+
+    def effort(begin, end, start, last, pieces):
+        """Least integral of w u² over 0.5 m, from one speed to another: u is (a + b t) / w."""
+        i = [sum((q ** (k + 1) - p ** (k + 1)) / (k + 1) / w for p, q, w in pieces) for k in range(3)]
+        rows = np.array([[i[0], i[1]], [end * i[0] - i[1], end * i[1] - i[2]]])
+        a, b = np.linalg.solve(rows, [last - start, 0.5 - start * (end - begin)])
+        return a * a * i[0] + 2 * a * b * i[1] + b * b * i[2]
+
+    def whole(at):
+        time, speed = at
+        first = effort(0.0, time, 0.0, speed, [(0.0, time, weights[0][0])])
+        return first + effort(time, 1.0, speed, 0.0, [(time, jump, weights[1][0]), (jump, 1.0, weights[1][1])])
+
+    exact = minimize(whole, [0.42, 1.5], method="Nelder-Mead", options={"xatol": 1e-11, "fatol": 1e-13}).fun
+    u = mbd.Input("u")
+    block, mechanism = guided_block(1.0, u)
+    costs = [mbd.if_else(mbd.t < jump, *pair) * u**2 for pair in weights]
+    first = mbd.Phase(
+        "first", mechanism, (0.01, 0.99), [block.x == 0, block.vx == 0], [block.x == 0.5], running_cost=costs[0]
+    )
+    second = mbd.Phase("second", mechanism, (0.01, 0.99), final=[block.x == 1, block.vx == 0], running_cost=costs[1])
+    both = mbd.OptimalControlProblem(phases=[first, second], boundary=[first.duration + second.duration == 1])
+    solution = solved(both, tolerance=1e-5, transcription=transcription)
+    assert solution.cost == pytest.approx(exact, rel=1e-5)

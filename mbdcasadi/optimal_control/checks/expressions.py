@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 
 import casadi as ca
 import numpy as np
 
 from ...equations.switching.continuity import Surroundings, continuous_switches
+from ...equations.switching.held import JumpingPart, jumping_parts, part_of
 from ...equations.switching.switches import BENDING, JUMPING, Switch, hold, quantity_of
 from ...numerics.graph import operands, operations
 from ...printing import to_text
@@ -21,12 +22,17 @@ from ..solution import Solution
 _LONGEST = 60
 #: Points of an interval at which it is looked on which side of a jump it is.
 _TAUS = np.linspace(0, 1, 5)
+#: Share of the largest value of what passes a border below which it is at that.
+AT_BORDER = 1e-8
+#: Share of values on both sides of a border below which a jump is rounding.
+ROUNDED_JUMP = 1e-9
 
 
-def kinks_in(expression: ca.SX) -> list[str]:
+def kinks_in(expression: ca.SX, decided: Collection[int] = ()) -> list[str]:
     """Return in words where the slope of an expression jumps: at operations such as ``fabs``, and at comparisons.
 
-    The square of a positive part is smooth, and is not named.
+    The square of a positive part is smooth, and is not named; nor is what follows from symbols alone that are `decided`
+    before, given by their hashes, as times and parameters that are not free.
     """
     whole = ca.vertcat(expression, *[p.expression for p in placeholders_in(expression)])
     if not any(operations(whole, (*BENDING, *JUMPING))):
@@ -36,7 +42,8 @@ def kinks_in(expression: ca.SX) -> list[str]:
     angles = [node.element_hash() for op, node in nodes if op == ca.OP_ATAN2]  # they jump at ±π alone
     held, switches = hold([whole, ca.jacobian(whole, symbols)], free=angles)
     smooth = _continuous(held, switches, symbols)
-    sharp = [switch for switch in switches if switch.node not in smooth]
+    free = ca.vertcat(ca.SX(0, 1), *[x for x in ca.symvar(whole) if x.element_hash() not in decided])
+    sharp = [s for s in switches if s.node not in smooth and free.numel() and ca.depends_on(s.natural, free)]
     return _named(sharp, [node for op, node in nodes if op in BENDING], symbols)
 
 
@@ -58,41 +65,66 @@ def kinks_in_costs(problem: OptimalControlProblem) -> str:
     costs = [("running_cost", phase.running_cost) for phase in problem.phases]
     costs += [("the cost of a waypoint", w.cost) for phase in problem.phases for w in phase.waypoints]
     costs.append(("terminal_cost", problem.terminal_cost))
-    return problem.shared.get_or_create("kinks of costs", lambda: _kinks(costs))
+    return problem.shared.get_or_create("kinks of costs", lambda: _kinks(costs, problem))
 
 
 def kinks_in_path(problem: OptimalControlProblem) -> str:
     """Return in words the kinks in the path conditions of a problem, found once for it; empty if there are none."""
     conditions = [(f"path: {c.label}", c.expression) for phase in problem.phases for c in phase.path]
-    return problem.shared.get_or_create("kinks of the path", lambda: _kinks(conditions))
+    return problem.shared.get_or_create("kinks of the path", lambda: _kinks(conditions, problem))
 
 
-def jump_of_cost(solution: Solution) -> str:
-    """Return in words where a running cost jumps with the states on the way of a motion; empty if none does.
+def jump_on_the_way(solution: Solution) -> str:
+    """Return in words what jumps with the states, or at a time that is free, on the way; empty if nothing does.
 
     A jump in time alone is at a time that does not change with the motion.
     """
-    for phase, part in zip(solution.problem.phases, solution.phases, strict=True):
-        for switch in _jumps_with_states(phase) if part.mesh.count else ():
+    for part in solution.phases:
+        for jumping, switch in _jumps_that_move(part, solution.problem) if part.mesh.count else ():
             k, tau = np.repeat(np.arange(part.mesh.count), _TAUS.size), np.tile(_TAUS, part.mesh.count)
             (values,) = part.by_polynomials([switch.natural], k, tau)
-            sides = np.floor(values.ravel()) if switch.whole else np.sign(values.ravel())
-            changes = np.flatnonzero(np.diff(sides))
-            if changes.size:
-                time, value = part.time_at(int(k[changes[0]]), float(tau[changes[0]])), _border(switch)
-                return f"running_cost jumps at t = {time:.6g} s or so, where {_text(switch.natural)} passes {value}"
+            passed = _passed(values.ravel(), switch)
+            if not passed.size:
+                continue
+            one, other = part.by_polynomials(_on_both_sides(jumping, switch), k[passed], tau[passed])
+            jumps = np.any(np.abs(one - other) > ROUNDED_JUMP * (np.abs(one) + np.abs(other)), axis=0)
+            if np.any(jumps):
+                first = passed[np.argmax(jumps)]
+                time, place = part.time_at(int(k[first]), float(tau[first])), _text(switch.natural)
+                what = jumping.description
+                return f"{what} jumps at t = {time:.6g} s or so, where {place} passes {_border(switch)}"
     return ""
 
 
-def _jumps_with_states(phase: Phase) -> list[Switch]:
-    """Switches over which the running cost of a phase jumps, but for those in time alone."""
-    if not any(operations(phase.running_cost, JUMPING)):
-        return []
+def _jumps_that_move(part: PhaseSolution, problem: OptimalControlProblem) -> list[tuple[JumpingPart, Switch]]:
+    """Forces, rates, costs and limits of a phase that jump, and switches over which they do, but for fixed times."""
+    phase, numeric = part.phase, part.numeric
     eom = phase.equations
-    moving = ca.vertcat(eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u, phase.input_rates)
-    held, switches = hold([phase.running_cost])
-    smooth = _continuous(held, switches, ca.vertcat(ca.SX(0, 1), *ca.symvar(phase.running_cost)))
-    return [s for s in switches if s.node not in smooth and ca.depends_on(s.natural, moving)]
+    stated = [("running_cost", phase.running_cost)]
+    stated += [(x.label, x.expression) for x in part.program.integrals]
+    stated += [(f"path: {c.label}", c.expression) for c in phase.path]
+    parts = [*jumping_parts(numeric)]
+    for name, expression in stated:
+        parts += part_of(numeric, "integrand", 0, (expression,), name)
+    moving = ca.vertcat(eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u, phase.input_rates, *problem.free_parameters)
+    found = [(jumping, hold(jumping.expressions, free=jumping.continuous)[1]) for jumping in parts]
+    return [(jumping, s) for jumping, of in found for s in of if ca.depends_on(s.natural, moving)]
+
+
+def _passed(values: np.ndarray, switch: Switch) -> np.ndarray:
+    """Places of values after which a switch passes its border, and does not only come to it (k,)."""
+    away = np.abs(values - np.round(values)) if switch.whole else np.abs(values)
+    beside = np.flatnonzero(away > AT_BORDER * np.max(np.abs(values)))
+    sides = np.floor(values[beside]) if switch.whole else np.sign(values[beside])
+    passed: np.ndarray = beside[np.flatnonzero(np.diff(sides))]
+    return passed
+
+
+def _on_both_sides(jumping: JumpingPart, switch: Switch) -> list[ca.SX]:
+    """What jumps with a switch on one side and on the other: the same where another switch leaves it out."""
+    held, (own,) = hold(jumping.expressions, free=jumping.nodes - {switch.node})
+    below = ca.floor(own.natural) if switch.whole else ca.SX(0)
+    return [ca.substitute(ca.veccat(*held), own.side, side) for side in (below, below + 1)]
 
 
 def _continuous(held: list[ca.SX], switches: list[Switch], symbols: ca.SX) -> set[int]:
@@ -106,8 +138,12 @@ def _border(switch: Switch) -> str:
     return "a whole number" if switch.whole else "zero"
 
 
-def _kinks(expressions: Iterable[tuple[str, ca.SX]]) -> str:
-    found = [(name, kinks_in(expression)) for name, expression in expressions]
+def _kinks(expressions: Iterable[tuple[str, ca.SX]], problem: OptimalControlProblem) -> str:
+    decided = {x.element_hash() for phase in problem.phases for x in ca.vertsplit(phase.equations.p)}
+    decided -= {x.element_hash() for x in problem.free_parameters}
+    if not problem.has_free_times:
+        decided |= {phase.equations.t.element_hash() for phase in problem.phases}
+    found = [(name, kinks_in(expression, decided)) for name, expression in expressions]
     named = [f"{name} has a kink where {places[0]}" for name, places in found if places]
     if not named:
         return ""

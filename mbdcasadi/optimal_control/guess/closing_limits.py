@@ -94,10 +94,14 @@ def may_go_on(error: OptimizationError, options: dict) -> bool:
     With a kink in the cost, or a cost without a lower bound, a solver with derivatives would fail again from any guess.
     """
     status = error.partial.statistics.status
-    limited = _ran_out(error) and "ipopt.max_iter" in options
-    if status not in RESUMABLE or limited or is_unbounded(error.partial):
+    if status not in RESUMABLE or is_limited(error, options) or is_unbounded(error.partial):
         return False
     return not kinks_in_costs(error.partial.problem)
+
+
+def is_limited(error: OptimizationError, options: dict) -> bool:
+    """Return True if a solve ended after as many iterations as the user allows."""
+    return _ran_out(error) and "ipopt.max_iter" in options
 
 
 class LimitSearch:

@@ -115,7 +115,7 @@ class ProblemSolver(ProblemSetup):
             self.held = tuple(sorted({*self.held, *guess.iterate.program.held}))
         if kinks_in_costs(self.problem):
             limit = KINKED_ITERATIONS if limit is None else min(limit, KINKED_ITERATIONS)
-        solution = self._solve(meshes, guess, warm=warm, limit=limit)
+        solution = self._past_pinned(self._solve(meshes, guess, warm=warm, limit=limit), limit)
         passed = largest_share(solution)
         for _ in range(ROUNDS):
             more = points_to_hold(solution, self.limit_tolerance) if passed > self.limit_tolerance else set()
@@ -129,6 +129,18 @@ class ProblemSolver(ProblemSetup):
                 break
             solution, passed = held, share
         return solution
+
+    def _past_pinned(self, solution: Solution, limit: int | None) -> Solution:
+        """The solution past mesh points that keep their times, if these stop its waypoints or ends and it costs less.
+
+        On equal intervals, since those beside such a point have shrunk to almost nothing.
+        """
+        stopped = [np.any(part.stopped) for part in solution.phases]
+        if not any(stopped):
+            return solution
+        meshes = [mesh.resized(1.0) if at else mesh for mesh, at in zip(solution.meshes, stopped, strict=True)]
+        past = _further(solution, partial(self._solve, meshes, self.motion_of(solution), warm=True, limit=limit))
+        return solution if past is None or past.cost >= solution.cost else past
 
     @property
     def driven(self) -> DrivenMotions | None:

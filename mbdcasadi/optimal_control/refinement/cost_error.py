@@ -39,6 +39,8 @@ def integral_errors(part: PhaseSolution) -> np.ndarray:
     (values,) = part.by_polynomials([running], k, tau)
     values = np.broadcast_to(values, (1, k.size)).reshape(count, taus.size)
     errors: np.ndarray = np.abs(values[:, : own.size] @ weights - values[:, own.size :] @ finer)
+    # an end that comes up to a jump in time may belong there, or before it
+    errors[part.stopped] = np.max(np.abs(values[part.stopped]), axis=1)
     return errors * np.diff(part.mesh_times)
 
 
@@ -74,8 +76,8 @@ class CostErrors(Measure):
 
     def pieces(self, part: PhaseSolution) -> np.ndarray:
         """Number of pieces of each interval (N,); inputs that are constant on intervals keep their mesh."""
-        keeps = part.program.scheme.inputs.name == "constant"
-        return np.ones(part.mesh.count, int) if keeps else super().pieces(part)
+        keeps = part.stopped | (part.program.scheme.inputs.name == "constant")
+        return np.where(keeps, 1, super().pieces(part))
 
     @property
     def loss(self) -> float:

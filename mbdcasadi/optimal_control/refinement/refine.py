@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import warn
 from ...numerics.console import interruptible
-from ..checks.expressions import jump_of_cost
+from ..checks.expressions import jump_on_the_way
 from ..checks.failure import OptimizationError
 from ..nlp.held_limits import LIMIT_TOLERANCE
 from ..nlp.problem_solver import ProblemSolver
@@ -26,7 +26,7 @@ from .mesh import Mesh, interval_count
 from .reintegration import not_integrated
 from .singularity import close_to_singular
 from .switches import UnresolvedSwitches
-from .time_jumps import TimeJumps
+from .time_jumps import TimeJumps, meshes_at_jumps
 
 #: What is measured on a solution with small local errors.
 MEASURES: tuple[type[Measure], ...] = (UnresolvedSwitches, PassedLimits, UnresolvedInputs, CostErrors, TimeJumps)
@@ -76,14 +76,14 @@ def refine(solver: ProblemSolver, solution: Solution, tolerance: float) -> Solut
     -----
     MechanismWarning
         If local errors meet the tolerance, but inputs, limits, switches or the integral of the running cost do not, or
-        if that jumps with the states, which the derivatives of the solver do not show.
+        if costs, limits or forces jump with the states or free parameters, which derivatives do not show.
     """
     refined = _Refinement(solver, solution, tolerance).run()
-    jump = jump_of_cost(refined)
+    jump = jump_on_the_way(refined)
     if jump:
         warn(
             f"the cost may be off by more than the tolerance {tolerance:g}: {jump}, and the solver does not see what a "
-            "shift of that time changes; divide the motion into phases= there, each with its own running_cost"
+            "shift of that time changes; divide the motion into phases= there, each with what holds on its side"
         )
     return refined
 
@@ -197,9 +197,8 @@ class _Refinement:
 
     def _meshes(self) -> list[Mesh] | None:
         """Meshes of the next pass; None if there is none that is better."""
-        jumps, parts = TimeJumps(self.solution, self.tolerance), self.solution.phases
-        at_jumps = [jumps.placed(part, part.mesh) if part.mesh.count else part.mesh for part in parts]
-        if jumps.largest and not all(map(Mesh.is_same, at_jumps, self.solution.meshes)):
+        at_jumps = meshes_at_jumps(self.solution, self.tolerance)
+        if at_jumps is not None:
             self._begin_anew()
             return at_jumps
         return self._adapted() if self.error > self.tolerance else self._moved() or self._split()

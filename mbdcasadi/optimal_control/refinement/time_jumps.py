@@ -13,7 +13,9 @@ import numpy as np
 from ...equations.switching.explicit_time import explicit_time
 from ...numerics.scattered import scattered
 from ...numerics.symbolic import symbolic
+from ..nlp.phase_program import SHORTEST_SWITCH
 from ..phase_solution import PhaseSolution
+from ..solved_motion import SolvedMotion
 from .measure import Measure
 from .mesh import Mesh
 
@@ -24,6 +26,8 @@ AT = 1e-9
 #: Share of the typical duration between two mesh points around a jump, if the scheme has points at the ends of
 #: intervals, or inputs are continuous there.
 AROUND = 2e-6
+#: Multiple of the shortest interval beside a mesh point that moves up to which one of these is left out.
+NEAREST = 1.5
 #: Share of an interval of the mesh before below which a mesh point is too near to one of these.
 TOO_NEAR = 0.3
 
@@ -33,7 +37,8 @@ def jump_times(part: PhaseSolution) -> np.ndarray:
     """Return the times inside a phase at which accelerations, costs or limits jump or bend in time (k,), s."""
     phase, program = part.phase, part.program
     eom = phase.equations
-    expressions = ca.vertcat(phase.running_cost, *[c.expression for c in phase.path])
+    integrands = [phase.running_cost, *[x.expression for x in program.integrals]]
+    expressions = ca.vertcat(*integrands, *[c.expression for c in phase.path])
     symbols = ca.vertcat(ca.SX(0, 1), *program.extra_parameters, phase.input_rates)
     if symbols.numel() and ca.depends_on(expressions, symbols):
         values = np.r_[part.extra, 1 + scattered(phase.input_rates.numel()) / 2]
@@ -54,7 +59,7 @@ class TimeJumps(Measure):
     def of(self, part: PhaseSolution) -> np.ndarray:
         """Infinite in intervals with such a time, zero in others (N,)."""
         errors = np.zeros(part.mesh.count)
-        times = _mesh_points(part)
+        times = _mesh_points(part, timed=part.program.time_count > 0)
         missing = times[_distances(part, times) > AT * part.duration]
         errors[np.clip(np.searchsorted(part.mesh_times, missing) - 1, 0, part.mesh.count - 1)] = np.inf
         return errors
@@ -74,7 +79,8 @@ class TimeJumps(Measure):
 
     def placed(self, part: PhaseSolution, mesh: Mesh) -> Mesh:
         """The mesh of a phase with points at these times, pinned if others move."""
-        times = _mesh_points(part)
+        timed = bool(mesh.free or part.program.time_count)
+        times = _mesh_points(part, timed=timed)
         if not times.size:
             return mesh
         near = np.argmin(np.abs(part.mesh_times - times[:, None]), axis=1)
@@ -82,14 +88,23 @@ class TimeJumps(Measure):
         known = np.abs(part.mesh_times[near] - times) <= AT * part.duration
         positions = np.where(known, part.mesh.positions[near], there)
         moving = mesh.positions[list(mesh.free)]
-        if mesh.free or part.program.time_count:
+        if timed:
             return mesh.through_points(np.zeros(0), TOO_NEAR, moving, positions)
         return mesh.through_points(positions, TOO_NEAR, moving)
 
 
+def meshes_at_jumps(solution: SolvedMotion, tolerance: float) -> list[Mesh] | None:
+    """Return meshes with points at the times of jumps; None if those of the solution have them all."""
+    jumps, parts = TimeJumps(solution, tolerance), solution.phases
+    if not jumps.largest:
+        return None
+    meshes = [jumps.placed(part, part.mesh) if part.mesh.count else part.mesh for part in parts]
+    return None if all(map(Mesh.is_same, meshes, solution.meshes)) else meshes
+
+
 def points_at_jumps(part: PhaseSolution) -> list[int]:
     """Mesh points of a phase at times of jumps."""
-    times = _mesh_points(part)
+    times = _mesh_points(part, timed=part.program.time_count > 0)
     near = np.argmin(np.abs(part.mesh_times - times[:, None]), axis=1)
     return sorted(set(near[_distances(part, times) <= AT * part.duration].tolist()))
 
@@ -100,8 +115,11 @@ def _distances(part: PhaseSolution, times: np.ndarray) -> np.ndarray:
     return distances
 
 
-def _mesh_points(part: PhaseSolution) -> np.ndarray:
-    """Times at which mesh points are to be: those of the jumps, or two around each of them, s."""
+def _mesh_points(part: PhaseSolution, *, timed: bool) -> np.ndarray:
+    """Times at which mesh points are to be: those of the jumps, or two around each of them, s.
+
+    If times are free, mesh points that keep theirs are not too near to each other, nor to start, waypoints and end.
+    """
     times, scheme = jump_times(part), part.program.scheme
     at_ends = scheme.inputs.joined or bool(np.any((scheme.stages <= 0) | (scheme.stages >= 1)))
     if not times.size or scheme.inputs.name == "constant":
@@ -109,5 +127,12 @@ def _mesh_points(part: PhaseSolution) -> np.ndarray:
     if at_ends:
         apart = AROUND * max(part.duration, part.program.scales.time)
         times = (times[:, None] + apart / 2 * np.array([-1, 1])).ravel()
-    inside = (times > part.mesh_times[0]) & (times < part.mesh_times[-1])
-    return times[inside]
+    times = times[(times > part.mesh_times[0]) & (times < part.mesh_times[-1])]
+    if not timed:
+        return times
+    nearest = NEAREST * SHORTEST_SWITCH * part.program.scales.time
+    kept: list[float] = []
+    for time in np.sort(times).tolist():
+        if np.min(np.abs([*part.segment_times, *kept[-1:]] - np.array(time))) >= nearest:
+            kept.append(time)
+    return np.array(kept)
