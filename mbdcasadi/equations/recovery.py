@@ -17,12 +17,15 @@ from ..numerics.lazy import cached_property
 from ..numerics.least_squares import largest
 from .derivation import Equations
 from .numeric import NumericEquations
-from .saddle import shifted
+from .saddle import WEAKEST_ON_THE_WAY, shifted, solve_redundant
 
 #: Residual of a constraint, relative to 1 + |q|, that is rounding.
 ROUNDING = 1e-14
 #: Steps of a projection of positions, at most.
 PROJECTIONS = 10
+#: The same from and up to which refined steps are tried, which find what the shift of the others holds back; the share
+#: of it that each of them may leave, and its refinements.
+HELD_BACK, FAR_AWAY, LEFT_BY_STEP, REFINEMENTS = 5e-14, 1e-3, 0.1, 4
 #: ``(t, q, v, z, p, u given) -> u``: the inputs at states, each by column.
 InputRule = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
@@ -49,7 +52,7 @@ class Recovery:
 
     @cached_property
     def velocity_step(self) -> ca.Function:
-        """``(t, q, v, p, weights) -> v`` with ``Phi_q v = nu``."""
+        """``(t, q, v, p, weights) -> (v, |Phi_q v - nu|)``: towards ``Phi_q v = nu``, and the residual after it."""
         return self._kept("velocity step", lambda: _velocity_step(self.numeric.eom))
 
     @cached_property
@@ -60,6 +63,14 @@ class Recovery:
     def _velocity_rows(self) -> Evaluator:
         return self._kept("velocity step by row", lambda: Evaluator(self.velocity_step))
 
+    @cached_property
+    def _refined_position_rows(self) -> Evaluator:
+        return self._kept("refined position step", lambda: Evaluator(_position_step(self.numeric.eom, refined=True)))
+
+    @cached_property
+    def _refined_velocity_rows(self) -> Evaluator:
+        return self._kept("refined velocity step", lambda: Evaluator(_refined_velocity_step(self.numeric.eom)))
+
     def _kept(self, key: str, make: Callable[[], Any]) -> Any:
         return self.numeric.eom.shared.get_or_create(key, make)
 
@@ -69,7 +80,7 @@ class Recovery:
             return q
         p, weights = self.numeric.p, self.numeric.projection_weights
         self.left_over = 0.0
-        before = np.inf
+        before, left = np.inf, None
         for _ in range(PROJECTIONS):
             moved, size = self._position_rows.rows(t[:, None], q, p, weights)
             worst = largest(size)
@@ -77,17 +88,31 @@ class Recovery:
                 self.left_over = self.left_over or worst
                 break
             self.left_over = worst
-            q, before = moved, worst
+            q, before, left = moved, worst, size
             if worst <= ROUNDING * (1 + largest(q)):
                 break
+        if left is None:
+            return q
+
+        def step(here: np.ndarray, poses: np.ndarray) -> list[np.ndarray]:
+            return self._refined_position_rows.rows(t[here, None], poses, p, weights)
+
+        q, self.left_over = _refined(step, q, left)
         return q
 
     def velocities(self, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Bring velocities (k, n) onto ``Phi_q v = nu``."""
         if not self.numeric.eom.lam.numel() or not t.size:
             return v
-        weights = self.numeric.projection_weights
-        return self._velocity_rows.rows(t[:, None], q, v, self.numeric.p, weights)[0]
+        p, weights = self.numeric.p, self.numeric.projection_weights
+        v, left = self._velocity_rows.rows(t[:, None], q, v, p, weights)
+
+        def step(here: np.ndarray, velocities: np.ndarray) -> list[np.ndarray]:
+            moved, after, off = self._refined_velocity_rows.rows(t[here, None], q[here], velocities, p, weights)
+            # what a pose is off by, in a motion that rows hardly resist, counts in velocities by the square of that
+            return [moved, np.where(off > HELD_BACK * (1 + largest(q)), np.inf, after)]
+
+        return _refined(step, v, left)[0]
 
     def accelerations(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray
@@ -111,8 +136,33 @@ class Recovery:
         return back_onto_constraints
 
 
-def _position_step(eom: Equations) -> ca.Function:
-    weights, towards = _towards(eom, eom.position_rows.tolist())
+def _refined(
+    step: Callable[[np.ndarray, np.ndarray], list[np.ndarray]], states: np.ndarray, left: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Take refined steps from states by row as long as they leave little of a residual; and the largest that is left.
+
+    A step that leaves more would lead to another branch, or rows contradict each other: the state stays as it is.
+
+    Parameters
+    ----------
+    step : callable
+        ``(places, states there) -> (states, residuals)``.
+    left : numpy.ndarray
+        Residuals of the states (k, 1).
+    """
+    states, left, size = states.copy(), left.ravel().copy(), 1 + largest(states)
+    here = np.flatnonzero((left > HELD_BACK * size) & (left < FAR_AWAY * size))
+    while here.size:
+        moved, after = step(here, states[here])
+        is_better = after.ravel() <= LEFT_BY_STEP * left[here]
+        here = here[is_better]
+        states[here], left[here] = moved[is_better], after.ravel()[is_better]
+        here = here[left[here] > HELD_BACK * size]
+    return states, largest(left)
+
+
+def _position_step(eom: Equations, *, refined: bool = False) -> ca.Function:
+    weights, towards = _towards(eom, eom.position_rows.tolist(), refined=refined)
     moved = ca.densify(eom.q - towards(eom.Phi))
     left = ca.Function("left", [eom.t, eom.q, eom.p], ca.cse([ca.norm_inf(ca.densify(eom.Phi))]))
     return ca.Function("position_step", [eom.t, eom.q, eom.p, weights], [moved, left(eom.t, moved, eom.p)])
@@ -123,23 +173,38 @@ def _velocity_step(eom: Equations) -> ca.Function:
     v = eom.v
     for _ in range(2):  # the second step removes the rounding of the first
         v = v - towards(eom.Phi_q @ v - eom.nu)
-    return ca.Function("velocity_step", [eom.t, eom.q, eom.v, eom.p, weights], [ca.densify(v)])
+    left = ca.norm_inf(ca.densify(eom.Phi_q @ v - eom.nu))
+    return ca.Function("velocity_step", [eom.t, eom.q, eom.v, eom.p, weights], [ca.densify(v), left])
 
 
-def _towards(eom: Equations, rows: list[int]) -> tuple[ca.SX, Callable[[ca.SX], ca.SX]]:
+def _refined_velocity_step(eom: Equations) -> ca.Function:
+    """``(t, q, v, p, weights) -> (v, |Phi_q v - nu|, |Phi|)``."""
+    weights, towards = _towards(eom, list(range(eom.lam.numel())), refined=True)
+    v = eom.v - towards(eom.Phi_q @ eom.v - eom.nu)
+    left = [ca.norm_inf(ca.densify(residual)) for residual in (eom.Phi_q @ v - eom.nu, eom.Phi)]
+    return ca.Function("velocity_step", [eom.t, eom.q, eom.v, eom.p, weights], [ca.densify(v), *left])
+
+
+def _towards(eom: Equations, rows: list[int], *, refined: bool = False) -> tuple[ca.SX, Callable[[ca.SX], ca.SX]]:
     """Weights w, and the step ``W⁻¹ J^T (J W⁻¹ J^T + epsilon D)⁻¹ r`` of some rows by residual, orthogonal in w.
 
     The shift keeps the step short if the pose is nearly singular: there
     a residual of rounding size would else throw the state onto another
-    branch. Repeated steps converge nevertheless. Positions and velocities share the factors, unless there are
-    velocity-level rows.
+    branch. Repeated steps converge nevertheless, but slowly in motions that the rows resist little, as the bending of
+    long chains: refined steps are by :func:`.saddle.solve_redundant`. A tree needs no shift. Positions and velocities
+    share the factors, unless there are velocity-level rows.
     """
 
     def make() -> tuple[ca.SX, Callable[[ca.SX], ca.SX]]:
         weights, jacobian = ca.SX.sym("w", eom.q.numel()), eom.Phi_q[rows, :]
         over = ca.diag(1 / weights) @ jacobian.T
         over, schur = ca.cse([over, jacobian @ over])  # what follows repeats little, and takes long to look through
-        factors = shifted(schur, eom.angular_rows[rows])
+        angular = eom.angular_rows[rows]
+        if refined:
+            options: dict[str, Any] = {"refinements": REFINEMENTS, "weakest": WEAKEST_ON_THE_WAY}
+            return weights, lambda residual: over @ solve_redundant(schur, residual, angular, **options)
+        factors = shifted(schur, angular) if eom.has_loops else ca.ldl(schur)
         return weights, lambda residual: over @ ca.ldl_solve(ca.densify(residual), *factors)
 
-    return eom.mechanism.cache.get_or_create(("step towards rows", *rows), make, bounded=True)
+    key = "refined step towards rows" if refined else "step towards rows"
+    return eom.mechanism.cache.get_or_create((key, *rows), make, bounded=True)

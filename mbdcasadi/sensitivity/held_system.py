@@ -208,7 +208,7 @@ class HeldSystem:
         for _ in range(PROJECTIONS if eom.Phi.numel() else 0):
             q = self.recovery.position_step(time, q, p, weights)[0].full().ravel()
         for _ in range(2 if eom.lam.numel() else 0):
-            v = self.recovery.velocity_step(time, q, v, p, weights).full().ravel()
+            v = self.recovery.velocity_step(time, q, v, p, weights)[0].full().ravel()
         return np.r_[q, v, x[2 * n :]]
 
 

@@ -194,7 +194,7 @@ class _Walk:
             weights = ca.DM(np.where(mass > 0, mass, system.numeric.weights))
             v = y[n : 2 * n]
             for _ in range(2):  # the second step removes the regularisation of the first
-                v = system.recovery.velocity_step(time, y[:n], v, after, weights)
+                v = system.recovery.velocity_step(time, y[:n], v, after, weights)[0]
             y = ca.vertcat(y[:n], v, y[2 * n :])
         return ca.vertcat(y - system.rates(time, y, after, self._levels, channel) * delta, self._x[-1])
 
@@ -206,5 +206,5 @@ def projected(recovery: Recovery, time: Any, x: Any, p: Any) -> Any:
     if eom.Phi.numel():
         q = recovery.position_step(time, q, p, weights)[0]
     if eom.lam.numel():
-        v = recovery.velocity_step(time, q, v, p, weights)
+        v = recovery.velocity_step(time, q, v, p, weights)[0]
     return ca.vertcat(q, v, x[2 * n :])
