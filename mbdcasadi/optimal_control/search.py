@@ -17,7 +17,7 @@ Before them it is looked whether the linkage reaches the waypoints and the end a
 4. A saddle is left along the direction in which the cost falls: :mod:`saddle`; so is the neighbourhood of one in which
    the first solve got stuck.
 5. A solution that jumps to another branch of the linkage is solved again from other guesses, see :func:`as_motion`.
-   With a tolerance the mesh is refined then, see :func:`refine`.
+   With a tolerance the mesh is refined then, see :func:`refine`; without one it gets the mesh points of step 3.
 
 Each single solve adds points at which path limits are held, see :meth:`ProblemSolver.solve`, and rounds kinks of the
 equations that it does not get past, see :mod:`rounded_program`. In a continuation,
@@ -128,13 +128,17 @@ class Search:
                 failed.append((attempt, error))
         else:
             attempt, failure = failed[0]
-            found = attempt.on_jumps(failure) if goes_on else None
-            if found is None and not (goes_on and may_go_on(failure, attempt.solver.settings.options)):
+            options = attempt.solver.settings.options
+            found = attempt.on_jumps(failure.partial) if goes_on and not is_limited(failure, options) else None
+            if found is None and not (goes_on and may_go_on(failure, options)):
                 raise failure
             solution = attempt.go_on(failure) if found is None else found
         if checked:
             solution = attempt.as_motion(attempt.past_saddle(solution))
-        return solution if tolerance is None else refine(attempt.solver, solution, tolerance)
+        if tolerance is not None:
+            return refine(attempt.solver, solution, tolerance)
+        past = attempt.on_jumps(solution)
+        return solution if past is None else past
 
     def solve_in_turn(
         self, steps: list[dict[Any, float]], parameters: Any, guess: Any, starts: Any, tolerance: float | None
@@ -189,16 +193,16 @@ class _Attempt:
         best = best_of(self.solver, self.meshes, self.candidates, warm=warm, **more)
         return self._on_fine_mesh(best) if self.refined else best
 
-    def on_jumps(self, failure: OptimizationError) -> Solution | None:
+    def on_jumps(self, near: Solution) -> Solution | None:
         """A solution with mesh points that stay at times of jumps, if other times are free; None if there is none.
 
-        Without them the cost jumps with the duration, each time a stage passes such a time.
+        Without them the cost jumps with the duration, each time a stage passes such a time: a solve fails, or ends in
+        the best duration between two of these.
         """
-        iterate = failure.partial
-        meshes = meshes_at_jumps(iterate, np.inf) if self.solver.problem.has_free_times else None
-        if meshes is None or is_limited(failure, self.solver.settings.options):
+        meshes = meshes_at_jumps(near, np.inf) if self.solver.problem.has_free_times else None
+        if meshes is None:
             return None
-        found = self.solver.solve_further(iterate, meshes, self.solver.motion_of(iterate), FIRST_ITERATIONS)
+        found = self.solver.solve_further(near, meshes, self.solver.motion_of(near), FIRST_ITERATIONS)
         return None if found is None else self._refined(found)
 
     def go_on(self, failure: OptimizationError) -> Solution:

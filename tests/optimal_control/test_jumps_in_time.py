@@ -457,3 +457,23 @@ def test_a_jump_beside_a_free_change_of_phases(transcription):
     both = mbd.OptimalControlProblem(phases=[first, second], boundary=[first.duration + second.duration == 1])
     solution = solved(both, tolerance=1e-5, transcription=transcription)
     assert solution.cost == pytest.approx(exact, rel=1e-5)
+
+
+@pytest.mark.parametrize("transcription", ["gauss-legendre", "hermite-simpson"])
+def test_the_best_duration_between_two_stages_is_left(transcription):
+    """Without a tolerance: Hermite-Simpson ended at 1.14 s, where the jump passes from stage to stage, with 32.3."""
+    best = (36 / 60) ** 0.25
+    exact = 12 / best**3 + 5 * 0.8 + 60 * (best - 0.8)
+    assert solved(priced(0.8, 5.0, 60.0), transcription=transcription).cost == pytest.approx(exact, rel=1e-5)
+
+
+@pytest.mark.filterwarnings("ignore:the local errors meet the tolerance")
+def test_a_dearer_motion_with_smaller_errors_is_not_kept():
+    """Points that move lead to inputs that fit better at a cost 3.7% higher, though the motion before has its cost."""
+    duration, distance, limit, tolerance = 2.1997415366830877, 0.3234982677539545, 0.3140503878866202, 4.2589e-5
+    jump, weights = 1.1461372421667544, [0.16392754946114202, 5.994586553225691]
+    problem, *_ = weighted(duration, distance, [jump], weights, limit)
+    pieces = [(jump, constant(weights[0]), limit), (duration, constant(weights[1]), limit)]
+    exact = least_effort(duration, distance, pieces)
+    solution = mbd.optimize(problem, tolerance=tolerance, transcription="hermite-simpson")
+    assert solution.cost == pytest.approx(exact, rel=2 * tolerance)

@@ -64,6 +64,8 @@ class CostErrors(Measure):
     An even share of the sum that is allowed, the tolerance as a share of the whole cost, counts as much as that.
     """
 
+    falsifies_cost = True
+
     def of(self, part: PhaseSolution) -> np.ndarray:
         """Errors of the intervals of a phase (N,)."""
         share = integral_errors(part) / cost_size(self.solution)

@@ -12,6 +12,8 @@ from .measure import Measure
 class PassedLimits(Measure):
     """Largest shares of their sizes by which limits are passed in each interval."""
 
+    falsifies_cost = True
+
     def of(self, part: PhaseSolution) -> np.ndarray:
         """Shares of the intervals of a phase (N,)."""
         shares = np.zeros(part.mesh.count)

@@ -29,6 +29,8 @@ class Measure(ABC):
 
     #: factor by which the foreseen errors of the pieces are to stay below the tolerance
     margin: ClassVar[float] = 2.0
+    #: True if the motion may not have the cost that was found: with errors of other kinds it has, but is not the best
+    falsifies_cost: ClassVar[bool] = False
 
     def __init__(self, solution: SolvedMotion, tolerance: float):
         self.solution, self.tolerance = solution, tolerance

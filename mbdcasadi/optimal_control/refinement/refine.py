@@ -112,6 +112,8 @@ class _Refinement:
         #: the best solution with small local errors, what it does not meet, and what is lost by that
         self.reached: tuple[Solution, str] | None = None
         self.least = np.inf
+        #: share of its cost that it may not have, since it passes limits, or its integral is off
+        self.doubt = np.inf
         #: number of solutions since then that are not better
         self.in_vain = 0
         #: True if the last one is far better than those before
@@ -180,18 +182,21 @@ class _Refinement:
         self.in_vain = 0 if better and (loss < self.least or loss >= 1) else self.in_vain + 1
         if better:
             self.reached, self.least = (self.solution, words), loss
+            doubts = (m.largest for m in self.measures if m.falsifies_cost and m.sentences())
+            self.doubt = max(doubts, default=0.0)
         return words
 
     def _is_better(self, loss: float) -> bool:
         """Return True if the last solution is better than the best one so far.
 
         By what is lost, unless the costs differ by far more than that, as those of two optima do, or all may be lost.
+        What inputs and switches lose is not missing in the cost of a motion: one that costs more is then no better.
         """
         if self.reached is None:
             return True
         one, other = self.solution, self.reached[0]
         gain, size = other.cost - one.cost, min(cost_size(one), cost_size(other))
-        if abs(gain) > UNCERTAIN * (loss if gain > 0 else self.least) * size + self.tolerance * size:
+        if abs(gain) > UNCERTAIN * (loss if gain > 0 else self.doubt) * size + self.tolerance * size:
             return gain > 0
         return gain >= 0 if loss >= 1 else loss <= self.least
 

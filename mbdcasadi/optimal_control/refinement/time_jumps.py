@@ -56,6 +56,8 @@ def jump_times(part: PhaseSolution) -> np.ndarray:
 class TimeJumps(Measure):
     """Infinite errors of intervals inside which costs, limits or forces jump or bend in time."""
 
+    falsifies_cost = True
+
     def of(self, part: PhaseSolution) -> np.ndarray:
         """Infinite in intervals with such a time, zero in others (N,)."""
         errors = np.zeros(part.mesh.count)
