@@ -275,8 +275,8 @@ def solve_redundant(
     """
     norm = row_sizes(ca.diag(matrix), angular, sizes)
     factors = shifted(matrix, angular, norm)
-    solution, left = ca.SX.zeros(*right.shape), ca.ldl_solve(ca.densify(right), *factors)
-    direction = along = last = strong = None
+    solution, rest, left = ca.SX.zeros(*right.shape), ca.densify(right), ca.ldl_solve(ca.densify(right), *factors)
+    direction = along = last = strong = where = None
     for _ in range(refinements - 1 + matrix.size1() // ROWS_A_STEP):
         moved = matrix @ left
         size = ca.sum1(left * moved)
@@ -284,19 +284,22 @@ def solve_redundant(
         if strong is None:
             strong, direction, along = is_strong, left, moved
         else:
-            # from where it is not, all further steps are plain
+            rest = rest - ca.if_else(where, 0, moved)
             strong = ca.logic_and(strong, is_strong)
-            share = _for_each_column(_quotient(size, last, strong, 0), left)
+            share = _for_each_column(_quotient(size, last, strong), left)
             direction, along = left + share * direction, moved + share * along
-        answer = ca.ldl_solve(along, *factors)
-        length = _for_each_column(_quotient(size, ca.sum1(along * answer), strong, 1), left)
-        solution, left, last = solution + length * direction, left - length * answer, size
+        # from where it is not, all further steps are plain, by what is left over: rounding is not added again
+        where = _for_each_column(strong, left)
+        answer = ca.ldl_solve(ca.if_else(where, along, rest), *factors)
+        length = _for_each_column(_quotient(size, ca.sum1(along * answer), strong), left)
+        solution, rest = solution + ca.if_else(where, length * direction, answer), rest - length * along
+        left, last = ca.if_else(where, left - length * answer, answer), size
     return solution + ca.ldl_solve(right - matrix @ solution, *factors)
 
 
-def _quotient(one: ca.SX, other: ca.SX, defined: ca.SX, otherwise: float) -> ca.SX:
-    """Quotient where it is defined, else a number, with derivatives that are finite there."""
-    return ca.if_else(defined, one, otherwise) / ca.if_else(defined, other, 1)
+def _quotient(one: ca.SX, other: ca.SX, defined: ca.SX) -> ca.SX:
+    """Quotient where it is defined, else zero, with derivatives that are finite there."""
+    return ca.if_else(defined, one, 0) / ca.if_else(defined, other, 1)
 
 
 def _for_each_column(values: ca.SX, columns: ca.SX) -> ca.SX:
