@@ -329,6 +329,10 @@ BAD = {
     "a parameter in words": ("parameters", {M.stiffness: "soft"}, "parameter 'stiffness': value must be.*'soft'"),
     "an array for a parameter": ("parameters", {M.stiffness: [1, 2]}, "parameter 'stiffness': value must be"),
     "a parameter twice": ("parameters", [(M.added, 1.0), (M.added, 2.0)], "parameters= contains 'added' twice"),
+    "a vector of parameters": (
+        "parameters", [(ca.vertcat(M.stiffness, M.added), [1.0, 2.0])],
+        "parameters= takes single symbols, got SX\\(\\[stiffness, .*give each of its entries a value",
+    ),
     "an input among parameters": ("parameters", {M.brake: 1.0}, "parameters= holds 'brake'.*not in the mechanism"),
     "foreign input": ("inputs", {FOREIGN: 1.0}, "inputs= holds 'foreign'.*not in the mechanism"),
     "no mapping of inputs": ("inputs", 3, "inputs= takes one {symbol: value} or a list of pairs, got 3"),

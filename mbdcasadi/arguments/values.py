@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
+import casadi as ca
 import numpy as np
 
 from ..equations import Equations
@@ -49,6 +50,15 @@ def pairs_of(values: Any, argument: str) -> list[tuple[Any, Any]]:
         raise ModelError(f"{argument} takes one {{symbol: value}} or a list of pairs, got {values!r}")
     refuse_twice([key for key, _ in pairs if isinstance(key, Input | Parameter)], argument)
     return pairs
+
+
+def mapping_of(values: Any, argument: str) -> dict[Any, Any]:
+    """Values by symbol, of a mapping or of a list of pairs; whether the model has the symbols is not looked at."""
+    pairs = pairs_of(values, argument)
+    for key, _ in pairs:
+        if isinstance(key, ca.SX) and not key.is_scalar():
+            raise ModelError(f"{argument} takes single symbols, got {key!r}; give each of its entries a value")
+    return dict(pairs)
 
 
 def position_in(symbols: Iterable[Any], key: Any, argument: str) -> int:

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from ..arguments.inputs import read_signals
-from ..arguments.values import pairs_of, parameter_vector
+from ..arguments.values import mapping_of, parameter_vector
 from ..equations import equations
 from ..equations.impact_law import ImpactLaw, Jump
 from ..equations.numeric import NumericEquations
@@ -73,7 +73,7 @@ def impact(
     if not isinstance(mechanism, Mechanism) or not isinstance(state, State):
         raise ModelError(f"impact takes a Mechanism and a State, got {mechanism!r} and {state!r}")
     eom, carried = equations(mechanism), carried_by(state, mechanism)
-    p = parameter_vector(eom, carried["parameters"] | dict(pairs_of(parameters, "parameters=")))
+    p = parameter_vector(eom, carried["parameters"] | mapping_of(parameters, "parameters="))
     numeric = NumericEquations(eom, p)
     law = ImpactLaw(eom, read_restitution(restitution, "impact"))
     q, jump = pose_and_jump(numeric, law, state, f"impact at t = {state.t:.6g} s")

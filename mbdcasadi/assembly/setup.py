@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments.inputs import Signals, read_signals
-from ..arguments.values import RunValues, duration_grid, pairs_of, parameter_vector, time_grid
+from ..arguments.values import RunValues, duration_grid, mapping_of, parameter_vector, time_grid
 from ..equations import Equations, equations
 from ..equations.numeric import NumericEquations
 from ..errors import ModelError, SimulationError, warn
@@ -103,7 +103,7 @@ class Setup:
             self.grid = time_grid(times, least=fewest_times, takes_duration=takes_duration)
         carried, fixed = carried_by(initial, mechanism), fixed or {}
         over = {key: value for key, value in fixed.items() if isinstance(key, Parameter)}
-        self.p = parameter_vector(self.eom, carried["parameters"] | dict(pairs_of(parameters, "parameters=")) | over)
+        self.p = parameter_vector(self.eom, carried["parameters"] | mapping_of(parameters, "parameters=") | over)
         if self.p.size:
             _report_exceeded_limits(mechanism, self.p, analysis)
         self.signals: Signals = read_signals(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments.values import pairs_of
+from ..arguments.values import mapping_of
 from ..errors import ModelError
 from ..model.mechanism import Mechanism
 from ..numerics.lazy import cached_property
@@ -171,7 +171,7 @@ class Fit:
                 e.times,
                 initial=e.initial,
                 inputs=e.inputs,
-                parameters=dict(pairs_of(e.parameters, "parameters=")) | self.parameters,
+                parameters=mapping_of(e.parameters, "parameters=") | self.parameters,
             )
             for e in self.experiments
         )

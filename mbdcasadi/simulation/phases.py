@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ..arguments.inputs import SampledController
-from ..arguments.values import pairs_of, pairs_with, position_in
+from ..arguments.values import mapping_of, pairs_of, pairs_with, position_in
 from ..assembly.consistent_start import carried_by
 from ..assembly.impact import pose_and_jump
 from ..assembly.setup import Setup
@@ -30,6 +31,8 @@ from .loop import Run
 
 #: Changes of the mechanism in one run, at most.
 CHANGES = 20_000
+#: Error of the cosine between the slopes of two events up to which they are at one place.
+SAME_PLACE = 1e-12
 #: Remedy for changes that take place ever faster.
 HOLDING = "let it become a mechanism in which the joint holds, or model the contact by a force (Contact, EndStop)"
 
@@ -74,7 +77,7 @@ class PhasedRun:
         self._inputs = values["inputs"]
         parameters = carried_by(values["initial"], self.whole)["parameters"]
         self._p = np.array([p.value for p in self.whole.parameters])
-        for key, value in (parameters | dict(pairs_of(values["parameters"], "parameters="))).items():
+        for key, value in (parameters | mapping_of(values["parameters"], "parameters=")).items():
             self._p[position_in(self.whole.parameters, key, "parameters=")] = value
         self._check_inputs()
         self._first = self._setup(mechanism, values)
@@ -228,7 +231,8 @@ class PhasedRun:
     def _chain(self, located: Sequence[Event], state: State, instant: float) -> list[Event]:
         """Events of one instant in an order in which each one is looked for in the mechanism of the one before.
 
-        All joints that close at an instant close in one impact.
+        All joints that close at an instant close in one impact. An event that waits for an expression by which the
+        mechanism has just been reached waits for its next zero, as the second impact of a ball.
         """
         eom = state.equations
         known = [e for e in self.events if e.becomes is not None and eom.contains(e.expression)]
@@ -241,7 +245,8 @@ class PhasedRun:
             while True:
                 here = chain[-1].becomes
                 assert here is not None
-                following = next((e for e in others if e not in chain and e.is_watched_in(here)), None)
+                waiting = (e for e in others if e not in chain and e.is_watched_in(here))
+                following = next((e for e in waiting if not _is_used(e, chain, located, state)), None)
                 if following is None:
                     break
                 chain.append(following)
@@ -315,3 +320,26 @@ class PhasedRun:
     def unresolved(self) -> list[str]:
         """Sentences on what the steps of the integrators did not resolve."""
         return list(dict.fromkeys(sentence for run in self.runs for sentence in run.unresolved()))
+
+
+def _is_used(event: Event, chain: Sequence[Event], located: Sequence[Event], state: State) -> bool:
+    """True if the zero of an event is that of others in a chain, as often as it was located, and may come again."""
+    slope = _slope(event, state)
+
+    def alike(other: Event) -> bool:
+        return abs(float(slope @ _slope(other, state))) > 1 - SAME_PLACE
+
+    before = sum(map(alike, chain))
+    return before > 0 and before >= sum(map(alike, located))
+
+
+def _slope(event: Event, state: State) -> np.ndarray:
+    """Direction (n,) in which the expression of an event changes with the state; zero if it depends on time alone."""
+    eom = state.equations
+
+    def function() -> ca.Function:
+        return eom.function(ca.gradient(event.expression, ca.vertcat(eom.q, eom.v, eom.z)))
+
+    slopes = eom.mechanism.cache.get_or_create(("slope", event), function, bounded=True)
+    slope = np.nan_to_num(slopes(*state.arguments).full().ravel())
+    return slope / (float(np.linalg.norm(slope)) or 1.0)

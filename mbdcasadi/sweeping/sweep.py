@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..arguments.values import pairs_of
+from ..arguments.values import mapping_of
 from ..equations import equations
 from ..errors import FileError, Interrupted, ModelError, SimulationError
 from ..integrators import Integrator
@@ -126,7 +126,7 @@ def sweep(
     count = len(next(iter(varied.values())))
     named = named_outputs(outputs)
     batch_size(batch, count)
-    fixed = [(key, value) for key, value in pairs_of(parameters, "parameters=") if key not in varied]
+    fixed = [(key, value) for key, value in mapping_of(parameters, "parameters=").items() if key not in varied]
     arguments = {"initial": initial, "inputs": inputs, "method": method, "reltol": reltol, "abstol": abstol}
     plan = Plan(mechanism, times, fixed, varied, arguments)
     result = Sweep(plan.setup.grid, varied, named)

@@ -505,3 +505,24 @@ def test_a_reaction_that_jumps_below_zero_lets_go():
     motion = mbd.simulate(free.replace(joints=[*guides, floor]), np.linspace(0, 2, 11), events=[lifts, switch])
     assert [event.name for event in motion.events] == ["switch", "lifts off"]
     assert motion.final[block.y] == pytest.approx(2 * 1.5**2 / 2, abs=1e-7)
+
+
+@pytest.mark.parametrize("direction", [-1, 0])
+@pytest.mark.parametrize("method", ["idas", "dop853"])
+def test_impacts_of_one_kind_are_counted_by_mechanisms(direction, method):
+    """A ball under a weight that falls at each impact: the second one is the next time that it gets there."""
+    ball = mbd.Body("ball", mass=1.0, inertia=0.1, pose=(0, 1, 0))
+    floor = mbd.AbsoluteY("floor", ball.at(0, 0), 0.0)
+    falling = [mbd.Mechanism([ball], forces=[mbd.Gravity((0, -weight))]) for weight in (10.0, 5.0, 2.0)]
+    bounces = [
+        mbd.Event("first", ball.y, direction, during=falling[0], becomes=falling[1], restitution={floor: 0.5}),
+        mbd.Event("second", 2 * ball.y, direction=-1, during=falling[1], becomes=falling[2], restitution={floor: 0.5}),
+    ]
+    motion = mbd.simulate(falling[0], np.linspace(0, 2, 41), events=bounces, method=method)
+    first = np.sqrt(0.2)
+    speed = 0.5 * 10 * first
+    second = first + 2 * speed / 5
+    assert [event.name for event in motion.events] == ["first", "second"]
+    assert [event.t for event in motion.events] == pytest.approx([first, second], abs=1e-7)
+    left = 2 - second
+    assert motion.final[ball.y] == pytest.approx(0.5 * speed * left - left**2, abs=1e-6)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...arguments.inputs import Signals
-from ...arguments.values import pairs_of
+from ...arguments.values import mapping_of
 from ...assembly.setup import Setup
 from ...equations.numeric import NumericEquations
 from ...errors import ConditionError, ModelError, warnings_given
@@ -59,7 +59,7 @@ class ProblemSetup:
 
     def __init__(self, problem: OptimalControlProblem, settings: Settings, parameters: Any = None, initial: Any = None):
         self.problem, self.settings = problem, settings
-        values = dict(pairs_of(parameters, "parameters="))
+        values = mapping_of(parameters, "parameters=")
         for free in problem.free_parameters:
             if free in values:
                 raise ModelError(f"optimize: parameter '{free.label}' is both given and free")
