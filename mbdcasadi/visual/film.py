@@ -88,7 +88,8 @@ class Film:
     @property
     def digits(self) -> int:
         """Decimals with which a time is written."""
-        return int(max(2, np.ceil(2 - np.log10(self.t[-1] - self.t[0]))))
+        duration = float(self.t[-1] - self.t[0])
+        return int(max(2, np.ceil(2 - np.log10(duration)))) if duration > 0 else 2
 
     @cached_property
     def curves(self) -> dict[str, dict[str, np.ndarray]]:

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -64,7 +65,7 @@ def knots_of(data, index):
                 guess = np.floor(weights @ whole[k - points : k] + 0.5)
                 break
         whole[k] = guess + steps[k]
-    return t, data["columns"][index]["q"] * whole
+    return t, data["columns"][index]["q"] * (whole + data["columns"][index].get("o", 0.0))
 
 
 def values_of(data, index, times):
@@ -172,6 +173,32 @@ def test_angles_of_many_turns_keep_their_places():
     angles = [values_of(data, f["c"][2], times) for f in data["frames"] if "a" not in f and "v" not in f]
     (angle,) = (x for x in angles if np.ptp(x) > 1)
     np.testing.assert_allclose(angle, 1000 * times, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "with_node", [False, pytest.param(True, marks=pytest.mark.skipif(not shutil.which("node"), reason="needs node"))]
+)
+def test_places_far_from_the_origin(with_node, tmp_path):
+    """A pendulum of half a metre at coordinates of a land survey, read here and by the code of the page."""
+    far = np.array([4.5e5, 5.4e6])
+    rod = mbd.Body("rod", mass=1.0, inertia=0.02, pose=(far[0] + 0.25, far[1], 0.0))
+    pin = mbd.Revolute("pin", mbd.ground.at(*far), rod.at(-0.25, 0))
+    pendulum = mbd.Mechanism(bodies=[rod], joints=[pin], forces=[mbd.Gravity()])
+    motion = mbd.simulate(pendulum, np.linspace(0, 2, 101), initial=[pin.angle == 0, rod.omega == 0])
+    text = mbd.animate(motion).html
+    data, times = data_of(text), np.linspace(0, 2, 33)
+    moving = [frame["c"] for frame in data["frames"] if "a" not in frame and "v" not in frame]
+    columns = next(c for c in moving if "g" in data["columns"][c[0]])
+    if with_node:
+        template = Path(mbd.__file__).parent / "visual" / "page" / "template" / "data.js"
+        asked = f"console.log(JSON.stringify({columns[:2]}.map(c => {times.tolist()}.map(t => valueAt(c, t)))))"
+        script = tmp_path / "page.mjs"
+        script.write_text(f"const DATA = {json.dumps(data)};\n{template.read_text('utf-8')}\n{asked}", "utf-8")
+        run = subprocess.run(["node", str(script)], capture_output=True, text=True, check=True)
+        found = np.array(json.loads(run.stdout))
+    else:
+        found = np.array([values_of(data, c, times) for c in columns[:2]])
+    np.testing.assert_allclose(found.T, motion.at(times)[rod.position], rtol=0, atol=1e-4)
 
 
 def test_columns_are_kept_once(crank):

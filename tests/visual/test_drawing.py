@@ -208,12 +208,17 @@ def test_arrows_of_drivers_point_the_way_they_go(rate):
     assert np.sign(end[0] - start[0]) == np.sign(rate) and end[1] == pytest.approx(start[1])
 
 
-def test_the_size_of_symbols_does_not_depend_on_the_unit_of_length():
-    """A mechanism a thousand times as large gives the same picture."""
-    small, large = (mbd.library.four_bar(*(s * x for x in (0.2, 0.5, 0.4, 0.55))) for s in (1.0, 1000.0))
+@pytest.mark.parametrize("size", [1000.0, 1e-9])
+def test_the_size_of_symbols_does_not_depend_on_the_unit_of_length(size):
+    """A mechanism a thousand times as large, or of nanometres, gives the same picture."""
+    small, large = (mbd.library.four_bar(*(s * x for x in (0.2, 0.5, 0.4, 0.55))) for s in (1.0, size))
     first, second = (scene_of(m)[0] for m in (small, large))
-    assert second.unit == pytest.approx(1000 * first.unit)
+    assert second.unit == pytest.approx(size * first.unit)
     assert [m.style for m in first.marks] == [m.style for m in second.marks]
+    for one, other in zip(first.marks, second.marks, strict=True):
+        for loop, scaled in zip(one.loops, other.loops, strict=True):
+            assert len(loop) == len(scaled)
+            assert scaled / size == pytest.approx(loop, abs=1e-3 * first.unit)
 
 
 # --- every element -----------------------------------------------------------------------------

@@ -485,6 +485,14 @@ def block_on_guide():
     return block, mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
 
 
+def test_a_mechanism_too_fast_for_its_preview():
+    """A rod of two nanometres swings 10 000 times a second: its motion for the size of the picture is not computed."""
+    rod = mbd.Body("rod", mass=1e-25, inertia=1e-45, pose=(1e-9, 0, 0))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), rod.at(-1e-9, 0))
+    page = mbd.animate(mbd.Mechanism([rod], [pin], forces=[mbd.Gravity()]), live=True)
+    assert re.search(r'"digits": ?2\b', page.html)
+
+
 def test_exact_friction_is_refused_by_name(tmp_path):
     """Stick and slip needs events."""
     block, guide = block_on_guide()

@@ -127,7 +127,7 @@ def _measures(sample: Sample) -> tuple[float, bool]:
     if not np.isfinite(diagonal):
         raise MechanismError("the poses to be drawn are not finite")
     diagonal = diagonal or 1.0
-    probe = Pen(sample, Scene(1.0))
+    probe = Pen(sample, Scene(LEAST * diagonal))
     apart = [
         np.hypot(*(p - q))
         for body in mechanism.bodies

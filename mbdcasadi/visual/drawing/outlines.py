@@ -78,6 +78,6 @@ def apart(markers: Sequence[Marker], pen: Pen) -> dict[Marker, np.ndarray]:
     places: dict[Marker, np.ndarray] = {}
     for marker in markers:
         place = pen.first(marker.local)
-        if all(np.hypot(*(place - other)) > 1e-9 for other in places.values()):
+        if not any(pen.vanishes(place - other) for other in places.values()):
             places[marker] = place
     return places

@@ -16,6 +16,8 @@ from .scene import Mark, MovingFrame, Scene
 
 #: Mean height of a body above its pin, in parts of the distance, from which on it hides a support on its side.
 HIDES = 0.8
+#: Shortest way that counts, in units of symbols: the size of a mechanism may be anything.
+NOTHING = 1e-7
 
 
 class Frame:
@@ -143,7 +145,11 @@ class Pen:
         """Return True if two markers sit at the same point of the same body."""
         if first.body is not second.body:
             return False
-        return bool(np.hypot(*self.first(first.local - second.local)) <= 1e-9)
+        return self.vanishes(self.first(first.local - second.local))
+
+    def vanishes(self, way: np.ndarray) -> bool:
+        """Return True if a way (2,), m, is nothing beside the symbols of the picture."""
+        return bool(np.hypot(*way) <= NOTHING * self.unit)
 
     # --- frames ------------------------------------------------------------------------------
     def ground(self) -> Frame:

@@ -12,6 +12,8 @@ from ..course import POINTS, QUANTUM
 
 #: Largest sum of the weights of an extrapolation; above it fewer points are used.
 LARGEST_WEIGHTS = 64.0
+#: Whole numbers above this one, of mechanisms far from the origin, are counted from the first one.
+LARGEST_WHOLE = 2.0**24
 
 
 class Packer:
@@ -29,7 +31,8 @@ class Packer:
     groups : list of dict
         Of each group the number of its knots.
     columns : list of dict
-        Of each column its group and the size of its whole numbers, or its constant value.
+        Of each column its group, the size of its whole numbers, and the one that they count from unless that is zero;
+        or its constant value.
     """
 
     def __init__(self, t: np.ndarray, resolution: float):
@@ -56,8 +59,13 @@ class Packer:
             return []
         quantum = QUANTUM * tolerance
         whole = np.floor(values[knots] / quantum + 0.5)
+        bases = np.where(np.abs(whole).max(axis=0) > LARGEST_WHOLE, whole[0], 0.0)
+        whole -= bases
         first = len(self.columns)
-        self.columns += [{"g": len(self.groups), "q": float(q)} for q in quantum]
+        self.columns += [
+            {"g": len(self.groups), "q": float(q)} | ({"o": float(base)} if base else {})
+            for q, base in zip(quantum, bases, strict=True)
+        ]
         self.groups.append({"n": int(knots.size), "k": int(tolerance.size)})
         self._knots.append(knots)
         self._residuals.append(residuals(self._t[knots], whole, self._resolution).T.ravel())

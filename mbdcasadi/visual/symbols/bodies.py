@@ -43,7 +43,7 @@ class BodyGlyph(Glyph, of=Body):
             return
         points = points_on(body, elements, pen)
         drawn = pen.replaced.get(body, 0.0)
-        if len(points) == 1 and np.hypot(*points[0]) > 1e-9 and not drawn:
+        if len(points) == 1 and not pen.vanishes(points[0]) and not drawn:
             frame.area("body", lines.plate(np.vstack([points, [[0, 0]]]), 0.5 * HALF_WIDTH * u))
             frame.area("body", lines.circle((0, 0), 1.5 * u))
         elif len(points) > 1 and np.max(np.hypot(*points.T)) > drawn:

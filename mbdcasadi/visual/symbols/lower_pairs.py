@@ -34,8 +34,8 @@ def weld(joint: Weld, pen: Pen) -> None:
     u = pen.unit
     for fixed, moving in ((joint.a, joint.b), (joint.b, joint.a)):
         if fixed.body.is_ground:
-            x, y = pen.first(moving.body.position - fixed.position)
-            away = np.arctan2(y, x) if np.hypot(x, y) > 1e-9 else 0.0
+            x, y = way = pen.first(moving.body.position - fixed.position)
+            away = 0.0 if pen.vanishes(way) else np.arctan2(y, x)
             frame = pen.on(fixed)
             wall = Frame(pen, frame.number, frame.shift, away)
             pen.hatched(wall, (0, 2.2 * u), (0, -2.2 * u))

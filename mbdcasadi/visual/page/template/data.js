@@ -1,6 +1,7 @@
 // --- values over time ------------------------------------------------------------------
-// A column is a constant, or whole numbers at the knots of its group, times a size. Between knots it is a polynomial of
-// degree five through the six knots about a time, which follows the motion to the tolerance of the page.
+// A column is a constant, or whole numbers at the knots of its group, times a size; far from the origin they count from
+// another one. Between knots it is a polynomial of degree five through the six knots about a time, which follows the
+// motion to the tolerance of the page.
 const POINTS = 6, LARGEST_WEIGHTS = 64, SMOOTH = 8;
 
 async function inflated(text) {
@@ -67,7 +68,9 @@ const COLUMNS = (() => {
   const counts = GROUPS.map(() => 0);
   return DATA.columns.map(column => {
     if (column.c !== undefined) return { constant: column.c };
-    return { group: GROUPS[column.g], values: GROUPS[column.g].columns[counts[column.g]++], size: column.q };
+    const values = GROUPS[column.g].columns[counts[column.g]++];
+    if (column.o) for (let k = 0; k < values.length; k++) values[k] += column.o;
+    return { group: GROUPS[column.g], values: values, size: column.q };
   });
 })();
 
