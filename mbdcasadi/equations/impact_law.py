@@ -9,7 +9,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..errors import ModelError
+from ..errors import ExpressionError, ModelError
+from ..model.symbols import describe, symbols_of
 from ..numerics.least_squares import least_norm
 from ..numerics.rank import dependent_rows, row_lengths
 from ..numerics.tolerances import ACCURACY
@@ -132,17 +133,26 @@ class ImpactLaw:
         self.position_names = (*eom.position_names, *names)
 
     def _refuse_foreign(self) -> None:
+        eom = self.eom
+        known = {symbol.element_hash() for part in (eom.t, eom.q, eom.p) for symbol in ca.vertsplit(part)}
         for joint in self.restitution:
             if joint.velocity_rows.numel():
                 raise ModelError(f"restitution: {joint.description} has rows at velocity level, which do not close")
-            if joint in self.eom.mechanism.joints:
+            if joint in self.eom.mechanism.constraints:
+                kind = "driver" if joint in self.eom.mechanism.drivers else "joint"
                 raise ModelError(
-                    f"restitution: {joint.description} is a joint of the mechanism itself; restitution is for joints "
+                    f"restitution: {joint.description} is a {kind} of the mechanism itself; restitution is for joints "
                     "that act only at the instant of the impact"
                 )
             for body in joint.bodies:
                 if not body.is_ground and body not in self.eom.mechanism.bodies:
                     raise ModelError(f"restitution: {joint.description} acts on '{body.name}', which is not there")
+            for symbol in symbols_of(joint.rows):
+                if symbol.element_hash() not in known:
+                    raise ExpressionError(
+                        f"restitution: {joint.description} uses {describe(symbol)}, which is not among the coordinates "
+                        "and parameters of the mechanism that follows; list parameters in its parameters="
+                    )
 
     @property
     def momentum(self) -> ca.SX:

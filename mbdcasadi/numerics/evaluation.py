@@ -40,6 +40,9 @@ class Evaluator:
         self._is_short = function.n_instructions() <= SHORT
         self._threads = threading.local()
 
+    def __reduce__(self) -> tuple[type, tuple[ca.Function]]:
+        return type(self), (self.function,)
+
     def __call__(self, *arguments: Any) -> list[np.ndarray]:
         """Results, each (rows, columns); arguments as vectors or numbers."""
         buffers = self._buffers(1)

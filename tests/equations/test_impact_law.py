@@ -90,6 +90,20 @@ def test_refuses_restitution_of_joints_that_stay_and_of_foreign_bodies():
         ImpactLaw(mbd.equations(mechanism), {mbd.AbsoluteX("wall", other.at(0, 0), 0.0): 0.5})
 
 
+def test_refuses_restitution_of_drivers_that_stay_and_of_strange_parameters():
+    """A racket that strikes a ball: its height is a driver, with an amplitude that all phases must know."""
+    amplitude = mbd.Parameter("amplitude", 0.1)
+    ball = mbd.Body("ball", mass=0.3, inertia=0.01)
+    racket = mbd.Driver("racket", ball.y, amplitude * mbd.sin(10 * mbd.t))
+    flying = mbd.Mechanism(bodies=[ball], parameters=[amplitude])
+    with pytest.raises(mbd.ModelError, match=r"driver 'racket' is a driver of the mechanism itself.*at the instant"):
+        mbd.impact(flying.replace(drivers=[racket]), mbd.assemble(flying), restitution={racket: 0.5})
+    with pytest.raises(mbd.ExpressionError, match=r"driver 'racket' uses parameter 'amplitude'.*list .* parameters="):
+        mbd.impact(flying.replace(parameters=[]), mbd.assemble(flying), restitution={racket: 0.5})
+    after = mbd.impact(flying, mbd.assemble(flying, [ball.vy == -3]), restitution={racket: 0.5})
+    assert after[ball.vy] == pytest.approx(1.0 - 0.5 * (-3.0 - 1.0))  # relative to the racket, at 1 m/s
+
+
 @pytest.mark.parametrize("length, mass, time", [(1e-6, 1e-12, 1e-4), (1e-3, 1e-3, 1.0), (1e6, 1e9, 1e3)])
 def test_an_impact_does_not_depend_on_the_units(length, mass, time):
     """A rod that lands on its tip keeps its angular momentum about it, in a machine of any size."""

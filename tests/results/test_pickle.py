@@ -101,3 +101,22 @@ def test_copies_are_copies(swing):
     state = copy.deepcopy(motion.initial)
     assert state is not motion.initial and np.array_equal(state.q, motion.initial.q)
     assert copy.copy(model.mechanism) is model.mechanism
+
+
+def test_results_that_keep_compiled_functions_are_copied_too():
+    """Deep copies of linear models, derivatives and optimal motions give the same numbers."""
+    torque, stiffness = mbd.Input("torque"), mbd.Parameter("stiffness", 6.0)
+    rod = mbd.Body("rod", mass=1.2, inertia=0.05, pose=(0.35, 0, 0))
+    hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), rod.at(-0.35, 0))
+    drive = mbd.Torque("drive", rod, torque - stiffness * hinge.angle)
+    lever = mbd.Mechanism([rod], [hinge], forces=[mbd.Gravity(), drive], inputs=[torque], parameters=[stiffness])
+    start, times = [hinge.angle == 0.3, rod.omega == 0], np.linspace(0, 1, 11)
+    model = mbd.linearize(lever, mbd.equilibrium(lever), wrt=[torque], outputs=[hinge.angle])
+    assert copy.deepcopy(model).modes()[0].frequency == model.modes()[0].frequency
+    found = mbd.sensitivities(lever, times, [hinge.angle], [stiffness], start)
+    assert np.array_equal(copy.deepcopy(found)[hinge.angle, stiffness], found[hinge.angle, stiffness])
+    problem = mbd.OptimalControlProblem(lever, 1.0, start, [hinge.angle == 0], running_cost=torque**2)
+    best = mbd.optimize(problem, intervals=10)
+    again = copy.deepcopy(best)
+    assert again is not best and again.cost == best.cost and again.verify().final_error < 1e-6
+    assert np.array_equal(again.trajectory[torque], best.trajectory[torque])
