@@ -48,7 +48,7 @@ class LeastSquaresEnd:
     x : numpy.ndarray
         Unknowns (n,).
     value : float
-        Sum of the squared residuals.
+        Sum of the squared residuals; not finite if that of the first unknowns is none.
     iterations : int
         Steps that were taken.
     converged : bool
@@ -107,6 +107,8 @@ def minimise(
     """
     at = linearised(x)
     value, damping = _squares(at.residuals), FIRST_DAMPING * np.sum(at.normal[0]) / np.sum(metric[0])
+    if not np.isfinite(value):
+        return LeastSquaresEnd(x, value, 0, False)
     for iteration in range(limit):
         slope, step = at.transposed(at.residuals), None
         for _ in range(DAMPINGS):

@@ -93,6 +93,19 @@ def test_its_limit_and_the_wish_to_stop():
     assert stopped.iterations == 0 and not stopped.converged and np.array_equal(stopped.x, start)
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_start_without_a_value_is_no_minimum(value):
+    end = minimise(
+        lambda x: np.array([value]),
+        lambda x: Dense(np.array([value]), np.ones((1, 1))),
+        np.ones((1, 1)),
+        np.ones(1),
+        tolerance=1e-9,
+        limit=20,
+    )
+    assert not end.converged and not np.isfinite(end.value)
+
+
 def test_values_that_are_no_numbers_are_not_taken():
     """The square root has none below zero: steps that lead there are shortened."""
 

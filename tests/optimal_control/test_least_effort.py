@@ -16,6 +16,7 @@ from mbdcasadi.optimal_control.nlp.driven.motions import DrivenMotions
 from mbdcasadi.optimal_control.nlp.driven.spline import MotionSpline
 from mbdcasadi.optimal_control.nlp.problem_solver import ProblemSolver
 from mbdcasadi.optimal_control.nlp.setup import Settings
+from mbdcasadi.optimal_control.nlp.solvers.ipopt import Ipopt
 
 
 def arm(links=3, duration=1.0, limit=np.inf, weights=None):
@@ -117,6 +118,9 @@ def test_problems_of_least_effort():
     assert motions_of(arm(duration=(0.5, 2.0))[0]) is None
     problem, _, bars = arm()
     effort = problem.running_cost
+    for size in (1e-12, 1.0, 1e12):  # none with a linear term, whatever the unit of the cost
+        assert motions_of(problem.replace(running_cost=size * (effort + bars[0].phi))) is None
+        assert motions_of(problem.replace(running_cost=size * effort)) is not None
     assert motions_of(problem.replace(running_cost=effort + mbd.sin(bars[0].phi))) is None
     assert motions_of(problem.replace(running_cost=effort + bars[0].omega ** 2)) is not None
     assert motions_of(problem.replace(path=[bars[0].omega <= 30.0])) is None
@@ -242,6 +246,62 @@ def test_a_chain_of_ten():
     assert 800 < solution.cost < 1600
 
 
+def test_a_constant_in_the_cost_changes_nothing():
+    """On a coarse mesh the optimum of the program is no motion, and not taken, however large the cost is besides."""
+    problem, *_ = arm(3, 1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mbd.MechanismWarning)
+        plain = mbd.optimize(problem, intervals=10)
+        more = mbd.optimize(problem.replace(running_cost=problem.running_cost + 1e5), intervals=10)
+    assert plain.statistics.solver == more.statistics.solver == "levenberg-marquardt"
+    assert more.cost - 1e5 == pytest.approx(plain.cost, rel=1e-6)
+
+
+def test_costates_of_a_state_at_the_end():
+    """Those of the conditions that decide it, which IPOPT finds too; windows of the branch have none."""
+    problem, *_ = arm(3, 1.0)
+    motion = mbd.optimize(problem)
+    problem = problem.replace(final=motion.trajectory.final)
+    found, exact = mbd.optimize(problem), mbd.optimize(problem, guess=motion, tolerance=1e-5)
+    assert found.statistics.solver == "levenberg-marquardt" and exact.statistics.solver == "ipopt"
+    sizes = np.abs(list(exact.costates.values())).max()
+    for label, costate in exact.costates.items():
+        assert found.costates[label] == pytest.approx(costate, abs=0.02 * sizes)
+
+
+# --- forces that are not defined everywhere, inputs that move nothing ---------------------------
+def first_motor(torque_of, also=()):
+    """The arm of three links with another torque of the first motor and more forces; with its bars."""
+    problem, torques, bars = arm()
+    forces = [f for f in problem.mechanism.forces if f.name != "motor 1"]
+    forces += [mbd.Torque("motor 1", bars[0], torque_of(torques[0], bars[0])), *also]
+    return problem.replace(mechanism=problem.mechanism.replace(forces=forces)), bars
+
+
+@pytest.mark.parametrize("transmission", [lambda bar: mbd.t - 0.5, lambda bar: bar.phi + 0.7], ids=["time", "pose"])
+def test_a_motor_that_moves_nothing_on_the_way(transmission):
+    """At the middle of the motion, or of the straight way, which are points of the mesh: no error."""
+    problem, bars = first_motor(lambda torque, bar: torque * transmission(bar))
+    solution = mbd.optimize(problem)
+    assert solution.mesh_error < 1e-2
+    assert [float(solution.trajectory.final[bar.phi]) for bar in bars] == pytest.approx([-0.2, 1.1, 2.4], abs=1e-6)
+
+
+def test_forces_that_are_not_defined_on_all_ways():
+    """A root that has no value where a random motion swings back: such motions are left out, in silence."""
+    problem, _, bars = arm()
+    root = mbd.Torque("root", bars[0], mbd.sqrt(bars[0].phi + 1.2001))
+    mechanism = problem.mechanism.replace(forces=[*problem.mechanism.forces, root])
+    problem = problem.replace(mechanism=mechanism)
+    motions = motions_of(problem)
+    found = motions.best_of_random()
+    assert found is not None and np.isfinite(motions._on(found.spline).value(found.x))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        solution = mbd.optimize(problem)
+    assert solution.mesh_error < 1e-2 and np.isfinite(solution.cost)
+
+
 # --- around them --------------------------------------------------------------------------------
 def test_a_guess_is_kept_to():
     """From a solution the search does not go elsewhere."""
@@ -265,6 +325,36 @@ def test_ctrl_c_keeps_the_motion(monkeypatch):
         mbd.optimize(problem)
     partial = error.value.partial
     assert np.isfinite(partial.cost) and partial.statistics.iterations == 0
+
+
+def test_ctrl_c_without_a_motion(monkeypatch):
+    """It is not lost if inputs do not follow from the motion, and the solver would go on otherwise."""
+
+    def interrupted(self, *arguments, **more):
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(DrivenMotions, "search", interrupted)
+    with pytest.raises(mbd.Interrupted):
+        mbd.optimize(arm()[0])
+
+
+def test_ctrl_c_in_the_last_step_keeps_the_motion(monkeypatch):
+    """Ctrl-C while IPOPT goes on: the motion of least effort is a solution, the iterate of IPOPT is none."""
+    run = Ipopt.run
+
+    def interrupted(self, *arguments, **more):
+        result = run(self, *arguments, **more)
+        return replace(result, succeeded=False, interrupted=True, answer=result.answer | {"x": 0 * result.answer["x"]})
+
+    problem, *_ = arm()
+    motion = mbd.optimize(problem, intervals=80)
+    assert motion.statistics.solver == "ipopt"
+    monkeypatch.setattr(Ipopt, "run", interrupted)
+    with pytest.raises(mbd.Interrupted, match="best solution") as error:
+        mbd.optimize(problem, intervals=80)
+    partial = error.value.partial
+    assert partial.statistics.solver == "levenberg-marquardt"
+    assert partial.cost == pytest.approx(motion.cost, rel=1e-2) and partial.mesh_error < 1e-3
 
 
 def test_several_starts_and_executor():

@@ -55,7 +55,7 @@ def effort_of(eom: ReducedEquations, running_cost: ca.SX, p: np.ndarray) -> Effo
     of_inputs = np.linalg.eigvalsh(matrix[2 * n :, 2 * n :])
     if not values[0] > -ROUNDING * largest or not of_inputs[0] > ROUNDING * largest or largest <= 0:
         return None
-    if np.any(left > ROUNDING * (1 + np.max(np.abs(slopes)))):
+    if np.any(left > ROUNDING * np.max(np.abs(slopes))):
         return None
     least = float(constant.item() - centre @ matrix @ centre / 2)
     return Effort(np.sqrt(values[kept] / 2)[:, None] * vectors[:, kept].T, centre, least)

@@ -53,6 +53,12 @@ class InverseDynamics:
         by_inputs, rest = self._at(self._loads, t, places, np.zeros(self.n))
         return -np.linalg.solve(by_inputs, rest)[:, :, 0], by_inputs
 
+    def least_inputs(self, t: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """The same inputs (k, n), the smallest ones that come nearest to the motion where one moves nothing."""
+        by_inputs, rest = self._at(self._loads, t, places, np.zeros(self.n))
+        inputs: np.ndarray = -(np.linalg.pinv(by_inputs) @ rest)[:, :, 0]
+        return inputs
+
     def slopes(self, t: np.ndarray, places: np.ndarray, u: np.ndarray, by_inputs: np.ndarray) -> np.ndarray:
         """Derivatives of the inputs by coordinates, velocities and accelerations (k, n, 3 n)."""
         (slopes,) = self._at(self._slopes, t, places, u)

@@ -40,8 +40,9 @@ class MeshEffort:
         self, x: np.ndarray, tolerance: float, limit: int, stopped: Callable[[], bool] = lambda: False
     ) -> LeastSquaresEnd:
         """The least sum of squares near unknowns; arguments are those of :func:`minimise`."""
-        linearised = partial(_Linearised, self)
-        return minimise(self.residuals, linearised, self._metric, x, tolerance=tolerance, limit=limit, stopped=stopped)
+        search = partial(minimise, tolerance=tolerance, limit=limit, stopped=stopped)
+        with np.errstate(over="ignore", invalid="ignore"):  # motions that are far too fast are only tried
+            return search(self.residuals, partial(_Linearised, self), self._metric, x)
 
     def at(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Places, inputs and derivatives by the inputs at the points of the quadrature."""

@@ -55,8 +55,8 @@ class FoundMotion:
 
     #: scaled variables of the program
     x: np.ndarray
-    #: integral of the running cost, with the inputs that the motion needs between the stages
-    cost: float
+    #: integral of the sum of squares in the running cost, with the inputs that the motion needs between the stages
+    effort: float
     #: derivatives of the cost by the first and the last state, each (2 n,)
     pulls: tuple[np.ndarray, np.ndarray]
     #: steps on the mesh
@@ -124,6 +124,12 @@ class DrivenMotions:
     def _spline(self, times: np.ndarray) -> MotionSpline:
         return MotionSpline(times, self.setup.scheme.degree, self.ends)
 
+    @property
+    def least(self) -> float:
+        """Cost of a motion without effort, what the sum of squares in the running cost leaves."""
+        first, last = self.setup.path.segment_times[[0, -1]].tolist()
+        return self.effort.least * float(last - first)
+
     # --- near a guess -----------------------------------------------------------------------
     def search(
         self,
@@ -166,20 +172,25 @@ class DrivenMotions:
             found, pulls = self._variables(program, x, splines[-1], end.x), effort.pulls(end.x)
         except np.linalg.LinAlgError:
             return None
-        return FoundMotion(found, self._effort_of(splines[-1], end.value), pulls, end.iterations, end.converged)
+        if not np.isfinite(end.value):
+            return None
+        return FoundMotion(found, end.value, pulls, end.iterations, end.converged)
 
-    def cost(self, program: CollocationProgram, x: np.ndarray, times: np.ndarray) -> float:
-        """Integral of the running cost of a motion in scaled variables of a program, as that of :meth:`search`."""
+    def effort_of(self, program: CollocationProgram, x: np.ndarray, times: np.ndarray) -> float:
+        """The effort of a motion in scaled variables of a program, as that of :meth:`search`; infinite without one."""
         spline = self._spline(times)
         states, accelerations = self._read(program, x, times.size)
-        return self._effort_of(spline, self._on(spline).value(spline.with_accelerations(states, accelerations)))
+        try:
+            return self._on(spline).value(spline.with_accelerations(states, accelerations))
+        except np.linalg.LinAlgError:
+            return np.inf
 
     def multipliers(
         self, program: CollocationProgram, found: FoundMotion, data: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Scaled multipliers of bounds and rows: of the first state and of the conditions at the end, others are zero.
 
-        They are the derivatives of the effort by what these demand.
+        They are the derivatives of the effort by what these demand; windows that keep to a branch of a linkage do not.
         """
         phase, states = program.phases[0], 2 * self.dynamics.n
         of_bounds, of_rows = np.zeros(program.size), np.zeros(program.lower.size)
@@ -188,14 +199,10 @@ class DrivenMotions:
             pull * program.scale[at] / program.cost_scale for pull, at in zip(found.pulls, (first, last), strict=True)
         )
         of_bounds[first] = -by_first
-        demands = [k for k, row in enumerate(program.rows) if row.condition]
+        demands = [k for k, row in enumerate(program.rows) if row.condition and row.equality]
         slopes = program.nlp.derivatives["jac_g"](found.x, data)[1].sparse()[demands][:, last].toarray()
         of_rows[demands] = np.linalg.lstsq(slopes.T, -by_last, rcond=None)[0]
         return of_bounds, of_rows
-
-    def _effort_of(self, spline: MotionSpline, squares: float) -> float:
-        """The effort of a motion from its sum of squares."""
-        return squares + self.effort.least * float(spline.times[-1] - spline.times[0])
 
     def _read(self, program: CollocationProgram, x: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray]:
         """States at the mesh points (N + 1, 2 n) and accelerations at the stages (N, degree, n) of scaled variables."""
@@ -226,7 +233,7 @@ class DrivenMotions:
     def best_of_random(self) -> RandomMotions | None:
         """The motion of the least effort near random ones and the straight one, on a coarse mesh.
 
-        None if inputs do not follow from the motion.
+        None if inputs do not follow from the motion, or no motion has an effort.
         """
         random = np.random.default_rng(0)
         first, last = self.setup.path.segment_times[[0, -1]].tolist()
@@ -241,14 +248,17 @@ class DrivenMotions:
 
         try:
             for number in range(RANDOM_MOTIONS + CHANGED_MOTIONS):
-                if number < RANDOM_MOTIONS:
+                parents = _best(found, BEST)
+                if number < RANDOM_MOTIONS or not parents:
                     x = even + (waves(AMPLITUDES[number % len(AMPLITUDES)]) if number else 0.0)
                 else:
-                    x = _best(found, BEST)[number % BEST].x + waves(CHANGE)
+                    x = parents[number % len(parents)].x + waves(CHANGE)
                 found.append(effort.end(x, COARSE_TOLERANCE, STEPS[0]))
             kept = [finer.like(spline, end.x) for end in _best(found, KEPT)]
             ends = [finer_effort.end(x, COARSE_TOLERANCE, STEPS[0]) for x in kept]
         except np.linalg.LinAlgError:
+            return None
+        if not _best(ends, 1):
             return None
         return RandomMotions(finer, _best(ends, 1)[0].x, len(found), sum(end.iterations for end in (*found, *ends)))
 
@@ -269,7 +279,7 @@ class DrivenMotions:
         q, v = eom.states(times, places[:, 0], places[:, 1], self.setup.numeric.p)
         a = np.zeros_like(q)
         a[:, eom.independent] = places[:, 2]
-        u, _ = self.dynamics.inputs(times, places)
+        u = self.dynamics.least_inputs(times, places)
         none = np.zeros((times.size, 0))
         return {
             "q": q,
@@ -306,5 +316,6 @@ def _end_of(setup: PhaseSetup) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def _best(ends: Sequence[LeastSquaresEnd], count: int) -> list[LeastSquaresEnd]:
-    """Those of the least effort."""
-    return sorted(ends, key=lambda end: end.value)[:count]
+    """Those of the least effort, without those that have none, as where forces are not defined."""
+    known = [end for end in ends if np.isfinite(end.value)]
+    return sorted(known, key=lambda end: end.value)[:count]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time as clock
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from ..solvers.base import Beginning, NLPSolver, Result
 from ..statistics import SolveStatistics
 from .motions import DrivenMotions, FoundMotion
 
-#: Share by which the cost of a program may differ from that of the motion if its mesh sees the motion, and largest
+#: Share by which the effort in a program may differ from that of the motion if its mesh sees the motion, and largest
 #: number of iterations for the optimum of the program from there.
 SEEN, EXACT_ITERATIONS = 1e-3, 50
 #: Scaled violation up to which a motion meets a program.
@@ -53,16 +54,20 @@ def run_among_motions(
             begin.program, begin.x, times, coarse_first=not is_near, stopped=lambda: interruption.requested
         )
     result = None if found is None else _as_result(motions, begin, found, interrupted=interruption.requested)
+    if interruption.requested and result is None:
+        raise KeyboardInterrupt
     if found is None or result is None or result.interrupted:
         return result
-    cost = float(result.answer["f"][0]) * begin.program.cost_scale
-    if abs(cost - found.cost) > SEEN * abs(found.cost) and not must_be_exact:
+    effort = float(result.answer["f"][0]) * begin.program.cost_scale - motions.least
+    if abs(effort - found.effort) > SEEN * found.effort and not must_be_exact:
         return result
     limit = None if must_be_exact else EXACT_ITERATIONS
     exact = solver.run(begin.again(x=found.x), begin.bounds, "warm", begin.iterate, limit)
-    of_motion = motions.cost(begin.program, exact.answer["x"], times)
-    is_taken = must_be_exact or exact.interrupted or (exact.succeeded and of_motion <= (1 + SEEN) * found.cost)
-    return exact.after(result) if is_taken else result.after(exact)
+    if must_be_exact:
+        return exact.after(result)
+    of_motion = motions.effort_of(begin.program, exact.answer["x"], times)
+    is_taken = exact.succeeded and of_motion <= (1 + SEEN) * found.effort
+    return exact.after(result) if is_taken else replace(result.after(exact), interrupted=exact.interrupted)
 
 
 def _as_result(motions: DrivenMotions, begin: Beginning, found: FoundMotion, *, interrupted: bool) -> Result | None:
