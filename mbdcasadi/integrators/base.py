@@ -64,6 +64,8 @@ class Integrator(Immutable):
     error_at_switches : float
         Error of steps across what switches in the state, as the touch of a contact, over its estimate: tolerances are
         tightened by it for equations that do.
+    stable_decay : float
+        Product of step and rate up to which what decays at a rate is stable; infinite for implicit methods.
 
     Raises
     ------
@@ -81,6 +83,7 @@ class Integrator(Immutable):
     runs_whole: ClassVar[bool] = False
     runs_piecewise: ClassVar[bool] = False
     error_at_switches: ClassVar[float] = 1.0
+    stable_decay: ClassVar[float] = float("inf")
 
     def __init__(
         self,

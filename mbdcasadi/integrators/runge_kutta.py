@@ -26,3 +26,5 @@ class RungeKutta(Integrator):
     stops_by_input: ClassVar[bool] = False
     # measured at touches of a rotor with a stop: 25 to 50 in the median at tolerances from 1e-6 to 1e-11
     error_at_switches: ClassVar[float] = 50.0
+    # the boundary is 3.3
+    stable_decay: ClassVar[float] = 2.5

@@ -199,10 +199,16 @@ class DifferentiableMotion:
         return RunValues(*[kind.sym(name, *shape) for name, shape in zip(RunValues._fields, shapes, strict=True)])
 
     def _max_step(self, timed: TimeDependence) -> float | None:
-        """Longest step; free flight has steps that jump over short contacts, and over what passes quickly."""
+        """Longest step; free flight has steps that jump over short contacts, and over what passes quickly.
+
+        The error test does not see the derivatives: at rest steps would grow beyond those at which the drift of
+        redundant rows, which is zero, has derivatives that decay.
+        """
         span = float(self.grid[-1] - self.grid[0])
         watched = span / WATCH_POINTS if has_gaps(self.numeric.eom.mechanism) else None
-        limits = timed.max_step, watched, self.load_limit.max_step
+        stable = self._integrator.stable_decay if self.form.tolerates_redundancy else np.inf
+        decaying = stable / self.held.decay if np.isfinite(stable) else None
+        limits = timed.max_step, watched, self.load_limit.max_step, decaying
         return min([limit for limit in limits if limit is not None], default=None)
 
     # --- the course at values of the parameters -----------------------------------------------
