@@ -113,7 +113,7 @@ def test_redundant_rows_do_not_matter():
 
 
 def cantilever(bodies, mass):
-    """A redundant arm on a cart in a vertical guide, with a load of zero at its end; the load, cart, joints and links."""
+    """A redundant arm on a cart in a guide, with a load of zero at its end; and its load, cart, joints and links."""
     load = mbd.Parameter("load", 0.0)
     cart = mbd.Body("cart", mass=5.0, inertia=1.0)
     links = [
