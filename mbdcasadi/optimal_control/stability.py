@@ -8,10 +8,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ..equations import equations
+from ..equations.switching.explicit_time import explicit_time
 from ..errors import ModelError, warn
 from ..integrators import Integrator, as_integrator
 from ..model.conditions import Condition, read_conditions
 from ..model.events import Event
+from ..model.symbols import as_sx
+from ..model.symbols import t as time
 from ..numerics.console import keyboard_interrupts
 from ..numerics.least_squares import largest
 from ..results.state import State
@@ -41,6 +45,8 @@ def stability(
 
     Disturbances of the start are carried by the variational equations through every phase, and by saltation matrices
     across the changes, whose instants they shift. The boundary conditions lead from the end to the next start.
+    If an event ends the period, time begins anew with the next one, as of a push that each step gives; the clock of a
+    table that shakes goes on: let the motion last a period of it, with events that do not end it.
 
     Parameters
     ----------
@@ -72,7 +78,7 @@ def stability(
     Warns
     -----
     MechanismWarning
-        If the motion does not meet the boundary conditions.
+        If the motion does not meet the boundary conditions, or depends on time and ends at an event.
 
     References
     ----------
@@ -119,6 +125,12 @@ def _stability_of_simulation(
     tangent = start_directions(first.mechanism, start)
     directions, known = Directions(tangent, {}, {}), list(dict(inputs).items())
     variation = phased_variation(VariedMotion(motion, motion.t[[0, -1]], [], directions, integrator, known), events)
+    last_event = variation.events[-1] if variation.events and variation.events[-1].t == motion.t[-1] else None
+    if last_event is not None and np.any(last_event.time) and (what := _what_depends_on_time(motion, events, inputs)):
+        warn(
+            f"stability: {what} depends on time, and event '{last_event.name}' ends the period: time is taken to begin "
+            "anew with each period; if it goes on, let the motion last a whole period, with events that do not end it"
+        )
     left, right = [], []
     for relation in boundary:
         if not relation.equality:
@@ -129,6 +141,24 @@ def _stability_of_simulation(
         left.append(by_start @ tangent)
         right.append(-by_end @ variation.end)
     return next_start(np.array(left), np.array(right), "state it in boundary=")
+
+
+def _what_depends_on_time(motion: Trajectory, events: Sequence[Event], inputs: Any) -> str:
+    """Name what makes a motion depend on time; nothing if nothing does."""
+    for key, value in dict(inputs).items():
+        if ca.depends_on(as_sx(value), time):
+            return f"input '{key.label}'"
+    for part in motion.phases:
+        if explicit_time(equations(part.mechanism)).depends:
+            return "the mechanism" + (f" {part.mechanism.name}" if part.mechanism.name else "")
+    known = {event.name: event for event in events}
+    for occurrence in motion.events:
+        event = known[occurrence.name]
+        slope = ca.gradient(event.expression, time)  # a switch in time, such as if_else(t > 0.1, ...), is none
+        rows = ca.vertcat(ca.SX(0, 1), *[joint.rows for joint in event.restitution])
+        if float(occurrence.state[slope]) != 0 or ca.depends_on(rows, time):
+            return f"event '{event.name}'"
+    return ""
 
 
 def _slopes(relation: Condition, start: State, end: State) -> tuple[np.ndarray, np.ndarray, float]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import mbdcasadi as mbd
 
@@ -75,3 +76,45 @@ def test_it_says_what_is_wrong():
         mbd.stability(motion, same)
     with pytest.warns(mbd.MechanismWarning, match="not periodic"):
         mbd.stability(motion, [mbd.at_end(body.phi) == mbd.at_start(body.phi), same[0]], events=[lands])
+
+
+def test_a_ball_on_a_table_that_shakes():
+    """Against differences of its own map from impact to impact; a period that an event ends has a clock of its own."""
+    g, amplitude, period, e = 10.0, 0.03, 0.5, 0.8
+    w = 2 * np.pi / period
+    ball = mbd.Body("ball", mass=1.0, inertia=1.0, pose=(0, 0.1, 0))
+    guides = [mbd.AbsoluteX("x", ball.at(0, 0), 0), mbd.AbsoluteAngle("angle", ball.at(0, 0), 0)]
+    flying = mbd.Mechanism([ball], joints=guides, forces=[mbd.Gravity((0, -g))])
+    table = mbd.Driver("table", ball.y, amplitude * mbd.sin(w * mbd.t))
+    gap = ball.y - amplitude * mbd.sin(w * mbd.t)
+
+    def next_impact(state):
+        begin, speed = state
+        height = amplitude * np.sin(w * begin)
+        lasts = brentq(
+            lambda x: height + speed * x - g * x**2 / 2 - amplitude * np.sin(w * (begin + x)), 0.3, 0.7, xtol=1e-14
+        )
+        plate = amplitude * w * np.cos(w * (begin + lasts))
+        return np.array([begin + lasts, plate - e * (speed - g * lasts - plate)])
+
+    # the table gives back what an impact takes
+    begin = np.arccos(g * period / 2 * (1 - e) / (1 + e) / (amplitude * w)) / w
+    impact = np.array([begin, g * period / 2])
+    by_hand = np.linalg.eigvals(
+        np.array([(next_impact(impact + h) - next_impact(impact - h)) / 2e-6 for h in 1e-6 * np.eye(2)]).T
+    )
+
+    same = [mbd.at_end(x) == mbd.at_start(x) for x in (ball.y, ball.vy)]
+    highest = amplitude * np.sin(w * begin) + g * period**2 / 8
+    half = begin + period / 2
+    hit = mbd.Event("hit", gap, direction=-1, during=flying, becomes=flying, restitution={table: e})
+    start = mbd.assemble(flying, [ball.y == highest, ball.vy == 0], t=half)
+    motion = mbd.simulate(flying, np.linspace(half, half + period, 51), initial=start, events=[hit])
+    found = mbd.stability(motion, same, events=[hit])
+    np.testing.assert_allclose(np.sort_complex(found.multipliers), np.sort_complex(by_hand), atol=1e-6)
+
+    ends = mbd.Event("ends", gap, direction=-1, during=flying, becomes=flying, restitution={table: e}, terminal=True)
+    start = mbd.assemble(flying, [ball.y == amplitude * np.sin(w * begin), ball.vy == g * period / 2], t=begin)
+    motion = mbd.simulate(flying, np.linspace(begin, begin + 1, 51), initial=start, events=[ends])
+    with pytest.warns(mbd.MechanismWarning, match="depends on time, and event 'ends' ends the period"):
+        mbd.stability(motion, same, events=[ends])
