@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from ..errors import ModelError
+from ..equations import equations
+from ..equations.switching.explicit_time import explicit_time
+from ..errors import ModelError, warn
+from ..model.mechanism import Mechanism
+from ..model.symbols import t as time
 from ..numerics.rank import analyse_rank
 from .nlp.phase_program import PhaseProgram
 from .solved_motion import SolvedMotion
@@ -112,6 +117,10 @@ class ReturnMap:
         following = self._following(-begin[self.dynamics] @ tangent)
         boundary = self.jacobian[self.boundary, :][:, self.others.tolist()].full()
         left, right = begin[self.boundary] @ tangent, -boundary @ following
+        phases = self.solution.problem.phases
+        if any(low < high for low, high in (phase.span for phase in phases)):
+            rows = [joint.rows for phase in phases for joint in phase.restitution]
+            warn_of_a_clock([phase.mechanism for phase in phases], rows, "durations are free")
         return next_start(left, right, "state it in initial=")
 
     def _following(self, right: np.ndarray) -> np.ndarray:
@@ -134,6 +143,26 @@ class ReturnMap:
         except RuntimeError:
             raise ModelError("stability: the start does not decide what follows (a closing joint grazes)") from None
         return np.asarray(factors.solve(right))
+
+
+def warn_of_a_clock(mechanisms: Iterable[Mechanism], rows: Iterable[ca.SX], ending: str) -> None:
+    """Warn if mechanisms, or rows of joints that act at an instant, depend on time, and the period does not.
+
+    Parameters
+    ----------
+    mechanisms : iterable of Mechanism
+        Those of the phases.
+    rows : iterable of casadi.SX
+        What is to contain no time besides.
+    ending : str
+        Why the period may vary, in words.
+    """
+    timed = any(explicit_time(equations(mechanism)).depends for mechanism in mechanisms)
+    if timed or any(ca.depends_on(row, time) for row in rows):
+        warn(
+            f"stability: the motion depends on time, and {ending}: time is taken to begin anew with each period; if it "
+            "goes on, as the clock of a table that shakes, let the motion last a given period of it"
+        )
 
 
 def next_start(left: np.ndarray, right: np.ndarray, remedy: str) -> Stability:

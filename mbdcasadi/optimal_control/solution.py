@@ -148,8 +148,8 @@ class Solution(SolvedMotion):
 
         The start is disturbed as constraints and initial conditions allow; inputs stay as they are. What closes, and
         final conditions that are equalities, decide when phases end, and free parameters where they do; the boundary
-        conditions give the start of the next period. To the order of the transcription the result is that of the
-        motion itself: refine the mesh.
+        conditions give the start of the next period. Where durations are free, time begins anew with it. To the order
+        of the transcription the result is that of the motion itself: refine the mesh.
 
         Returns
         -------
@@ -160,6 +160,11 @@ class Solution(SolvedMotion):
         ------
         ModelError
             If the boundary conditions do not decide the next start, or hold more than it.
+
+        Warns
+        -----
+        MechanismWarning
+            If mechanisms depend on time, and durations are free.
 
         References
         ----------

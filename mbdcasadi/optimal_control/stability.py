@@ -8,8 +8,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..equations import equations
-from ..equations.switching.explicit_time import explicit_time
 from ..errors import ModelError, warn
 from ..integrators import Integrator, as_integrator
 from ..model.conditions import Condition, read_conditions
@@ -24,7 +22,7 @@ from ..sensitivity.phase_flow import Directions, VariedMotion
 from ..sensitivity.phased_variation import phased_variation, start_directions
 from ..simulation.changes.events import read_events
 from .placeholders import placeholders_in, with_symbols
-from .return_map import Stability, next_start
+from .return_map import Stability, next_start, warn_of_a_clock
 from .solution import Solution
 
 #: Amount by which a simulated motion may miss the boundary conditions without a warning.
@@ -126,11 +124,10 @@ def _stability_of_simulation(
     directions, known = Directions(tangent, {}, {}), list(dict(inputs).items())
     variation = phased_variation(VariedMotion(motion, motion.t[[0, -1]], [], directions, integrator, known), events)
     last_event = variation.events[-1] if variation.events and variation.events[-1].t == motion.t[-1] else None
-    if last_event is not None and np.any(last_event.time) and (what := _what_depends_on_time(motion, events, inputs)):
-        warn(
-            f"stability: {what} depends on time, and event '{last_event.name}' ends the period: time is taken to begin "
-            "anew with each period; if it goes on, let the motion last a whole period, with events that do not end it"
-        )
+    if last_event is not None and np.any(last_event.time):
+        rows = [as_sx(value) for value in dict(inputs).values()] + _timed(motion, events)
+        mechanisms = [part.mechanism for part in motion.phases]
+        warn_of_a_clock(mechanisms, rows, f"event '{last_event.name}' ends the period")
     left, right = [], []
     for relation in boundary:
         if not relation.equality:
@@ -143,22 +140,16 @@ def _stability_of_simulation(
     return next_start(np.array(left), np.array(right), "state it in boundary=")
 
 
-def _what_depends_on_time(motion: Trajectory, events: Sequence[Event], inputs: Any) -> str:
-    """Name what makes a motion depend on time; nothing if nothing does."""
-    for key, value in dict(inputs).items():
-        if ca.depends_on(as_sx(value), time):
-            return f"input '{key.label}'"
-    for part in motion.phases:
-        if explicit_time(equations(part.mechanism)).depends:
-            return "the mechanism" + (f" {part.mechanism.name}" if part.mechanism.name else "")
-    known = {event.name: event for event in events}
+def _timed(motion: Trajectory, events: Sequence[Event]) -> list[ca.SX]:
+    """Expressions of the events of a motion that move with time, and rows of their joints."""
+    known, found = {event.name: event for event in events}, []
     for occurrence in motion.events:
         event = known[occurrence.name]
-        slope = ca.gradient(event.expression, time)  # a switch in time, such as if_else(t > 0.1, ...), is none
-        rows = ca.vertcat(ca.SX(0, 1), *[joint.rows for joint in event.restitution])
-        if float(occurrence.state[slope]) != 0 or ca.depends_on(rows, time):
-            return f"event '{event.name}'"
-    return ""
+        found += [joint.rows for joint in event.restitution]
+        slope = ca.gradient(event.expression, time)
+        if float(occurrence.state[slope]) != 0:  # a switch in time, such as if_else(t > 0.1, ...), has none
+            found.append(event.expression)
+    return found
 
 
 def _slopes(relation: Condition, start: State, end: State) -> tuple[np.ndarray, np.ndarray, float]:

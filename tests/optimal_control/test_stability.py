@@ -118,3 +118,10 @@ def test_a_ball_on_a_table_that_shakes():
     motion = mbd.simulate(flying, np.linspace(begin, begin + 1, 51), initial=start, events=[ends])
     with pytest.warns(mbd.MechanismWarning, match="depends on time, and event 'ends' ends the period"):
         mbd.stability(motion, same, events=[ends])
+
+    problem = mbd.OptimalControlProblem(
+        phases=[mbd.Phase("flies", flying, (0.3, 0.7)), mbd.Phase("hits", flying, 0, restitution={table: e})],
+        boundary=same,
+    )
+    with pytest.warns(mbd.MechanismWarning, match="depends on time, and durations are free"):
+        mbd.optimize(problem, guess=motion, intervals=10).stability()
