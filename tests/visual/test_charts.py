@@ -71,6 +71,7 @@ def test_modes_are_headed_by_their_frequency():
 def test_wrong_input_is_named(pendulum):
     """What was given instead."""
     arm, motion = pendulum
+    still = mbd.Mechanism([arm], [mbd.Weld("weld", mbd.ground.at(0, 0), arm.at(0, 0))])
     for call, arguments, error in (
         (mbd.plot_phase, (motion, {"x": arm.x}), "two scalars"),
         (mbd.plot_phase, (motion, {"x": arm.x, "r": arm.position}), "two scalars"),
@@ -81,6 +82,7 @@ def test_wrong_input_is_named(pendulum):
         (mbd.plot_modes, ([],), "the result of linearize"),
         (mbd.plot_modes, (3,), "the result of linearize"),
         (mbd.plot_modes, ([motion],), "the result of linearize"),
+        (mbd.plot_modes, (mbd.linearize(still, mbd.assemble(still)),), "has no modes, since joints"),
         (mbd.plot_solution, (motion,), "the result of optimize"),
     ):
         with pytest.raises(mbd.MechanismError, match=error):

@@ -41,6 +41,8 @@ def plot_modes(model: Any, count: int | None = None) -> Figure:
     from matplotlib.figure import Figure
 
     modes = list(model.modes() if hasattr(model, "modes") else model if isinstance(model, Sequence) else ())
+    if hasattr(model, "modes") and not modes:
+        raise MechanismError("plot_modes: the model has no modes, since joints and drivers hold every motion")
     if not modes or not all(hasattr(mode, "shape") and hasattr(mode, "at") for mode in modes):
         raise MechanismError(f"plot_modes: takes the result of linearize, or some of its modes, got {model!r}")
     shown = modes[: min(len(modes), 6) if count is None else whole(count, "plot_modes", "count", 1)]
