@@ -1,10 +1,11 @@
-"""Guesses for mechanisms with an input for each coordinate: the motion of the least effort of random ones."""
+"""Guesses for mechanisms with an input for each coordinate: the motion of the least effort of many ways."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ...numerics.symbolic import numeric_work
+from ..nlp.driven.random_motions import best_motion
 from ..nlp.problem_solver import ProblemSolver
 from .guess import Guess, PhaseGuess
 from .whole_guess import guess_of
@@ -16,7 +17,7 @@ def least_effort(solver: ProblemSolver) -> Guess | None:
     if motions is None:
         return None
     with numeric_work():
-        found = motions.best_of_random()
+        found = best_motion(motions)
     if found is None:
         return None
 
@@ -24,4 +25,4 @@ def least_effort(solver: ProblemSolver) -> Guess | None:
         return motions.values(found.spline, found.x, times)
 
     phase = PhaseGuess(sample, solver.setups[0].path.segment_times)
-    return guess_of(solver, [phase], f"least effort near {found.tried} random motions")
+    return guess_of(solver, [phase], f"least effort of {found.tried} ways")

@@ -57,7 +57,7 @@ class SolveStatistics:
         Iterations of the solver.
     status : str
         Message of the solver. Of Levenberg–Marquardt steps ``"Least_Effort_Found"`` if the last one lowered the cost
-        by less than 2e-5 of it, else ``"Least_Effort_Approached"``.
+        by less than 5e-6 of it, else ``"Least_Effort_Approached"``.
     seconds, build_seconds : float
         Time of building and solving, and of building alone, s.
     variables, rows : int

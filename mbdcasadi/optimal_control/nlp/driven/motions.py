@@ -14,13 +14,12 @@ formulations for trajectory optimization", IEEE ICRA 2021.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from ....numerics.banded_least_squares import LeastSquaresEnd
 from ....results.state import State
 from ...guess.linear_conditions import state_by_linear_conditions
 from ...phase import on_states
@@ -36,17 +35,10 @@ from .spline import MotionSpline
 MANY = 3
 #: Number of intervals that the coarsest mesh has at least, and decrease in a step, as a share of the effort, at which
 #: a coarse mesh is left, and at which the last one is.
-COARSEST, COARSE_TOLERANCE, TOLERANCE = 10, 1e-2, 2e-5
+COARSEST, COARSE_TOLERANCE, TOLERANCE = 10, 1e-2, 5e-6
 #: Least and largest number of steps after which a search on a mesh ends, and their work between these, the number of
 #: intervals times the cube of that of coordinates: in long curved valleys more of them lower the effort by little.
-STEPS, WORK = (50, 250), 2.5e6
-#: Number of intervals on which random motions are compared, number of them, of those that are the best so far with
-#: random waves, and of those that go on to twice as many intervals.
-FIRST_INTERVALS, RANDOM_MOTIONS, CHANGED_MOTIONS, KEPT = 20, 30, 12, 6
-#: Half waves of a random motion, their amplitudes in turn as shares of the sizes of the coordinates, the amplitude of
-#: those that are added to one of the best so far, and number of these: of seven choices the one with the least efforts
-#: of 14 arms, by a tenth.
-WAVES, AMPLITUDES, CHANGE, BEST = 3, (0.7, 1.4, 2.8), 1.0, 4
+STEPS, WORK = (50, 500), 5e6
 
 
 @dataclass(frozen=True)
@@ -65,17 +57,6 @@ class FoundMotion:
     converged: bool
 
 
-@dataclass(frozen=True)
-class RandomMotions:
-    """The motion of the least effort near random ones."""
-
-    spline: MotionSpline
-    x: np.ndarray
-    #: motions that were tried, and all steps
-    tried: int
-    iterations: int
-
-
 class DrivenMotions:
     """Motions of a phase from a state to another one, and the effort that they take.
 
@@ -92,7 +73,7 @@ class DrivenMotions:
     def __init__(self, setup: PhaseSetup, effort: Effort, ends: tuple[np.ndarray, np.ndarray]):
         self.setup, self.effort, self.ends = setup, effort, ends
         eom = setup.scheme.eom
-        self.dynamics, self._scales = InverseDynamics(eom, setup.numeric), setup.scales.of(eom.independent, eom.rows)
+        self.dynamics, self.scales = InverseDynamics(eom, setup.numeric), setup.scales.of(eom.independent, eom.rows)
 
     @classmethod
     def of(cls, problem: OptimalControlProblem, setup: PhaseSetup, start: State) -> DrivenMotions | None:
@@ -113,15 +94,16 @@ class DrivenMotions:
         first, last = (np.r_[q[eom.independent], v[eom.independent]] for q, v in ((start.q, start.v), end))
         return cls(setup, effort, (first, last))
 
-    def _on(self, spline: MotionSpline) -> MeshEffort:
+    def effort_on(self, spline: MotionSpline) -> MeshEffort:
         """The effort on a mesh."""
-        return MeshEffort(self.dynamics, self.effort, spline, self._scales.a)
+        return MeshEffort(self.dynamics, self.effort, spline, self.scales.a)
 
     def _steps(self, count: int) -> int:
         """Largest number of steps on a mesh of so many intervals."""
         return int(np.clip(WORK / (count * self.dynamics.n**3), *STEPS))
 
-    def _spline(self, times: np.ndarray) -> MotionSpline:
+    def spline(self, times: np.ndarray) -> MotionSpline:
+        """The motions on a mesh with points at times."""
         return MotionSpline(times, self.setup.scheme.degree, self.ends)
 
     @property
@@ -157,7 +139,7 @@ class DrivenMotions:
         """
         count = times.size - 1
         strides = [2**k for k in range(count.bit_length()) if coarse_first and count // 2**k >= COARSEST] or [1]
-        splines = [self._spline(times[np.unique(np.r_[np.arange(0, count, k), count])]) for k in reversed(strides)]
+        splines = [self.spline(times[np.unique(np.r_[np.arange(0, count, k), count])]) for k in reversed(strides)]
         states, accelerations = self._read(program, x, times.size)
         coarsest = splines[0]
         if coarsest.count == count:
@@ -166,8 +148,10 @@ class DrivenMotions:
             unknowns = coarsest.through(states[np.searchsorted(times, coarsest.times)])
         try:
             for spline, finer in itertools.pairwise(splines):
-                unknowns = finer.like(spline, self._on(spline).end(unknowns, COARSE_TOLERANCE, STEPS[0], stopped).x)
-            effort = self._on(splines[-1])
+                unknowns = finer.like(
+                    spline, self.effort_on(spline).end(unknowns, COARSE_TOLERANCE, STEPS[0], stopped).x
+                )
+            effort = self.effort_on(splines[-1])
             end = effort.end(unknowns, TOLERANCE, self._steps(count), stopped)
             found, pulls = self._variables(program, x, splines[-1], end.x), effort.pulls(end.x)
         except np.linalg.LinAlgError:
@@ -178,10 +162,10 @@ class DrivenMotions:
 
     def effort_of(self, program: CollocationProgram, x: np.ndarray, times: np.ndarray) -> float:
         """The effort of a motion in scaled variables of a program, as that of :meth:`search`; infinite without one."""
-        spline = self._spline(times)
+        spline = self.spline(times)
         states, accelerations = self._read(program, x, times.size)
         try:
-            return self._on(spline).value(spline.with_accelerations(states, accelerations))
+            return self.effort_on(spline).value(spline.with_accelerations(states, accelerations))
         except np.linalg.LinAlgError:
             return np.inf
 
@@ -229,49 +213,6 @@ class DrivenMotions:
         found[inner[:, scheme.interval_slice("u")]] = unknowns.reshape(count, -1)
         return found / program.scale
 
-    # --- from anywhere ----------------------------------------------------------------------
-    def best_of_random(self) -> RandomMotions | None:
-        """The motion of the least effort near random ones and the straight one, on a coarse mesh.
-
-        None if inputs do not follow from the motion, or no motion has an effort.
-        """
-        random = np.random.default_rng(0)
-        first, last = self.setup.path.segment_times[[0, -1]].tolist()
-        spline, finer = (self._spline(np.linspace(first, last, k * FIRST_INTERVALS + 1)) for k in (1, 2))
-        effort, finer_effort = self._on(spline), self._on(finer)
-        even = spline.through(self._with_waves(spline.times, np.zeros((WAVES, self.dynamics.n))))
-        found: list[LeastSquaresEnd] = []
-
-        def waves(amplitude: float) -> np.ndarray:
-            random_waves = amplitude * random.normal(size=(WAVES, self.dynamics.n))
-            return spline.through(self._with_waves(spline.times, random_waves)) - even
-
-        try:
-            for number in range(RANDOM_MOTIONS + CHANGED_MOTIONS):
-                parents = _best(found, BEST)
-                if number < RANDOM_MOTIONS or not parents:
-                    x = even + (waves(AMPLITUDES[number % len(AMPLITUDES)]) if number else 0.0)
-                else:
-                    x = parents[number % len(parents)].x + waves(CHANGE)
-                found.append(effort.end(x, COARSE_TOLERANCE, STEPS[0]))
-            kept = [finer.like(spline, end.x) for end in _best(found, KEPT)]
-            ends = [finer_effort.end(x, COARSE_TOLERANCE, STEPS[0]) for x in kept]
-        except np.linalg.LinAlgError:
-            return None
-        if not _best(ends, 1):
-            return None
-        return RandomMotions(finer, _best(ends, 1)[0].x, len(found), sum(end.iterations for end in (*found, *ends)))
-
-    def _with_waves(self, times: np.ndarray, waves: np.ndarray) -> np.ndarray:
-        """States (k, 2 n) of the straight motion between the ends with half waves (w, n) besides."""
-        n, (first, last), span = self.dynamics.n, self.ends, times[-1] - times[0]
-        share, numbers = (times[:, None] - times[0]) / span, np.arange(1, len(waves) + 1)
-        amplitudes = self._scales.q * waves / numbers[:, None]
-        turned = last[:n] - first[:n]
-        q = first[:n] + share * turned + np.sin(np.pi * share * numbers) @ amplitudes
-        v = (turned + (np.pi * numbers * np.cos(np.pi * share * numbers)) @ amplitudes) / span
-        return np.hstack([q, v])
-
     def values(self, spline: MotionSpline, x: np.ndarray, times: np.ndarray) -> dict[str, np.ndarray]:
         """Values of a motion by name at times, of all coordinates and inputs, each (k, size)."""
         whole, eom = self.setup.numeric.eom, self.setup.scheme.eom
@@ -281,15 +222,8 @@ class DrivenMotions:
         a[:, eom.independent] = places[:, 2]
         u = self.dynamics.least_inputs(times, places)
         none = np.zeros((times.size, 0))
-        return {
-            "q": q,
-            "v": v,
-            "a": a,
-            "z": none,
-            "rate": none,
-            "lam": np.zeros((times.size, whole.lam.numel())),
-            "u": u,
-        }
+        lam = np.zeros((times.size, whole.lam.numel()))
+        return {"q": q, "v": v, "a": a, "z": none, "rate": none, "lam": lam, "u": u}
 
 
 def _follow_from_motion(setup: PhaseSetup) -> bool:
@@ -313,9 +247,3 @@ def _end_of(setup: PhaseSetup) -> tuple[np.ndarray, np.ndarray] | None:
         return None
     end = float(setup.path.segment_times[-1])
     return state_by_linear_conditions(setup.numeric, final, end, setup.start.z, setup.scheme.eom)
-
-
-def _best(ends: Sequence[LeastSquaresEnd], count: int) -> list[LeastSquaresEnd]:
-    """Those of the least effort, without those that have none, as where forces are not defined."""
-    known = [end for end in ends if np.isfinite(end.value)]
-    return sorted(known, key=lambda end: end.value)[:count]
