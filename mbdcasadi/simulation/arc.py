@@ -170,11 +170,11 @@ class Arc:
         reach = min(end, failure.last + BEYOND * (end - start))
         free: frozenset[int] = frozenset()
         for _ in range(TRIALS):
-            motion = HeldMotion(
-                self._system, self.stepper.outputs, (start, x), before, (failure.last, failure.last_x), free
-            )
-            if not motion.switches:
+            stuck = failure.last, failure.last_x
+            held = HeldSwitches(self._system, self.stepper.outputs, start, before, stuck, free)
+            if not held.switches:
                 break
+            motion = HeldMotion(held, start, x)
             try:
                 times, states = np.array([start, reach]), np.vstack([x, motion.states_at(np.array([reach]))])
                 crossings = self.watch.crossings(

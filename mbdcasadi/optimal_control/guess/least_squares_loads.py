@@ -80,14 +80,22 @@ class LeastSquaresLoads:
             a = a - columns * (np.linalg.pinv(scaled, rcond=1e-9) @ residual)[:, :, 0]
         return q, v, a
 
+    def system(
+        self, t: np.ndarray, w: np.ndarray, rate: np.ndarray, acceleration: np.ndarray, z: np.ndarray
+    ) -> list[np.ndarray]:
+        """Equations of motion in independent coordinates, with their rates (k, n): a matrix and its right side.
+
+        The matrix (k, n, m + n_u) multiplies the multipliers that are left and the inputs; the right side is (k, n, 1).
+        """
+        return self._evaluate(self._system, t, w, rate, acceleration, z)
+
     def missing(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Loads that a motion needs of inputs and of the multipliers that are left (k, n), by their typical sizes."""
         return self._missing(t, q, v, a, z) / self._reduced_scales.load
 
     def _missing(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, z: np.ndarray) -> np.ndarray:
         places = self.eom.independent
-        _, load = self._evaluate(self._system, t, q[:, places], v[:, places], a[:, places], z)
-        return load[:, :, 0]
+        return self.system(t, q[:, places], v[:, places], a[:, places], z)[1][:, :, 0]
 
     def work(self, t: np.ndarray, q: np.ndarray, z: np.ndarray) -> float:
         """Work that inputs have to do on a chain which passes poses (k, n) slowly, J; `z` (n_z,) stays.
@@ -110,9 +118,7 @@ class LeastSquaresLoads:
         lam = np.zeros((t.size, whole.lam.numel()))
         if not rows + n_u or whole.q.numel() * (whole.lam.numel() + n_u) > LARGE:
             return lam, np.tile(whole.input_values, (t.size, 1))
-        matrix, load = self._evaluate(
-            self._system, t, q[:, eom.independent], v[:, eom.independent], a[:, eom.independent], z
-        )
+        matrix, load = self.system(t, q[:, eom.independent], v[:, eom.independent], a[:, eom.independent], z)
         finite = np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(load).all(axis=(1, 2))
         loads = np.zeros((t.size, rows + n_u))
         columns = np.r_[sizes.lam, sizes.u]

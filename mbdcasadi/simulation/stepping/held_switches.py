@@ -169,60 +169,39 @@ class HeldSwitches:
 
 
 class HeldMotion:
-    """A motion on which the switches that an integrator got stuck at are held on the sides on which they were before.
+    """The motion from a state on which switches are held on the sides on which they were before.
 
     Parameters
     ----------
-    system : SteppedSystem
-        The equations, inputs and method of the run.
-    outputs : Outputs
-        What makes its outputs.
-    start : tuple of (float, numpy.ndarray)
-        Time and state from which it goes on.
-    before, stuck : tuple of (float, numpy.ndarray)
-        Times and states at which the switches are on their sides, and where the integrator got stuck.
-    free : collection of int
-        Operations that are left as they are.
-
-    Attributes
-    ----------
-    switches : tuple of Switch
-        Switches that are held; none if nothing switches where the integrator got stuck.
+    held : HeldSwitches
+        The switches, at least one.
+    start : float
+        Time from which it goes on.
+    x : numpy.ndarray
+        State there.
     """
 
-    def __init__(
-        self,
-        system: SteppedSystem,
-        outputs: Outputs,
-        start: tuple[float, np.ndarray],
-        before: tuple[float, np.ndarray],
-        stuck: tuple[float, np.ndarray],
-        free: Collection[int] = (),
-    ):
-        self._start, x_start = start
-        self._held = HeldSwitches(system, outputs, self._start, before, stuck, free)
-        self.switches: tuple[Switch, ...] = self._held.switches
-        if self.switches:
-            self._stepper = CompiledStepper(self._held.system)
-            self.states_at: StatesAt = self._stepper.states_from(self._start, x_start, precise=True)
+    def __init__(self, held: HeldSwitches, start: float, x: np.ndarray):
+        self._held, self._start = held, start
+        self._stepper = CompiledStepper(held.system)
+        self.states_at: StatesAt = self._stepper.states_from(start, x, precise=True)
 
     def passed(self, until: float) -> frozenset[int]:
         """Operations that are held and come to their borders before a time; without any the motion is the true one."""
         if until <= self._start:
             return frozenset()
-        times = np.linspace(self._start, until, CHECKS + 1)[1:]
-        quantities = ca.densify(ca.vertcat(*[switch.quantity for switch in self.switches]))
-        whole = np.array([switch.whole for switch in self.switches], bool)
+        times, switches = np.linspace(self._start, until, CHECKS + 1)[1:], self._held.switches
+        quantities = ca.densify(ca.vertcat(*[switch.quantity for switch in switches]))
+        whole = np.array([switch.whole for switch in switches], bool)
         outputs, states = self._stepper.outputs, self.states_at(times)
         margins = margins_of(
             _values(self._held.system, outputs, quantities, self._start, times, states), self._held.sides, whole
         )
-        return frozenset(self.switches[k].node for k in np.flatnonzero(~np.all(margins >= 0, axis=1)))
+        return frozenset(switches[k].node for k in np.flatnonzero(~np.all(margins >= 0, axis=1)))
 
     def release(self) -> None:
         """Give back what is kept for later motions."""
-        if self.switches:
-            self._stepper.release()
+        self._stepper.release()
 
 
 def natural_values(system: SteppedSystem, outputs: Outputs, since: float, time: float, x: np.ndarray) -> np.ndarray:

@@ -79,7 +79,7 @@ class MeshEffort:
         by_shape = np.einsum("kedn,kdf->kefn", by_place, self._shapes, optimize=True)
         return by_shape.reshape(spline.count, -1, spline.width)
 
-    @property
+    @cached_property
     def _metric(self) -> np.ndarray:
         """Integral of the squared accelerations over their sizes, as a lower band."""
         spline, weighted = self.spline, self._shapes[:, 2] * self._weights[:, None]

@@ -73,7 +73,7 @@ class DrivenMotions:
     def __init__(self, setup: PhaseSetup, effort: Effort, ends: tuple[np.ndarray, np.ndarray]):
         self.setup, self.effort, self.ends = setup, effort, ends
         eom = setup.scheme.eom
-        self.dynamics, self.scales = InverseDynamics(eom, setup.numeric), setup.scales.of(eom.independent, eom.rows)
+        self.dynamics, self.scales = InverseDynamics(setup.loads), setup.scales.of(eom.independent, eom.rows)
 
     @classmethod
     def of(cls, problem: OptimalControlProblem, setup: PhaseSetup, start: State) -> DrivenMotions | None:
@@ -140,7 +140,7 @@ class DrivenMotions:
         count = times.size - 1
         strides = [2**k for k in range(count.bit_length()) if coarse_first and count // 2**k >= COARSEST] or [1]
         splines = [self.spline(times[np.unique(np.r_[np.arange(0, count, k), count])]) for k in reversed(strides)]
-        states, accelerations = self._read(program, x, times.size)
+        states, accelerations = self._read(program, x)
         coarsest = splines[0]
         if coarsest.count == count:
             unknowns = coarsest.with_accelerations(states, accelerations)
@@ -163,7 +163,7 @@ class DrivenMotions:
     def effort_of(self, program: CollocationProgram, x: np.ndarray, times: np.ndarray) -> float:
         """The effort of a motion in scaled variables of a program, as that of :meth:`search`; infinite without one."""
         spline = self.spline(times)
-        states, accelerations = self._read(program, x, times.size)
+        states, accelerations = self._read(program, x)
         try:
             return self.effort_on(spline).value(spline.with_accelerations(states, accelerations))
         except np.linalg.LinAlgError:
@@ -188,13 +188,13 @@ class DrivenMotions:
         of_rows[demands] = np.linalg.lstsq(slopes.T, -by_last, rcond=None)[0]
         return of_bounds, of_rows
 
-    def _read(self, program: CollocationProgram, x: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray]:
+    def _read(self, program: CollocationProgram, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """States at the mesh points (N + 1, 2 n) and accelerations at the stages (N, degree, n) of scaled variables."""
         phase, scheme, values = program.phases[0], self.setup.scheme, x * program.scale
-        states = values[phase.point_index(np.arange(points)[:, None])[:, : 2 * self.dynamics.n]]
+        states = values[phase.point_index(np.arange(phase.count + 1)[:, None])[:, : 2 * self.dynamics.n]]
         states[0], states[-1] = self.ends
-        inner = phase.inner_index(np.arange(points - 1)[:, None])[:, scheme.interval_slice("a")]
-        return states, values[inner].reshape(points - 1, scheme.degree, self.dynamics.n)
+        inner = phase.inner_index(np.arange(phase.count)[:, None])[:, scheme.interval_slice("a")]
+        return states, values[inner].reshape(phase.count, scheme.degree, self.dynamics.n)
 
     def _variables(
         self, program: CollocationProgram, guess: np.ndarray, spline: MotionSpline, x: np.ndarray
@@ -215,15 +215,12 @@ class DrivenMotions:
 
     def values(self, spline: MotionSpline, x: np.ndarray, times: np.ndarray) -> dict[str, np.ndarray]:
         """Values of a motion by name at times, of all coordinates and inputs, each (k, size)."""
-        whole, eom = self.setup.numeric.eom, self.setup.scheme.eom
-        places = spline.at(x, times)
+        eom, places = self.setup.scheme.eom, spline.at(x, times)
         q, v = eom.states(times, places[:, 0], places[:, 1], self.setup.numeric.p)
-        a = np.zeros_like(q)
+        a, z = np.zeros_like(q), np.zeros((times.size, 0))
         a[:, eom.independent] = places[:, 2]
-        u = self.dynamics.least_inputs(times, places)
-        none = np.zeros((times.size, 0))
-        lam = np.zeros((times.size, whole.lam.numel()))
-        return {"q": q, "v": v, "a": a, "z": none, "rate": none, "lam": lam, "u": u}
+        lam, u = self.setup.loads.loads(times, q, v, a, z)
+        return {"q": q, "v": v, "a": a, "z": z, "rate": z, "lam": lam, "u": u}
 
 
 def _follow_from_motion(setup: PhaseSetup) -> bool:
