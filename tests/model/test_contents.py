@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from test_every_element import MACHINES
+from machines import MACHINES
 
 import mbdcasadi as mbd
 from mbdcasadi.errors import warn

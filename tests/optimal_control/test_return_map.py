@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
-from test_several_phases import gripper, rimless
+from test_phase_program import gripper, rimless
 
 import mbdcasadi as mbd
 

@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
-from test_every_element import MACHINES
+from machines import MACHINES
 
 import mbdcasadi as mbd
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from linkages import four_bar, pendulum
 from random_mechanisms import random_case
-from test_linear_contacts import END, bounced_height, dropped
+from test_switching_linear_contacts import END, bounced_height, dropped
 from threads import together
 
 import mbdcasadi as mbd

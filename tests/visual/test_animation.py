@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_every_element import MACHINES
+from machines import MACHINES
 
 import mbdcasadi as mbd
 from mbdcasadi.visual.film import usual_speed

@@ -8,7 +8,7 @@ import casadi as ca
 import matplotlib
 import numpy as np
 import pytest
-from test_every_element import MACHINES
+from machines import MACHINES
 
 import mbdcasadi as mbd
 from mbdcasadi.visual.drawing import lines

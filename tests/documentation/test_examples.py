@@ -13,7 +13,7 @@ import pytest
 
 import mbdcasadi as mbd
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 NAMES = sorted(path.stem for path in EXAMPLES.glob("*.py"))
 #: Examples that are only run; the others have a test of their own name, which says what they find.
 PLAIN = (

@@ -15,7 +15,7 @@ import mbdcasadi as mbd
 from mbdcasadi.__main__ import main
 from mbdcasadi.numerics import progress
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 MODELS = ROOT / "examples" / "models"
 FREE = (MODELS / "slider_crank.adm", MODELS / "slider_crank.acf")
 DRIVEN = (MODELS / "slider_crank_driven.adm", MODELS / "slider_crank_driven.acf")

@@ -1,16 +1,10 @@
-"""Every element of the catalogue, unchanged, in kinematics, inverse dynamics, simulation by IDAS and optimal control.
-
-Each stands in a small machine with one coordinate s and one input u that works
-along it. The motion is prescribed, its effort found in two ways and replayed;
-then the machine is brought from rest to rest with least effort and verified.
-"""
+"""Every element of the catalogue in a small machine with one coordinate s and one input u that works along it."""
 
 from __future__ import annotations
 
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 import mbdcasadi as mbd
 
@@ -177,46 +171,3 @@ MACHINES = {
     "KnifeEdge": skate,
     "NonholonomicConstraint": coupled_speeds,
 }
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", MACHINES)
-def test_prescribed_motion_and_its_replay(name):
-    """Kinematics; effort of the driver; the input that takes its place; IDAS with that input gives the motion back."""
-    m = MACHINES[name]()
-    start = mbd.assemble(m.mechanism)
-    course = m.by * mbd.step(mbd.t, 0, 0, 1.0, 1)
-    driver = mbd.Driver("drive", m.s, course, relative_to=start)
-    times = np.linspace(0, 1.0, 401)
-    driven = m.mechanism.replace(drivers=[driver])
-    moved = mbd.kinematics(driven, times)
-    run = mbd.inverse_dynamics(driven, times)
-    np.testing.assert_allclose(moved.q, run.q, atol=1e-9)
-    assert moved[m.s][-1] - start[m.s] == pytest.approx(m.by)
-    found = mbd.inverse_dynamics(m.mechanism, motion=run, efforts=[m.u])
-    size = 1 + np.max(np.abs(run[driver.effort]))
-    np.testing.assert_allclose(found[m.u], run[driver.effort], atol=1e-9 * size)
-    effort = mbd.spline(mbd.t, times, found[m.u], outside="constant")
-    replay = mbd.simulate(m.mechanism, times, initial=found.initial, inputs={m.u: effort})
-    np.testing.assert_allclose(replay[m.s], run[m.s], atol=1e-4 * (1 + abs(m.by)))
-    assert replay.drift.position < 1e-12 and replay.drift.velocity < 1e-11
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", MACHINES)
-def test_least_effort_from_rest_to_rest(name):
-    """Solved, and verified by IDAS with the solution's own inputs."""
-    m = MACHINES[name]()
-    start = mbd.assemble(m.mechanism)
-    speed = mbd.time_derivative(m.s)
-    rest = [m.s == start[m.s], speed == 0]
-    problem = mbd.OptimalControlProblem(
-        m.mechanism,
-        duration=1.0,
-        initial=start if name == "NonholonomicConstraint" else rest,
-        final=[m.s == start[m.s] + m.by, speed == 0],
-        running_cost=m.u**2,
-    )
-    solution = mbd.optimize(problem, intervals=30)
-    assert solution.trajectory[m.s][-1] == pytest.approx(start[m.s] + m.by, abs=1e-6)
-    assert solution.verify().final_error < 1e-3
