@@ -80,10 +80,12 @@ class NumericEquations:
 
     @property
     def weights_expression(self) -> ca.SX:
-        """The same as an expression in the parameters (n,), raised as at their values here."""
-        there = self.mass > 0
-        masses = ca.if_else(ca.DM(there), self.eom.mass_diagonal, 1.0)
-        return masses * ca.DM(self.weights / np.where(there, self.mass, 1.0))
+        """The same as an expression in the parameters (n,), for masses that may go to zero with them."""
+        if not np.any(self.mass > 0):
+            return ca.SX(ca.DM(self.weights))
+        sizes = ca.DM(self.scale.coordinates)
+        alike = self.eom.mass_diagonal * sizes**2
+        return ca.fmax(alike, SMALLEST_WEIGHT * ca.mmax(alike)) / sizes**2
 
     @cached_property
     def projection_weights(self) -> np.ndarray:
