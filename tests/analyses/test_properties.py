@@ -9,18 +9,16 @@ import numpy as np
 import pytest
 from random_mechanisms import random_case, random_mechanism
 from scipy.integrate import simpson
+from seeds import seeds
 
 import mbdcasadi as mbd
 from mbdcasadi.equations.numeric import NumericEquations
 
 #: Random mechanisms whose constraints in time lock them within 0.2 s.
 LOCKING = {15, 86}
-QUICK = range(8)
 
 
-@pytest.fixture(
-    scope="module", params=[pytest.param(s, marks=() if s in QUICK else pytest.mark.slow) for s in range(200)]
-)
+@pytest.fixture(scope="module", params=seeds(200, quick=8))
 def seed(request):
     """A random mechanism; its tests follow one another and share what is derived and compiled."""
     return request.param

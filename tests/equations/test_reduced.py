@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from random_mechanisms import random_mechanism
+from seeds import seeds
 
 import mbdcasadi as mbd
 from mbdcasadi.equations.explicit import explicit_rows
@@ -159,7 +160,7 @@ def test_against_the_equations_in_all_coordinates(make, unlimited, monkeypatch):
     compare(mechanism, np.random.default_rng(0), least=2 if unlimited else 1)
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", seeds(40))
 def test_random_mechanisms(seed, monkeypatch):
     """The same for joints of all kinds, with every explicit row solved."""
     solve_every_row(monkeypatch)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from linkages import four_bar, pendulum, slider_crank
 from random_mechanisms import random_case
+from seeds import seeds
 
 import mbdcasadi as mbd
 
@@ -111,7 +112,7 @@ def test_textbook_mechanisms(mechanism, freedom):
     assert report.ok and report.singular == "" and report.contradictory == ()
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", seeds(60))
 def test_random_mechanisms(seed):
     """The freedom and the redundancy of mechanisms for which both are known."""
     case = random_case(seed)

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from seeds import seeds
 
 import mbdcasadi as mbd
 
@@ -70,7 +71,7 @@ def random_masses(generator, count):
     return 10.0 ** generator.uniform(-9, 6, count)
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", seeds(40))
 def test_concurrent_bars_are_shaky_and_askew_they_hold(seed):
     generator = np.random.default_rng(seed)
     angles = np.sort(generator.uniform(0, 2 * np.pi, 3))

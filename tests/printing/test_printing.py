@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from matplotlib.mathtext import MathTextParser
+from seeds import seeds
 
 from mbdcasadi.errors import ModelError
 from mbdcasadi.printing import matrix_to_latex, matrix_to_text, to_latex, to_text
@@ -262,7 +263,7 @@ def random_expression(random, leaves, depth):
     )()
 
 
-@pytest.mark.parametrize("seed", range(300))
+@pytest.mark.parametrize("seed", seeds(300))
 def test_python_reads_the_text_back(seed):
     random = np.random.default_rng(seed)
     leaves = [X, PHI, a, b]
@@ -306,7 +307,7 @@ FROM_LATEX = {
 }
 
 
-@pytest.mark.parametrize("seed", range(200))
+@pytest.mark.parametrize("seed", seeds(200))
 def test_flat_sums_and_products_keep_the_value(seed, monkeypatch):
     """Text and LaTeX, with numbers in full."""
     monkeypatch.setattr("mbdcasadi.printing.terms.digits", repr)
@@ -331,7 +332,7 @@ def test_mathtext_reads_the_latex(seed):
     MathTextParser("path").parse(f"${latex}$")
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", seeds(30))
 def test_braces_and_fences_of_latex_are_closed(seed):
     random = np.random.default_rng(seed)
     latex = to_latex(random_expression(random, [X, PHI, a, b], 4), limit=10**6)

@@ -12,6 +12,7 @@ from linkages import four_bar, n_four_bar, pendulum, slider_crank
 from random_mechanisms import random_case
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
+from seeds import seeds
 from threads import together
 
 import mbdcasadi as mbd
@@ -127,11 +128,8 @@ def test_tolerances_against_scipy(way, tolerance):
 
 
 # --- in C and without, and IDAS ----------------------------------------------------------------------
-SEEDS = [s for s in range(200) if s not in LOCKED]
-
-
 @compiled_only
-@pytest.mark.parametrize("seed", [pytest.param(s, marks=() if s < 3 else pytest.mark.slow) for s in SEEDS])
+@pytest.mark.parametrize("seed", seeds(200, quick=3, without=LOCKED))
 def test_random_mechanisms(seed, monkeypatch):
     """One random mechanism in C, without a compiler, and by IDAS."""
     mechanism = random_case(seed).mechanism
