@@ -7,7 +7,7 @@ differentiation. No closed formula of a joint is written twice.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -250,26 +250,18 @@ class Equations:
     @cached_property
     def rows_of_trees(self) -> tuple[int, ...]:
         """Rows that are regular in every pose: of pins, slides and welds by which bodies hang on others in trees."""
-        left, holding = dict.fromkeys(self.mechanism.constraints), defaultdict[Any, dict[Any, None]](dict)
-        for element in left:
-            for body in element.bodies:
-                holding[body][element] = None
-        loose = [body for body, elements in holding.items() if len(elements) == 1 and not body.is_ground]
-        while loose:
-            last = next(iter(holding[loose.pop()]), None)
-            if last is None or len(last.bodies) != 2 or not getattr(last, "is_lower_pair", False):
-                continue
-            del left[last]
-            for body in last.bodies:
-                holding[body].pop(last, None)
-                if len(holding[body]) == 1 and not body.is_ground:
-                    loose.append(body)
+        left = _outside_trees(self.mechanism.constraints)
         return tuple(k for k, element in enumerate(self.row_elements) if element not in left)
 
     @property
     def has_loops(self) -> bool:
         """True if constraints close loops: a tree of pins, slides and welds is regular in every pose."""
         return len(self.rows_of_trees) < len(self.row_elements)
+
+    @cached_property
+    def has_branches(self) -> bool:
+        """True if position constraints close loops: their poses may lie on several branches."""
+        return bool(_outside_trees(element for element in self.mechanism.constraints if element.rows.numel()))
 
     @cached_property
     def estimate(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -434,3 +426,22 @@ class Equations:
 
 def _column(values: Sequence[Any]) -> ca.SX:
     return ca.vertcat(*values) if values else ca.SX(0, 1)
+
+
+def _outside_trees(constraints: Iterable[Any]) -> dict[Any, None]:
+    """Constraints besides the pins, slides and welds by which bodies hang on others in trees."""
+    left, holding = dict.fromkeys(constraints), defaultdict[Any, dict[Any, None]](dict)
+    for element in left:
+        for body in element.bodies:
+            holding[body][element] = None
+    loose = [body for body, elements in holding.items() if len(elements) == 1 and not body.is_ground]
+    while loose:
+        last = next(iter(holding[loose.pop()]), None)
+        if last is None or len(last.bodies) != 2 or not getattr(last, "is_lower_pair", False):
+            continue
+        del left[last]
+        for body in last.bodies:
+            holding[body].pop(last, None)
+            if len(holding[body]) == 1 and not body.is_ground:
+                loose.append(body)
+    return left

@@ -181,3 +181,19 @@ def test_a_coarse_mesh_without_a_jump_is_not_refused():
     f = crank_rocker()
     with pytest.warns(mbd.MechanismWarning, match="too coarse"):
         assert branch_jump(mbd.optimize(half_turn(f), intervals=4)) is None
+
+
+def test_a_blade_has_no_branches():
+    """A knife edge has no position rows: a motion that is far off within an interval is no jump of a linkage."""
+    turn = mbd.Input("turn", lower=-20, upper=20)
+    sledge = mbd.Body("sledge", 1.0, 1.0, pose=(0, 0, -1.2))
+    blade = mbd.KnifeEdge("blade", sledge.at(0, 0))
+    forces = [mbd.Gravity(), mbd.Torque("steer", sledge, turn)]
+    mechanism = mbd.Mechanism([sledge], joints=[blade], forces=forces, inputs=[turn])
+    rest = [sledge.x == 0, sledge.y == 0, sledge.vx == 0, sledge.vy == 0]
+    end = [sledge.x == 10, sledge.y == -5]
+    problem = mbd.OptimalControlProblem(mechanism, (0.5, 5), rest, end, terminal_cost=mbd.t)
+    assert mbd.equations(mechanism).has_loops and not mbd.equations(mechanism).has_branches
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mbd.MechanismWarning)  # that the mesh is coarse
+        assert branch_jump(mbd.optimize(problem, intervals=8)) is None

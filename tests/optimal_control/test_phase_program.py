@@ -366,3 +366,33 @@ def test_a_bounce_is_as_high_as_by_hand(restitution):
     assert solution.cost == pytest.approx(-(restitution**2) * (9.81 + 3) / (9.81 - 3), rel=1e-7)
     assert solution.durations[0] == pytest.approx(np.sqrt(2 / (9.81 + 3)), rel=1e-6)
     assert not solution.statistics.stages
+
+
+def test_parameters_of_one_phase():
+    """A spring of one phase alone throws a body up: k x² / (2 m g) - x above its release."""
+    k = mbd.Parameter("k", 50.0, lower=1, upper=500)
+    body = mbd.Body("body", mass=1, inertia=1, pose=(0, -0.1, 0))
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0, angle=np.pi / 2), body.at(0, 0, angle=np.pi / 2))
+    off = mbd.Mechanism([body], joints=[rail], forces=[mbd.Gravity((0, -G))])
+    spring = mbd.Force("spring", body.at(0, 0), (0, -k * body.y))
+    on = off.replace(forces=[*off.forces, spring], parameters=[k])
+    push = mbd.Phase("push", on, (0.05, 1), initial=[body.y == -0.3, body.vy == 0], final=[body.y == 0])
+    phases = [push, mbd.Phase("flight", off, (0.05, 3), final=[body.vy == 0])]
+    problem = mbd.OptimalControlProblem(phases=phases, terminal_cost=-body.y)
+    found = mbd.optimize(problem, intervals=6, parameters={k: 100.0})
+    assert -found.cost == pytest.approx(100 * 0.3**2 / (2 * G) - 0.3, rel=1e-6)
+    with pytest.raises(mbd.ModelError, match="'c', which is not in the mechanism; it has 'k'"):
+        mbd.optimize(problem, intervals=6, parameters={mbd.Parameter("c", 1.0): 2.0})
+
+
+def test_a_state_brings_its_parameters_to_all_phases():
+    """Gravity that a start carries acts in the phases that follow, too: a height of v² / (2 g)."""
+    g = mbd.Parameter("g", 9.0)
+    body = mbd.Body("body", mass=1, inertia=1)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0, angle=np.pi / 2), body.at(0, 0, angle=np.pi / 2))
+    one = mbd.Mechanism([body], joints=[rail], forces=[mbd.Gravity((0, -g))], parameters=[g])
+    other = mbd.Mechanism([body], joints=[rail], forces=[mbd.Gravity((0, -g))], parameters=[g])
+    start = mbd.assemble(one, [body.y == 0, body.vy == 2], parameters={g: 3.0})
+    phases = [mbd.Phase("first", one, 0.1, initial=start), mbd.Phase("second", other, (0.01, 3), final=[body.vy == 0])]
+    found = mbd.optimize(mbd.OptimalControlProblem(phases=phases, terminal_cost=-body.y), intervals=4)
+    assert -found.cost == pytest.approx(2**2 / (2 * 3.0), rel=1e-8)

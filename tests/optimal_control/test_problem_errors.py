@@ -36,6 +36,24 @@ def test_a_duration_is_positive_or_a_pair_in_order(good, wrong):
     refuses(lambda: good[0].replace(duration=wrong), "duration", kind=mbd.ModelError)
 
 
+@pytest.mark.parametrize("quantity", ["position", "velocity", "state"])
+@pytest.mark.parametrize("end", ["initial", "final"])
+def test_a_state_beyond_a_limit(end, quantity):
+    """Named at once, by its amount, as for relations; just within, the problem is solved."""
+    u, z = mbd.Input("u"), mbd.StateVariable("z", lower=-3, upper=3)
+    block, mechanism = guided_block(1.0, u, states={z: u})
+    limited = {"position": block.x, "velocity": block.vx, "state": z}[quantity]
+    path = [] if quantity == "state" else [mbd.bounded(-3, limited, 3)]
+    problem = mbd.OptimalControlProblem(mechanism, 1.0, path=path, running_cost=u**2)
+    for value, others in ((3.25, True), (2.75, False)):
+        values = {block.x: 0.0, block.vx: 0.0, z: 0.0} | {limited: value}
+        state = mbd.assemble(mechanism, [key == number for key, number in values.items()])
+        if others:
+            refuses(lambda state=state: mbd.optimize(problem.replace(**{end: state}), intervals=4), end, "<= 3", "0.25")
+        else:
+            mbd.optimize(problem.replace(**{end: state}), intervals=4)
+
+
 @pytest.mark.parametrize("argument", ["initial", "final", "path", "boundary"])
 def test_conditions_are_relations(good, argument):
     """What is no list of relations is refused in every argument that takes conditions."""

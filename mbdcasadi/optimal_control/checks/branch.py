@@ -13,7 +13,7 @@ import numpy as np
 
 from ..phase_solution import PhaseSolution
 from ..refinement.local_error import COARSE_ERROR, coarseness
-from ..refinement.singularity import independent_jacobians
+from ..refinement.singularity import independent_rows, scaled_jacobians
 from ..solution import Solution
 from .failure import OptimizationError
 
@@ -56,12 +56,13 @@ def refuse_branch_jump(solution: Solution) -> None:
 
 
 def _jump(part: PhaseSolution) -> BranchJump | None:
-    scheme = part.program.scheme
-    if not scheme.eom.rows or not part.mesh.count or not part.phase.equations.has_loops:
+    eom = part.phase.equations
+    if not part.program.scheme.eom.rows or not part.mesh.count or not eom.has_branches:
         return None
-    points = part.points_per_interval
+    positions, points = set(eom.position_rows.tolist()), part.points_per_interval
+    rows = [k for k in independent_rows(part) if k in positions]
     for i in np.flatnonzero(coarseness(part) > COARSE_ERROR):
-        jacobians = independent_jacobians(part, range(i * points, (i + 1) * points + 1))
+        jacobians = scaled_jacobians(part, rows, range(i * points, (i + 1) * points + 1))
         if any(changes_sign(*pair) for pair in itertools.pairwise(jacobians)):
             return _described(part, int(i))
     return None

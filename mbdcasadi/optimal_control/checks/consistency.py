@@ -22,7 +22,7 @@ from ...numerics.console import without_warnings
 from ...numerics.newton import solve
 from ...results.state import State
 from ..guess.free_poses import PosedPlace, free_poses
-from ..phase import Phase, on_positions, on_states
+from ..phase import Phase, contains_any, on_positions, on_states
 from ..placeholders import placeholders_in, with_values
 from ..statement import ProblemStatement
 from .condition_rank import ranks_of
@@ -131,12 +131,15 @@ def check_end(
     for condition, fixed in zip(rows, ranks.fixed(rows), strict=True):
         if fixed:
             raise ConditionError(f"{name}: {_decided(condition)}")
-    limits = on_states([c for c in phase.path if not c.equality])
+    limits = _limits_of_states(phase)
     limits = [c for c, fixed in zip(limits, ranks.fixed(limits, rows), strict=True) if fixed]
     contradiction = ranks.count(rows) < len(rows)
     if not contradiction:
         known = dict(zip(limits, ranks.values_under(limits, rows), strict=True))
-        _refuse_broken(name, {limit: (value, 1.0) for limit, value in known.items() if value is not None})
+        _refuse_broken(
+            f"{name}: the conditions contradict",
+            {limit: (value, 1.0) for limit, value in known.items() if value is not None},
+        )
         limits = [limit for limit in limits if known[limit] is None]
         if not limits:
             return
@@ -155,7 +158,29 @@ def check_end(
     broken = _broken(_excess(limits, state))
     if broken and name != "initial":  # a motion may end on another branch than that of the estimate
         broken = _broken_everywhere(broken, ranks.numeric, rows, when)
-    _refuse_broken(name, broken)
+    _refuse_broken(f"{name}: the conditions contradict", broken)
+
+
+def refuse_beyond_limits(
+    problem: ProblemStatement, phase: Phase, numeric: NumericEquations, name: str, given: State
+) -> None:
+    """Refuse a state, given at an end of a phase, that is beyond limits of the path; raises as :func:`check_end`.
+
+    Limits that contain free parameters, or at a free end the time, are left to the solver.
+    """
+    eom = phase.equations
+    is_open = name == "final" and phase.span[0] < phase.span[1]
+    limits = [c for c in _limits_of_states(phase) if not contains_any(c.expression, problem.free_parameters)]
+    limits = [c for c in limits if not (is_open and c.depends_on("time"))]
+    time = phase.span[1] if name == "final" else 0.0
+    a, lam = np.zeros(eom.a.numel()), np.zeros(eom.lam.numel())
+    state = State(phase.mechanism, time, given.q, given.v, a, given.z, lam, eom.input_values, numeric.p)
+    _refuse_broken(f"{name}: the state contradicts", _excess(limits, state))
+
+
+def _limits_of_states(phase: Phase) -> list[Condition]:
+    """Limits along a phase that positions, velocities and first-order states decide."""
+    return on_states([*(c for c in phase.path if not c.equality), *own_limits(phase.mechanism)])
 
 
 def _state_under(
@@ -214,12 +239,10 @@ def _broken_everywhere(
     return broken
 
 
-def _refuse_broken(name: str, values: dict[Condition, tuple[float, float]]) -> None:
+def _refuse_broken(what: str, values: dict[Condition, tuple[float, float]]) -> None:
     """Refuse limits that values at a place, each with its size, do not meet."""
     for limit, (amount, _size) in _broken(values).items():
-        raise ConditionError(
-            f"{name}: the conditions contradict the path condition {limit.label} by {limit.with_unit(amount)}"
-        )
+        raise ConditionError(f"{what} the path condition {limit.label} by {limit.with_unit(amount)}")
 
 
 def _refuse_empty_limits(phase: Phase) -> None:

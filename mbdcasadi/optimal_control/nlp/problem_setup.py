@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from ...arguments.inputs import Signals
-from ...arguments.values import mapping_of
+from ...arguments.values import mapping_of, pairs_with, position_in
+from ...assembly.consistent_start import carried_by
 from ...assembly.setup import Setup
 from ...equations.numeric import NumericEquations
 from ...errors import ConditionError, ModelError, warnings_given
@@ -20,7 +21,7 @@ from ...model.symbols import Parameter
 from ...numerics.lazy import cached_property
 from ...numerics.least_squares import largest
 from ...results.state import State
-from ..checks.consistency import check_end
+from ..checks.consistency import check_end, refuse_beyond_limits
 from ..guess.free_poses import PosedPlace, free_poses, places_of
 from ..guess.key_poses import KeyPoses, key_poses
 from ..guess.kinematic_guess import KinematicPath, kinematic_path
@@ -63,12 +64,17 @@ class ProblemSetup:
         for free in problem.free_parameters:
             if free in values:
                 raise ModelError(f"optimize: parameter '{free.label}' is both given and free")
+        parameters_of_phases = list(dict.fromkeys(p for phase in problem.phases for p in phase.mechanism.parameters))
+        for given in values:
+            position_in(parameters_of_phases, given, "parameters=")
         first = problem.phases[0]
         self.initial = first.initial if initial is None else self._other_start(initial)
-        read = [
-            Setup(phase.mechanism, "optimize", t=0.0, initial=self.initial if phase is first else (), parameters=values)
-            for phase in problem.phases
-        ]
+        read = []
+        for phase in problem.phases:
+            own = pairs_with(phase.mechanism.parameters, values.items())
+            own = list((carried_by(self.initial, phase.mechanism)["parameters"] | dict(own)).items())
+            start = self.initial if phase is first else ()
+            read.append(Setup(phase.mechanism, "optimize", t=0.0, initial=start, parameters=own))
         numerics = [setup.numeric for setup in read]
         self.free_values = np.array([p.value for p in problem.free_parameters])
         self._is_own_start = initial is None
@@ -76,6 +82,9 @@ class ProblemSetup:
         self.start = self._first_state(numerics, read[0].signals)
         if isinstance(self.initial, State):
             check_start(problem, first, numerics[0], self.initial)
+        for phase, numeric in zip(problem.phases, numerics, strict=True):
+            if isinstance(phase.final, State):
+                refuse_beyond_limits(problem, phase, numeric, "final", phase.final)
         self.setups: list[PhaseSetup] = []
         self.changes: list[ChangeSetup] = []
         self._set_up(numerics, read[0].signals)

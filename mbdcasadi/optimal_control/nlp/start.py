@@ -14,6 +14,7 @@ from ...errors import AssemblyError, ConditionError
 from ...model.conditions import Condition
 from ...numerics.least_squares import largest
 from ...results.state import State
+from ..checks.consistency import refuse_beyond_limits
 from ..guess.free_poses import FreePoses
 from ..guess.linear_conditions import state_by_linear_conditions
 from ..phase import Phase, contains_any, on_states, with_parameters, with_rates
@@ -59,7 +60,7 @@ def first_state(
 
 
 def check_start(problem: OptimalControlProblem, phase: Phase, numeric: NumericEquations, start: State) -> None:
-    """Refuse a state given as the start that is off the prescribed motion, or belongs to another linkage."""
+    """Refuse a state given as the start that is off the prescribed motion or beyond limits, or of another linkage."""
     eom = phase.equations
     name, missed = numeric.largest_miss(0.0, start.q, start.v)
     if abs(missed) > START_TOLERANCE * (1 + largest(start.q) + largest(start.v)):
@@ -79,3 +80,4 @@ def check_start(problem: OptimalControlProblem, phase: Phase, numeric: NumericEq
         amount = float(start[condition.expression])
         if abs(amount) > START_TOLERANCE:
             raise ConditionError(f"the initial state does not meet {condition.label}: it is off by {amount:.3g}")
+    refuse_beyond_limits(problem, phase, numeric, "initial", start)

@@ -100,7 +100,7 @@ class _FarOff(Coarseness):
 
     def of(self, part: PhaseSolution) -> np.ndarray:
         """Errors of the intervals of a phase (N,)."""
-        errors = super().of(part) if part.phase.equations.has_loops else np.zeros(part.mesh.count)
+        errors = super().of(part) if part.phase.equations.has_branches else np.zeros(part.mesh.count)
         # an interval that cannot be integrated again, because it is stiff, may be right
         return np.where(np.isfinite(errors), errors, 0.0)
 

@@ -5,7 +5,7 @@ Lengths that are free may tend to a linkage with a change point, whose links tur
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -19,21 +19,25 @@ from ..solved_motion import SolvedMotion
 CLOSE = 0.4
 
 
-def independent_jacobians(part: PhaseSolution, points: Iterable[int]) -> list[np.ndarray]:
-    """Return the scaled Jacobians of the rows that the program keeps, at points of the trajectory."""
-    scheme, motion = part.program.scheme, part.trajectory
-    rows = [*scheme.eom.explicit, *(scheme.eom.rows[k] for k in scheme.rows)]
+def independent_rows(part: PhaseSolution) -> list[int]:
+    """Return the constraint rows that the program keeps."""
+    scheme = part.program.scheme
+    return [*scheme.eom.explicit, *(scheme.eom.rows[k] for k in scheme.rows)]
+
+
+def scaled_jacobians(part: PhaseSolution, rows: Sequence[int], points: Iterable[int]) -> list[np.ndarray]:
+    """Return the scaled Jacobians of constraint rows at points of the trajectory."""
+    motion = part.trajectory
     return [part.numeric.scaled_jacobian(float(motion.t[k]), motion.q[k])[rows] for k in points]
 
 
 def close_to_singular(part: PhaseSolution, interval: int) -> str:
     """Return in words that a linkage comes close to a singular pose in an interval, with a remedy; empty if not."""
-    scheme = part.program.scheme
-    if not (scheme.eom.explicit or scheme.rows) or not part.phase.equations.has_loops:
+    rows = independent_rows(part)
+    if not rows or not part.phase.equations.has_loops:
         return ""
-    distances = np.array(
-        [np.linalg.svd(one, compute_uv=False)[-1] for one in independent_jacobians(part, range(len(part.trajectory)))]
-    )
+    jacobians = scaled_jacobians(part, rows, range(len(part.trajectory)))
+    distances = np.array([np.linalg.svd(one, compute_uv=False)[-1] for one in jacobians])
     first = interval * part.points_per_interval
     share = np.min(distances[first : first + part.points_per_interval + 1]) / np.median(distances)
     if share > CLOSE:
