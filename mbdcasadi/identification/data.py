@@ -12,8 +12,8 @@ from ..arguments.values import pairs_of, time_grid
 from ..errors import MechanismError, ModelError
 from ..model.immutable import Immutable
 from ..model.symbols import as_expression
+from ..model.texts import text_of
 from ..numerics.real import real_array
-from ..printing import to_text
 from ..sensitivity.design_variables import find_output
 
 
@@ -66,7 +66,7 @@ class Experiment(Immutable):
         self.weights = self._read_weights(weights, what)
 
     def _samples(self, expression: ca.SX, values: Any, what: str) -> np.ndarray:
-        label = to_text(expression) if expression.numel() == 1 else f"a vector of {expression.numel()}"
+        label = text_of(expression) if expression.numel() == 1 else f"a vector of {expression.numel()}"
         try:
             samples = np.atleast_1d(real_array(values))
         except (TypeError, ValueError):
@@ -117,7 +117,7 @@ class Experiment(Immutable):
         """One for each row of the samples."""
         names: list[str] = []
         for e in self.outputs:
-            names += [to_text(part) for part in ca.vertsplit(ca.vec(e))]
+            names += [text_of(part) for part in ca.vertsplit(ca.vec(e))]
         return names
 
 

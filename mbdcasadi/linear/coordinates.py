@@ -13,8 +13,8 @@ from ..equations.numeric import NumericEquations
 from ..errors import ExpressionError, ModelError
 from ..model.quantities import entries
 from ..model.symbols import as_expression, role_of, symbols_of
+from ..model.texts import text_of
 from ..numerics.rank import analyse_rank
-from ..printing import to_text
 from ..results.state import State
 
 #: Angles are taken before displacements that say about as much: small motions about a rotation are steady in them.
@@ -57,7 +57,7 @@ def independent(numeric: NumericEquations, state: State, chosen: Any) -> Indepen
                 f"linearize: coordinates= holds {w.numel()} expressions, and the mechanism has {wanted} "
                 "degrees of freedom"
             )
-        names = [to_text(e) for e in expressions]
+        names = [text_of(e) for e in expressions]
         return _complete(eom, w, _rate(eom, w), [*names, *(f"d/dt {name}" for name in names)])
     scaled = numeric.scale.scaled(jacobian)
     at_position = _pivots(scaled[rows], numeric)
@@ -97,6 +97,6 @@ def _check_chosen(expressions: Sequence[ca.SX]) -> None:
             role = role_of(symbol)
             if role is None or role.kind not in ("position", "parameter", "time"):
                 raise ExpressionError(
-                    f"linearize: the coordinate {to_text(expression)} must be an expression in positions; "
+                    f"linearize: the coordinate {text_of(expression)} must be an expression in positions; "
                     f"it holds {symbol.name()}"
                 )

@@ -16,8 +16,8 @@ from ..kinematics.singular import singular_pose
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries
 from ..model.symbols import Input, Parameter, as_expression, place_of
+from ..model.texts import text_of
 from ..numerics.console import keyboard_interrupts
-from ..printing import to_text
 from ..results.columns import component_names
 from ..results.state import State
 from .coordinates import independent
@@ -145,7 +145,7 @@ def read_outputs(outputs: Any) -> tuple[list[str], ca.SX]:
         expression = ca.vec(as_expression(value, "outputs="))
         if name is not None and not isinstance(name, str):
             raise ModelError(f"outputs= takes {{name: expression}} with texts as names, got the name {name!r}")
-        label = name or (to_text(expression) if expression.numel() == 1 else f"output {len(names) + 1}")
+        label = name or (text_of(expression) if expression.numel() == 1 else f"output {len(names) + 1}")
         names += component_names(label, expression.shape)
         expressions.append(ca.densify(expression))
     return names, ca.vertcat(ca.SX(0, 1), *expressions)

@@ -17,9 +17,9 @@ import casadi as ca
 from ..errors import ConditionError
 from ..numerics.graph import factors_of_zero
 from ..numerics.lazy import cached_property
-from ..printing import to_text
 from .quantities import is_list, quantity
 from .symbols import role_of, symbols_of
+from .texts import text_of
 from .units import unit_of
 
 
@@ -112,7 +112,7 @@ def bounded(lower: Any, expression: Any, upper: Any) -> Bounded:
     if not isinstance(value, ca.SX):
         raise ConditionError(f"bounded: the expression in the middle is the number {value}")
     if not isinstance(low, ca.SX) and not isinstance(high, ca.SX) and low > high:
-        raise ConditionError(f"bounded: lower = {low} is above upper = {high} for {to_text(value)}")
+        raise ConditionError(f"bounded: lower = {low} is above upper = {high} for {text_of(value)}")
     return Bounded(ca.SX(low), value, ca.SX(high))
 
 
@@ -167,21 +167,21 @@ def _relation(relation: ca.SX, position: int) -> Sequence[Condition]:
         )
     if relation.op() == ca.OP_NE:
         raise ConditionError(
-            f"condition {position} ({to_text(relation)}) uses !=, which no solver can meet; use == or <="
+            f"condition {position} ({text_of(relation)}) uses !=, which no solver can meet; use == or <="
         )
     sign = _RELATIONS.get(relation.op())
     if sign is None:
         raise ConditionError(
-            f"condition {position} ({to_text(relation)}) is not a relation; write {to_text(relation)} == value"
+            f"condition {position} ({text_of(relation)}) is not a relation; write {text_of(relation)} == value"
         )
     left, right = relation.dep(0), relation.dep(1)
     for side in (left, right):
         if side.is_constant() and not math.isfinite(float(side)):
-            raise ConditionError(f"condition {position} ({to_text(relation)}): the value {float(side)} is not finite")
+            raise ConditionError(f"condition {position} ({text_of(relation)}): the value {float(side)} is not finite")
     # Python hands `crank.phi == start` to `start`, an SX of a kind of its own, and CasADi keeps start == crank.phi
     if sign == "==" and _moves(right) and not _moves(left):
         left, right = right, left
-    label = f"{to_text(left)} {sign} {to_text(right)}"
+    label = f"{text_of(left)} {sign} {text_of(right)}"
     zeros = factors_of_zero(left if right.is_zero() else right) if left.is_zero() or right.is_zero() else None
     if zeros and (sign == "==" or right.is_zero()):
         return _vanishing(zeros, label, position)
@@ -193,7 +193,7 @@ def _vanishing(zeros: list[ca.SX], label: str, position: int) -> Sequence[Condit
     if any(part.is_constant() and not part.is_zero() for part in zeros):
         raise ConditionError(f"condition {position} ({label}) can never hold, since one component is never zero")
     moving = [part for part in zeros if not part.is_constant()]
-    labels = [label] if len(moving) == 1 else [f"{label}, with {to_text(part)} = 0" for part in moving]
+    labels = [label] if len(moving) == 1 else [f"{label}, with {text_of(part)} = 0" for part in moving]
     several = len(moving) > 1
     return [Condition(part, True, name, component=several) for part, name in zip(moving, labels, strict=True)]
 

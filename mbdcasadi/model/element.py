@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import casadi as ca
 
@@ -181,7 +181,7 @@ class ConstraintElement(Element):
         count = self.rows.numel() + self.velocity_rows.numel()
         self.multipliers = ca.SX.sym(f"{name}.lam", count)
         self._roles = tuple(
-            register(self.multipliers[k], "multiplier", f"{name}.lam" + (f"[{k}]" if count > 1 else ""), self)
+            register(self.multipliers[k], "multiplier", f"{name}.multipliers" + (f"[{k}]" if count > 1 else ""), self)
             for k in range(count)
         )
 
@@ -203,7 +203,7 @@ class ConstraintElement(Element):
     def _impulse_symbols(self) -> list[tuple[ca.SX, Any]]:
         """Symbols of the impulses, with the roles that must live as long as they do."""
         count = self.multipliers.numel()
-        labels = [f"{self.name}.impulse" + (f"[{k}]" if count > 1 else "") for k in range(count)]
+        labels = [f"{self.name}.impulses" + (f"[{k}]" if count > 1 else "") for k in range(count)]
         symbols = [ca.SX.sym(label) for label in labels]
         return [(s, register(s, "impulse", label, self)) for s, label in zip(symbols, labels, strict=True)]
 
@@ -239,8 +239,7 @@ class ConstraintElement(Element):
         Reaction
             ``.force``, ``.torque``, ``.force_in_joint`` as expressions.
         """
-        self._refuse_other(body)
-        return Reaction(self, body)
+        return self._load(Reaction, body)
 
     def impulse_on(self, body: Body) -> Impulse:
         """Return the impulse on a body at an impact or a change of the mechanism.
@@ -256,14 +255,32 @@ class ConstraintElement(Element):
             ``.force`` (N s), ``.torque`` (N m s), ``.force_in_joint`` as expressions; they have values in
             ``event.after[…]`` and, in optimal control, in ``initial=`` of a phase.
         """
-        self._refuse_other(body)
-        return Impulse(self, body)
+        return self._load(Impulse, body)
 
-    def _refuse_other(self, body: Body) -> None:
+    @cached_property
+    def _loads(self) -> dict[tuple[type[Reaction], Body], Reaction]:
+        """Reactions and impulses that were asked for."""
+        return {}
+
+    def _load(self, kind: type[_Load], body: Body) -> _Load:
+        """Return the reaction or the impulse on a body, made once: its expressions are named by their identity."""
         if not any(body is b for b in self.bodies):
             names = ", ".join(f"'{b.name}'" for b in self.bodies)
             name = body.name if isinstance(body, Body) else repr(body)
             raise ModelError(f"{self.description} does not act on '{name}'; it acts on {names}")
+        load: Any = self._loads.get((kind, body))
+        if load is None:
+            load = self._loads[kind, body] = kind(self, body)
+        return load
+
+    @property
+    def named_loads(self) -> list[tuple[str, ca.SX]]:
+        """Names and expressions of the reactions and impulses that were asked for."""
+        return [
+            (f"{self.name}.{kind.asked_by}({body.name}).{name}", getattr(load, name))
+            for (kind, body), load in self._loads.items()
+            for name in ("force", "torque", "force_in_joint")
+        ]
 
 
 def constraint_load(element: Any, multipliers: ca.SX, q: ca.SX, v: ca.SX) -> ca.SX:
@@ -296,6 +313,9 @@ class Reaction:
     ----------
     Haug 1989, section 6.6 (constraint reaction forces).
     """
+
+    #: method of an element that returns one
+    asked_by = "reaction_on"
 
     def __init__(self, element: ConstraintElement, body: Body):
         self.element = element
@@ -351,9 +371,14 @@ class Impulse(Reaction):
     and torque, N m s.
     """
 
+    asked_by = "impulse_on"
+
     @property
     def _multipliers(self) -> ca.SX:
         return self.element.impulses
+
+
+_Load = TypeVar("_Load", bound=Reaction)
 
 
 def cross(a: ca.SX, b: ca.SX) -> ca.SX:

@@ -32,6 +32,7 @@ from .nlp.best_so_far import BestSoFar
 from .nlp.held_limits import warn_of_passed_limits
 from .nlp.setup import Settings
 from .problem import OptimalControlProblem
+from .refinement.cost_error import warn_of_false_cost
 from .refinement.local_error import warn_of_coarse_mesh, warn_of_growth
 from .refinement.saddle import warn_of_saddle
 from .refinement.singularity import warn_of_folding_poses
@@ -137,7 +138,8 @@ def optimize(
         close to a pose in which a linkage could fold; of several phases, if a joint that closes at the end of one has
         passed through its place before, or a foothold pulls; if a path limit is passed by more than a hundredth of it
         between the points at which it is held, or as much of the integral of a :func:`positive_part` or
-        :func:`absolute` is missing in the cost; if the mesh is too coarse for the motion that was found, or this is so
+        :func:`absolute` is missing in the cost; if the mesh is too coarse for the motion that was found, or for its
+        cost (:attr:`Solution.cost_error` is above a ten-thousandth of it), or the motion is so
         unstable that a simulation with its inputs does not follow it (not checked if ``guess=`` is a solution of the
         same problem); if the solution is a saddle, near which the cost falls, and no lower one was found from there; if
         inputs, limits or switches do not meet the `tolerance`, though the local errors do.
@@ -159,6 +161,7 @@ def optimize(
                 solution = search.solve_in_turn(steps, parameters, guess, starts, accuracy)
             if accuracy is None and not search.is_known(guess):
                 warn_of_coarse_mesh(solution)
+                warn_of_false_cost(solution)
             if not search.is_known(guess):
                 warn_of_growth(solution)
                 warn_of_folding_poses(solution)

@@ -19,9 +19,9 @@ from ..model.quantities import entries, is_relation, quantity
 from ..model.rates import time_derivative
 from ..model.symbols import Parameter, as_sx, check_name, number, place_of, role_of, symbols_of
 from ..model.symbols import t as time
+from ..model.texts import text_of
 from ..numerics.lazy import cached_property
 from ..numerics.symbolic import symbolic
-from ..printing import to_text
 from ..results.state import State
 from .cost_parts import CostParts, parameter_parts, split_along_path
 from .placeholders import marked, markers_of
@@ -329,7 +329,7 @@ def read_cost(cost: Any, name: str) -> ca.SX:
     value = ca.SX(quantity(cost, "OptimalControlProblem", name))
     if is_relation(value):
         raise ExpressionError(
-            f"{name} is the relation {to_text(value)}; a cost is an expression, conditions go to path="
+            f"{name} is the relation {text_of(value)}; a cost is an expression, conditions go to path="
         )
     return value
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..model.quantities import quantity
 from ..model.symbols import as_sx, register, role_of, symbols_of
-from ..printing import to_text
+from ..model.texts import text_of
 
 #: Kinds of placeholders, and the symbols that mark them.
 MARKERS = {kind: ca.SX.sym(kind) for kind in ("at_start", "at_end", "integral")}
@@ -44,7 +44,7 @@ class Placeholder:
     @property
     def label(self) -> str:
         """Text as the user wrote it."""
-        return str(to_text(self.node))
+        return str(text_of(self.node))
 
 
 def markers_of(name: str, owner: Any) -> dict[str, tuple[ca.SX, Any]]:
@@ -70,7 +70,7 @@ class _Marked(ca.SX):
         return self.element_hash()
 
     def __repr__(self) -> str:
-        return str(to_text(self))
+        return str(text_of(self))
 
     __str__ = __repr__
 

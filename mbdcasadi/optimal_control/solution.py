@@ -21,6 +21,7 @@ from ..simulation.simulate import simulate
 from .guess.guess import Guess, PhaseGuess
 from .nlp.limits import ActiveLimit, active_limits, costates, limit_excess
 from .problem import OptimalControlProblem
+from .refinement.cost_error import error_of_mesh
 from .refinement.mesh import interval_count
 from .refinement.verification import Replay, Verification
 from .return_map import ReturnMap, Stability
@@ -171,6 +172,16 @@ class Solution(SolvedMotion):
         Goswami, Espiau, Keramane, "Limit cycles and their stability in a passive bipedal gait", ICRA 1996.
         """
         return ReturnMap(self).stability()
+
+    # --- accuracy -------------------------------------------------------------------------
+    @cached_property
+    def cost_error(self) -> float:
+        """Amount by which the local errors of the motion may falsify the cost, to first order, in its unit.
+
+        The sum over the mesh points of the costates of the states there times the local errors. Zero for
+        ``"hermite-simpson"``, of which it is not known; infinite if an interval cannot be integrated again.
+        """
+        return error_of_mesh(self)
 
     # --- limits ---------------------------------------------------------------------------
     @cached_property

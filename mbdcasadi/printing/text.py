@@ -10,13 +10,13 @@ from ..errors import ModelError
 from ..numerics.graph import count_of_operations
 from .forms import Form, Forms, Number, Operation, Product, Scaled, Sum, Symbol
 from .terms import Term, TextStyle
-from .walk import forms_of, is_short
+from .walk import NO_NAMES, Names, forms_of, is_short
 
 #: Most operations, symbols and numbers that are written out.
 LIMIT = 400
 
 
-def to_text(expression: Any, limit: int = LIMIT) -> str:
+def to_text(expression: Any, limit: int = LIMIT, names: Names = NO_NAMES) -> str:
     """Scalar expression as plain text.
 
     The text is valid Python if the names of the symbols are (``crank.x`` is an
@@ -31,6 +31,8 @@ def to_text(expression: Any, limit: int = LIMIT) -> str:
     limit : int
         Most operations, symbols and numbers to write out, shared parts counted
         at each occurrence; a longer expression is written as ``… (N operations)``.
+    names : mapping of int to (float, str), optional
+        Parts that are written as a sign times a name, by the hash of the element.
 
     Returns
     -------
@@ -51,7 +53,7 @@ def to_text(expression: Any, limit: int = LIMIT) -> str:
     >>> to_text(0.05 * omega * ca.cos(phi) * omega)
     '0.05*cos(crank.phi)*crank.omega**2'
     """
-    return write(scalar(expression, "to_text"), TextStyle(), limit)
+    return write(scalar(expression, "to_text"), TextStyle(), limit, names)
 
 
 def scalar(expression: Any, function: str) -> ca.SX:
@@ -71,17 +73,17 @@ def scalar(expression: Any, function: str) -> ca.SX:
     return expression
 
 
-def write(expression: ca.SX, style: TextStyle, limit: int) -> str:
+def write(expression: ca.SX, style: TextStyle, limit: int, names: Names = NO_NAMES) -> str:
     """Scalar expression in a style."""
     if expression.nnz() == 0:
         return "0"
-    if expression.is_symbolic():
+    if expression.is_symbolic() and not names:
         return style.symbol(expression.name()).signed
     if expression.is_constant():
         return style.number(float(expression)).signed
-    if not is_short(expression, limit):
+    if not is_short(expression, limit, names):
         return style.too_long(count_of_operations(expression))
-    forms, whole = forms_of(expression)
+    forms, whole = forms_of(expression, names)
     writer = _Writer(forms, style)
     return writer.term(whole).signed
 

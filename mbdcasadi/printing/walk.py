@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import casadi as ca
 
 from ..numerics.graph import components_of_norm, operands, operation_name
@@ -18,7 +20,12 @@ _PRODUCTS = (ca.OP_MUL, ca.OP_SQ, ca.OP_TWICE, ca.OP_DIV, ca.OP_INV, *_POWERS)
 _Chain = list[tuple[ca.SX, int]]
 
 
-def is_short(expression: ca.SX, limit: int) -> bool:
+#: Sign and name of parts that are written as a sign times a name, by the hash of the element.
+Names = Mapping[int, tuple[float, str]]
+NO_NAMES: Names = {}
+
+
+def is_short(expression: ca.SX, limit: int, names: Names = NO_NAMES) -> bool:
     """Return True if the expression, with its shared parts written out, has at most `limit` nodes."""
     stack, count = [expression], 0
     while stack:
@@ -27,11 +34,12 @@ def is_short(expression: ca.SX, limit: int) -> bool:
         # nodes that wait count too: the walk ends after `limit` steps, however often parts are shared.
         if count + len(stack) > limit:
             return False
-        stack.extend(operands(node))
+        if node.element_hash() not in names:
+            stack.extend(operands(node))
     return True
 
 
-def forms_of(expression: ca.SX) -> tuple[Forms, Scaled]:
+def forms_of(expression: ca.SX, names: Names = NO_NAMES) -> tuple[Forms, Scaled]:
     """Table of the forms of a scalar expression, and the whole."""
     forms = Forms()
     done: dict[int, Scaled] = {}
@@ -43,8 +51,12 @@ def forms_of(expression: ca.SX) -> tuple[Forms, Scaled]:
         if key in done:
             stack.pop()
             continue
+        if key in names:
+            sign, name = names[key]
+            done[key] = sign, forms.of(Symbol(name, 0))[1]
+            continue
         if key not in chains:
-            chains[key] = _chain(node)
+            chains[key] = _chain(node, names)
         missing = [part for part, _ in chains[key] if part.element_hash() not in done]
         if missing:
             stack.extend(reversed(missing))
@@ -68,7 +80,7 @@ def _kind(node: ca.SX) -> str:
     return "product" if op in _PRODUCTS and (op not in _POWERS or _whole(node.dep(1))) else "other"
 
 
-def _chain(node: ca.SX) -> _Chain:
+def _chain(node: ca.SX, names: Names) -> _Chain:
     """Nodes from which the form of a node is made: summands, factors, branches or arguments."""
     kind = _kind(node)
     if kind == "choice":
@@ -84,7 +96,7 @@ def _chain(node: ca.SX) -> _Chain:
         if kind == "product" and inner == "sum" and part.op() == ca.OP_NEG:
             chain.append((ca.SX(-1), n))
             stack.append((part.dep(0), n))
-        elif inner != kind or (part is not node and _closes(part, n)):
+        elif inner != kind or part.element_hash() in names or (part is not node and _closes(part, n)):
             chain.append((part, n))
         else:
             stack.extend(reversed(_summands(part, n) if kind == "sum" else _factors(part, n)))
@@ -138,6 +150,16 @@ def _zero_branch(node: ca.SX) -> list[ca.SX]:
     return [condition, value, ca.SX(0.0)]
 
 
+def _whole_vector(components: tuple[Scaled, ...], forms: Forms) -> tuple[Scaled, ...]:
+    """The vector in place of its components, whatever their signs, if these have names and are all of it."""
+    symbols = [forms.table[place] for value, place in components if abs(value) == 1]
+    texts = [form.name for form in symbols if isinstance(form, Symbol)]
+    vector = texts[0].removesuffix("[0]") if texts else ""
+    if texts != [f"{vector}[{k}]" for k in range(len(components))]:
+        return components
+    return (forms.of(Symbol(vector, 0)),)
+
+
 def _form(node: ca.SX, parts: list[tuple[Scaled, int]], forms: Forms) -> Scaled:
     """Form of a node from those of its chain."""
     if node.is_constant():
@@ -153,7 +175,7 @@ def _form(node: ca.SX, parts: list[tuple[Scaled, int]], forms: Forms) -> Scaled:
     if kind == "choice":
         return forms.of(Operation("choice", "if_else", arguments))
     if kind == "norm":
-        return forms.of(Operation("call", "norm", arguments))
+        return forms.of(Operation("call", "norm", _whole_vector(arguments, forms)))
     if op in _POWERS:
         return forms.of(Operation("power", "", arguments))
     if op in _COMPARISONS:

@@ -10,7 +10,7 @@ import numpy as np
 from ..equations import Equations
 from ..errors import ExpressionError
 from ..model.symbols import symbols_of
-from ..printing import to_text
+from ..model.texts import text_of
 
 
 def refuse_nan(eom: Equations, expression: ca.SX, values: np.ndarray, arguments: Sequence[np.ndarray]) -> None:
@@ -30,7 +30,7 @@ def refuse_nan(eom: Equations, expression: ca.SX, values: np.ndarray, arguments:
         at = at[np.broadcast_to(known, (len(values),))[at]]
     if at.size:
         t = float(arguments[0][at[0], 0])
-        text = to_text(expression) if expression.numel() == 1 else f"an expression of shape {expression.shape}"
+        text = text_of(expression) if expression.numel() == 1 else f"an expression of shape {expression.shape}"
         text = text if len(text) <= 100 else text[:97] + "..."
         raise ExpressionError(
             f"{text} is not finite at t = {t:.6g} s, though all that it depends on is finite: a spline "

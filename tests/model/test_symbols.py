@@ -171,7 +171,7 @@ def test_rates_that_are_not_known_are_refused(arm):
     unknown = {
         "input rate 'u.rate'": u.rate,
         "arm.alpha": arm.alpha * arm.x,
-        "pin.lam": pin.reaction_on(arm).force,
+        "pin.multipliers": pin.reaction_on(arm).force,
         "symbol 'stranger'": ca.SX.sym("stranger"),
     }
     for words, expression in unknown.items():

@@ -105,7 +105,7 @@ def test_what_is_left_over_is_a_warning_with_its_size():
     texts = [str(w.message) for w in caught if "is passed by" in str(w.message)]
     assert most > 11.3 * 1.01 and len(texts) == 1
     amount = float(texts[0].split("is passed by ")[1].split(" ")[0])
-    assert amount == pytest.approx(most - 11.3, rel=0.02) and "norm(O4.lam_0, O4.lam_1) <= 11.3" in texts[0]
+    assert amount == pytest.approx(most - 11.3, rel=0.02) and "norm(O4.reaction_on(rocker).force) <= 11.3" in texts[0]
 
 
 def test_points_at_which_limits_are_held_are_saved(tmp_path):

@@ -8,11 +8,11 @@ import casadi as ca
 
 from ...errors import ModelError
 from ...numerics.lazy import cached_property
-from ...printing import to_text
 from ..bodies import as_marker
 from ..element import BEYOND_COORDINATES, ConstraintElement, holds_coordinates, refuse_kinds
 from ..quantities import column, is_relation
 from ..symbols import role_of, symbols_of
+from ..texts import text_of
 
 
 class Constraint(ConstraintElement):
@@ -51,7 +51,7 @@ def held_at_zero(expression: Any, what: str) -> ca.SX:
     for row in ca.vertsplit(rows):
         if is_relation(row):
             raise ModelError(
-                f"{what} is the relation {to_text(row)}; give the expression that is zero, left side less right side"
+                f"{what} is the relation {text_of(row)}; give the expression that is zero, left side less right side"
             )
     return rows
 
@@ -128,7 +128,7 @@ def _velocity_rows(name: str, expression: Any) -> ca.SX:
     slope = ca.jacobian(rows, speeds)
     for k, row in enumerate(ca.vertsplit(rows)):
         if slope[k, :].nnz() == 0:
-            raise ModelError(f"{what} contains no velocity in {to_text(row)}; for positions use Constraint")
+            raise ModelError(f"{what} contains no velocity in {text_of(row)}; for positions use Constraint")
         if ca.depends_on(slope[k, :], speeds):
-            raise ModelError(f"{what} is not linear in the velocities: {to_text(row)}")
+            raise ModelError(f"{what} is not linear in the velocities: {text_of(row)}")
     return rows

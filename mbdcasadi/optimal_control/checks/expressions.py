@@ -10,8 +10,8 @@ import numpy as np
 from ...equations.switching.continuity import Surroundings, continuous_switches
 from ...equations.switching.held import JumpingPart, jumping_parts, part_of
 from ...equations.switching.switches import BENDING, JUMPING, Switch, hold, quantity_of
+from ...model.texts import text_of
 from ...numerics.graph import operands, operations
-from ...printing import to_text
 from ..phase import Phase
 from ..phase_solution import PhaseSolution
 from ..placeholders import placeholders_in
@@ -190,5 +190,5 @@ def _first(part: PhaseSolution, expression: ca.SX) -> tuple[str, float] | None:
 
 
 def _text(expression: ca.SX) -> str:
-    text = str(to_text(expression))
+    text = str(text_of(expression))
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"

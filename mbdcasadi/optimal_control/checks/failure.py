@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from ...errors import MechanismError
@@ -17,7 +16,6 @@ from ..nlp.limits import label_of
 from ..nlp.rows import violations
 from ..nlp.solvers.base import REFUSED, UNBOUNDED_COST
 from ..solution import Solution
-from ..statement import ProblemStatement
 from .connected import Separated
 from .expressions import kinks_in_costs, kinks_in_path, not_finite
 
@@ -197,23 +195,11 @@ def infeasible(
         f"the problem seems infeasible: {_wider(limits)}{reason}; violated then: "
         f"{_listed(list(map(str, together)), 3)}; {_last_iterate(failure)}"
     )
-    error = _instead_of(failure, _in_plain_names(text, failure.partial.problem))
+    error = _instead_of(failure, text)
     named = {violation.label for violation in limits}
     error.conflict = (*limits, *(violation for violation in together if violation.label not in named))
     error.time = error.conflict[0].time if error.conflict else failure.time
     return error
-
-
-def _in_plain_names(text: str, problem: ProblemStatement) -> str:
-    """Text with names of rows in place of the symbols of their reactions."""
-    names = {
-        symbol.name(): f"reaction of {name}"
-        for phase in problem.phases
-        for symbol, name in zip(ca.vertsplit(phase.equations.lam), phase.equations.row_names, strict=True)
-    }
-    for label in sorted(names, key=len, reverse=True):
-        text = text.replace(label, names[label])
-    return text
 
 
 def out_of_reach(place: str, missed: Sequence[Violation], held_by: Sequence[str], starts: int) -> OptimizationError:
@@ -291,7 +277,7 @@ def not_found(
         f"no solution was found, and the problem may still have one (tried: {_tried(stages)}); {_wider(limits)}"
         f"starts= and guess= look elsewhere; {_without_message(failure)}"
     )
-    return _instead_of(failure, _in_plain_names(text, failure.partial.problem))
+    return _instead_of(failure, text)
 
 
 def _tried(stages: list[str]) -> str:

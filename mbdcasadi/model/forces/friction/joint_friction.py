@@ -54,7 +54,7 @@ class FrictionInJoint(Element):
         self.modes = MODES
         self.velocity_rows = self.sliding_speed
         self.multipliers = ca.SX.sym(f"{self.name}.lam")
-        self._role = register(self.multipliers, "multiplier", f"{self.name}.lam", self)
+        self._role = register(self.multipliers, "multiplier", f"{self.name}.multipliers", self)
 
     @property
     def row_names(self) -> tuple[str, ...]:
