@@ -9,6 +9,7 @@ import numpy as np
 
 from ...arguments.piecewise_polynomial import PiecewisePolynomial
 from ...equations.recovery import Recovery
+from ...errors import MechanismError
 from ...model.events import Event
 from ...model.symbols import place_of
 from ...numerics.console import without_warnings
@@ -32,22 +33,24 @@ class Verification:
 
     Attributes
     ----------
-    trajectory : Trajectory
-        The simulated motion.
+    trajectory : Trajectory or None
+        The simulated motion, up to where it stopped; None if it did not begin.
     final_error : float
         Largest difference at the end: of a coordinate, m or rad, or of a first-order state, as a share of its range.
+        Infinite if the simulation stopped before.
         Local errors and those of the simulation grow by up to the factor :attr:`growth` on the way: an unstable motion,
         such as one that ends upright, does not replay by itself, however right it is. Then the defects say whether it
         is a motion; ``optimize(…, tolerance=…)`` makes them smaller, and feedback keeps a mechanism on its way.
     largest_deviation : float
-        The same at any mesh point.
+        The same at any mesh point that was reached.
     drift : float
         Largest ``|Phi|`` of the simulated motion.
     defects : numpy.ndarray
-        By interval, started again at each mesh point: largest difference in
-        displacements (m) and in angles (rad), (N, 2).
+        By interval, started again at each mesh point: largest difference in displacements (m) and in angles (rad),
+        (N, 2); infinite in a phase of which an interval cannot be integrated.
     event_times : numpy.ndarray
-        Times of the changes from phase to phase in the simulation, s; NaN if a joint did not close near its time.
+        Times of the changes from phase to phase in the simulation, s; NaN if a joint did not close near its time, or
+        the simulation stopped before.
     time_error : float
         Largest difference of one of them from the planned time, s.
     impulse_error : float
@@ -55,9 +58,11 @@ class Verification:
     growth : float
         Largest factor by which a small error at a mesh point grows up to the end of its phase, in rad and sizes of the
         mechanism, and rates times the duration.
+    stopped : MechanismError or None
+        Error with which the simulation stopped before the end: in words, with its `.time`.
     """
 
-    trajectory: Trajectory
+    trajectory: Trajectory | None
     final_error: float
     largest_deviation: float
     drift: float
@@ -66,16 +71,21 @@ class Verification:
     time_error: float = 0.0
     impulse_error: float = 0.0
     growth: float = 1.0
+    stopped: MechanismError | None = None
 
     def __repr__(self) -> str:
         worst = np.max(self.defects, axis=0)
         changes = f"; changes off by up to {self.time_error:.1e} s" if self.event_times.size else ""
         lost = self.final_error > REPLAY_ERROR and self.growth > UNSTABLE_GROWTH
         unstable = f"; unstable: errors grow by a factor of {self.growth:.1e}" if lost else ""
+        method = "" if self.trajectory is None else f" by {self.trajectory.statistics.method}"
+        end = f"off by {self.final_error:.2e} at the end"
+        if self.stopped is not None:
+            reached = 0.0 if self.trajectory is None else self.trajectory.t[-1]
+            end = f"stopped after t = {reached:.6g} s ({self.stopped})"
         return (
-            f"Verification by {self.trajectory.statistics.method}: off by {self.final_error:.2e} at the end, "
-            f"{self.largest_deviation:.2e} at most; defects of intervals up to {worst[0]:.1e} m, {worst[1]:.1e} rad"
-            f"{changes}{unstable}"
+            f"Verification{method}: {end}, off by {self.largest_deviation:.2e} at most; defects of intervals up to "
+            f"{worst[0]:.1e} m, {worst[1]:.1e} rad{changes}{unstable}"
         )
 
 
@@ -92,7 +102,29 @@ class Replay:
         self._planned = solution.trajectory
 
     def run(self) -> Verification:
-        """Simulate all phases and compare with the plan."""
+        """Simulate all phases, as far as the simulation gets, and compare with the plan."""
+        parts, stopped = self.solution.phases, None
+        try:
+            self._replay()
+        except MechanismError as error:
+            stopped = error
+        motion = self._motion() if self.parts else None
+        missing = [np.nan] * (len(self.solution.program.changes) - len(self.times))
+        return Verification(
+            motion,
+            float(np.max(self.deviations[-1][-1])) if stopped is None else np.inf,
+            max((float(np.max(d, initial=0.0)) for d in self.deviations), default=0.0),
+            0.0 if motion is None else motion.drift.position,
+            np.vstack([_defects(part) for part in parts if part.mesh.count]),
+            np.array([*self.times, *missing]),
+            self.time_error,
+            self.impulse_error,
+            max(part.largest_growth for part in parts if part.mesh.count),
+            stopped,
+        )
+
+    def _replay(self) -> None:
+        """Simulate phase after phase; raises as :func:`simulate` does, what was reached is in :attr:`parts`."""
         parts, changes = self.solution.phases, [*self.solution.program.changes, None]
         state, late = parts[0].trajectory.initial, 0.0
         for part, change in zip(parts, changes, strict=True):
@@ -102,17 +134,6 @@ class Replay:
                 state, late = self._through(part, change, state, late)
             if change is not None:
                 state = self._across(change, state)
-        return Verification(
-            motion := self._motion(),
-            float(np.max(self.deviations[-1][-1])),
-            max(float(np.max(d)) for d in self.deviations),
-            motion.drift.position,
-            np.vstack([_defects(part) for part in parts if part.mesh.count]),
-            np.array(self.times),
-            self.time_error,
-            self.impulse_error,
-            max(part.largest_growth for part in parts if part.mesh.count),
-        )
 
     def _motion(self) -> Trajectory:
         if not isinstance(self._planned, PhasedTrajectory):
@@ -127,30 +148,39 @@ class Replay:
         event = None if change is None else _closing(part, change, self.solution.phases[change.after.number].numeric.p)
         beyond = float(times[-1]) + (0.0 if event is None else BEYOND * part.duration)
         inputs = {u: _moved(polynomial, late, beyond) for u, polynomial in part.polynomials.inputs.items()}
-        with without_warnings(".*beyond its limits"):  # Solution.limit_excess says how far limits are passed
-            motion = simulate(
-                part.phase.mechanism,
-                times if event is None else np.r_[times, beyond],
-                initial=start,
-                inputs=inputs,
-                parameters=dict(zip(part.phase.mechanism.parameters, part.numeric.p.tolist(), strict=True)),
-                events=[] if event is None else [event],
-                reltol=self._reltol,
-                abstol=self._abstol,
-            )
+        try:
+            with without_warnings(".*beyond its limits"):  # Solution.limit_excess says how far limits are passed
+                motion = simulate(
+                    part.phase.mechanism,
+                    times if event is None else np.r_[times, beyond],
+                    initial=start,
+                    inputs=inputs,
+                    parameters=dict(zip(part.phase.mechanism.parameters, part.numeric.p.tolist(), strict=True)),
+                    events=[] if event is None else [event],
+                    reltol=self._reltol,
+                    abstol=self._abstol,
+                )
+        except MechanismError as error:
+            if isinstance(error.partial, Trajectory):
+                self._compare_motion(part, error.partial, times, ended=False)
+            raise
         found = min(motion.events, key=lambda e: abs(e.t - times[-1]), default=None)
         if event is not None:
             motion = _until(motion, motion.at(float(times[-1])).initial if found is None else found.state)
-        self.parts.append(motion)
-        n, compared = part.phase.equations.q.numel(), min(motion.t.size, times.size) - 1
-        planned = part.mesh_states[[*range(compared), -1]]
-        rows = [*range(compared), -1]
-        self._compare(part, motion.q[rows] - planned[:, :n], motion.z[rows] - planned[:, 2 * n :])
+        self._compare_motion(part, motion, times, ended=True)
         end = motion.final
         if change is not None:
             self.times.append(end.t if found is not None or event is None else np.nan)
             self.time_error = max(self.time_error, abs(end.t - float(part.mesh_times[-1])))
         return end, end.t - float(part.mesh_times[-1])
+
+    def _compare_motion(self, part: PhaseSolution, motion: Trajectory, times: np.ndarray, *, ended: bool) -> None:
+        """Take a motion, and compare it at the mesh times before its end, and the end with the planned one."""
+        self.parts.append(motion)
+        n, before = part.phase.equations.q.numel(), min(motion.t.size, times.size) - 1
+        rows = [*range(before), *([-1] if ended else [])]
+        planned = part.mesh_states[rows]
+        self._compare(part, motion.q[rows] - planned[:, :n], motion.z[rows] - planned[:, 2 * n :])
 
     def _compare(self, part: PhaseSolution, q: np.ndarray, z: np.ndarray) -> None:
         self.deviations.append(np.abs(np.hstack([q, z / part.state_ranges])))
@@ -222,6 +252,8 @@ def _moved(polynomial: PiecewisePolynomial, late: float, beyond: float) -> Piece
 
 def _defects(part: PhaseSolution) -> np.ndarray:
     """Largest difference in displacements (m) and angles (rad) by interval (N, 2)."""
+    if not np.isfinite(part.mesh_error):
+        return np.full((part.mesh.count, 2), np.inf)
     errors = part.end_errors[:, : part.phase.equations.q.numel()]
     angles = part.program.scales.angles
     return np.column_stack([np.max(errors[:, ~angles], axis=1), np.max(errors[:, angles], axis=1)])
