@@ -81,8 +81,8 @@ class XmlElement:
         return XmlElement(self.file, self.tag, self.line, {**defaults, **self.attributes}, self.children, self.text)
 
 
-def read_xml(path: str | Path, root: str) -> XmlElement:
-    """Read a file with a given outermost element; raise a :class:`FileError` for any other."""
+def read_xml(path: str | Path, root: str | None) -> XmlElement:
+    """Read a file with a given outermost element, or any; raise a :class:`FileError` for another one."""
     content, path = content_of(path), Path(path)
     parser = expat.ParserCreate()
     outermost = XmlElement(path.name, "", 0, {})
@@ -105,6 +105,6 @@ def read_xml(path: str | Path, root: str) -> XmlElement:
         reason = re.sub(r":? line \d+, column \d+", "", str(error))
         raise FileError(f"{path}: not valid XML in line {error.lineno}: {reason}") from None
     root_element = outermost.children[0]
-    if root_element.tag != root:
+    if root is not None and root_element.tag != root:
         raise FileError(f"{path}: the outermost element must be {root}, got {root_element.tag}")
     return root_element

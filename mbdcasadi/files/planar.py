@@ -17,10 +17,13 @@ from ..model.bodies import Body, Marker, ground
 from ..model.element import Element
 from ..model.forces.applied import GeneralizedForce
 from ..model.forces.field import Gravity
+from ..model.joints.base import AlongLine, Joint
 from ..model.joints.constraints import Constraint
 from ..model.joints.coordinates import RelativeAngle
 from ..model.joints.lower_pairs import PointOnLine, Revolute, Translational, Weld
 from ..model.mechanism import Mechanism
+from ..model.rates import time_derivative
+from ..numerics.lazy import cached_property
 from .robots import Coordinate, Link, Loop, Robot, SpatialJoint
 
 #: Angle by which axes that are meant to be parallel may differ, rad: files give angles to a few digits.
@@ -109,11 +112,57 @@ def _triple(values: np.ndarray) -> str:
     return "(" + ", ".join(f"{value + 0.0:.4g}" for value in np.round(values, 6)) + ")"
 
 
+class Path(AlongLine, Joint):
+    """Slide of a body that another joint of the file moves as well; it constrains nothing and has a coordinate.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a, b : Marker
+        Origin and direction of the path, and the point that moves.
+    factor : float
+        Of the displacement to the distance along the direction, for two slides that are not perpendicular.
+    """
+
+    def __init__(self, name: str, a: Marker, b: Marker, factor: float):
+        self.factor = factor
+        super().__init__(name, a, b, ca.SX(0, 1))
+
+    @cached_property
+    def displacement(self) -> ca.SX:
+        """Displacement, m."""
+        return self.factor * ca.dot(self.a.x_axis, self.b.position - self.a.position)
+
+
+class Pivot(Joint):
+    """Hinge of a body that slides as well; it constrains nothing and has an angle."""
+
+    def __init__(self, name: str, a: Marker, b: Marker):
+        super().__init__(name, a, b, ca.SX(0, 1))
+
+    @cached_property
+    def angle(self) -> ca.SX:
+        """Angle of b relative to a, rad; whole turns count."""
+        return self.b.angle - self.a.angle
+
+    @cached_property
+    def angular_velocity(self) -> ca.SX:
+        """Rate of :attr:`angle`, rad/s."""
+        return time_derivative(self.angle)
+
+
 class PlanarBuilder:
     """Bodies, joints and forces of a robot, in its plane."""
 
     def __init__(self, robot: Robot):
         self.robot, self.plane = robot, Plane(robot)
+        #: links by the ones that they move with: themselves, or those they are fixed to
+        self.moving: dict[Link, Link] = {}
+        self.fixed: dict[Link, list[Link]] = {}
+        for link in robot.links:
+            self.moving[link] = link if link.joints or link.parent is None else self.moving[link.parent]
+            self.fixed.setdefault(self.moving[link], []).append(link)
         self.bodies: dict[Link, Body] = {}
         self.rotors: list[Body] = []
         self.joints: list[Element] = []
@@ -154,7 +203,7 @@ class PlanarBuilder:
 
     # --- bodies ---------------------------------------------------------------------------
     def _body(self, link: Link) -> Body:
-        parts = [(other, mass) for other in self.robot.links if other.root is link for mass in other.masses]
+        parts = [(other, mass) for other in self.fixed[link] for mass in other.masses]
         total = sum(part.mass for _, part in parts)
         origin = self.plane.place(link.position)
         if not parts or total <= 0:
@@ -176,13 +225,13 @@ class PlanarBuilder:
     def _at(self, link: Link, point: np.ndarray, angle: float = 0.0) -> Marker:
         """Marker of the body of a link at a point of the world, in the pose of the file."""
         place = self.plane.place(point)
-        body = self.bodies.get(link.root, ground)
+        body = self.bodies.get(self.moving[link], ground)
         center = np.zeros(2) if body.is_ground else np.array(body.pose_estimate[:2])
         return body.at(float(place[0] - center[0]), float(place[1] - center[1]), angle)
 
     # --- joints ----------------------------------------------------------------------------
     def _connect(self, link: Link) -> None:
-        """Joints between a link and its parent, by what moves between them."""
+        """Joints between a link and its parent, by what moves between them, with the coordinates of the file."""
         hinges = [joint for joint in link.joints if joint.kind == "hinge"]
         slides = [joint for joint in link.joints if joint.kind == "slide"]
         assert link.parent is not None
@@ -191,65 +240,69 @@ class PlanarBuilder:
             raise extra.source.refuse("is one joint too many between two bodies: one hinge and two slides are planar")
         if slides and hinges and link.joints[0].kind == "hinge":
             raise slides[0].source.refuse("slides on a body that turns first; give the hinge last, or a body between")
-        hinge = hinges[0] if hinges else None
-        point = link.position + link.rotation @ (hinge.point if hinge else link.joints[0].point)
-        directions = [self.plane.axes[:2] @ (link.rotation @ slide.axis) for slide in slides]
-        base, moved = self._at(link.parent, point), self._at(link, point)
-        if not slides:
-            assert hinge is not None
-            joint = Revolute(hinge.name, base, moved)
-            self.joints.append(joint)
-        elif len(slides) == 1:
-            angle = float(np.arctan2(directions[0][1], directions[0][0]))
-            a, b = self._at(link.parent, point, angle), self._at(link, point, angle)
-            kind = Translational if hinge is None else PointOnLine
-            self.joints.append(kind(slides[0].name, a, b))
-        elif hinge is None:
-            self.joints.append(RelativeAngle(slides[0].name, base, moved, 0.0))
-        if len(slides) == 2 and abs(np.linalg.det(directions)) < PARALLEL:
+        point = link.position + link.rotation @ (hinges or slides)[0].point
+        if len(slides) == 2:
+            self._slide_in_plane(link, slides, point)
+        elif slides:
+            axis = link.rotation @ slides[0].axis
+            angle = float(np.arctan2(*(self.plane.axes[:2] @ axis)[::-1]))
+            # at the zero of the file the point is at the origin of the guide
+            guide = self._at(link.parent, point - slides[0].reference * axis, angle)
+            kind = PointOnLine if hinges else Translational
+            self._keep(slides[0], kind(slides[0].name, guide, self._at(link, point, angle)))
+        if hinges:
+            self._turn(link, hinges[0], point, Pivot if slides else Revolute)
+        elif len(slides) == 2:
+            ends = self._at(link.parent, point), self._at(link, point)
+            self.joints.append(RelativeAngle(f"{link.name} angle", *ends, 0.0))
+
+    def _turn(self, link: Link, hinge: SpatialJoint, point: np.ndarray, kind: type[Pivot | Revolute]) -> None:
+        """Add a joint whose angle has the sense and the zero of the file."""
+        assert link.parent is not None
+        base, moved = self._at(link.parent, point), self._at(link, point, hinge.reference)
+        if (link.rotation @ hinge.axis) @ self.plane.normal < 0:
+            # the angle of the second marker relative to the first grows against the turn of the link
+            base, moved = self._at(link, point), self._at(link.parent, point, hinge.reference)
+        self._keep(hinge, kind(hinge.name, base, moved))
+
+    def _slide_in_plane(self, link: Link, slides: Sequence[SpatialJoint], point: np.ndarray) -> None:
+        """Add two slides, which together constrain no place."""
+        directions = np.array([self.plane.axes[:2] @ (link.rotation @ slide.axis) for slide in slides])
+        if abs(np.linalg.det(directions)) < PARALLEL:
             raise slides[1].source.refuse("slides along the axis of the other slide")
-        for slide, shift, rate in zip(slides, *self._shifts(base, moved, directions), strict=True):
-            self._coordinate(slide, shift, rate)
-        if hinge is not None:
-            sign = float(np.sign((link.rotation @ hinge.axis) @ self.plane.normal))
-            turn = moved.angle - base.angle
-            self._coordinate(hinge, sign * turn, sign * (moved.angular_velocity - base.angular_velocity))
+        # a place is the sum of the slides times their directions: each slide is measured along the dual direction
+        for slide, dual in zip(slides, np.linalg.inv(directions).T, strict=True):
+            length = float(np.linalg.norm(dual))
+            origin = point - slide.reference / length**2 * (dual @ self.plane.axes[:2])
+            angle = float(np.arctan2(dual[1], dual[0]))
+            ends = self._at(link.parent, origin, angle), self._at(link, point, angle)
+            self._keep(slide, Path(slide.name, *ends, length))
 
-    @staticmethod
-    def _shifts(base: Marker, moved: Marker, directions: Sequence[np.ndarray]) -> tuple[list[ca.SX], list[ca.SX]]:
-        """Displacements along directions of the parent that the slides share out, and their rates."""
-        if not directions:
-            return [], []
-        frame = ca.horzcat(base.x_axis, base.y_axis)
-        away = frame.T @ (moved.position - base.position)
-        # the parent may turn: the rate of a displacement is that of an expression in its coordinates
-        turning = base.angular_velocity * ca.vertcat(away[1], -away[0])
-        rate = frame.T @ (moved.velocity - base.velocity) + turning
-        matrix = np.column_stack(directions)
-        shares = np.linalg.pinv(matrix)
-        along, speeds = ca.DM(shares) @ away, ca.DM(shares) @ rate
-        return ca.vertsplit(along), ca.vertsplit(speeds)
-
-    def _coordinate(self, joint: SpatialJoint, value: ca.SX, rate: ca.SX) -> None:
-        """Keep the coordinate of a joint, with its spring and damper."""
+    def _keep(self, joint: SpatialJoint, element: Path | Pivot | PointOnLine | Revolute | Translational) -> None:
+        """Add a joint with its coordinate, spring, damper and rotor."""
         if joint.name in self.coordinates:
             raise joint.source.refuse("has the name of another joint")
-        self.coordinates[joint.name] = Coordinate(value + joint.reference, rate)
-        force = -joint.damping * rate - joint.stiffness * (value + joint.reference - joint.rest)
+        self.joints.append(element)
+        if isinstance(element, Pivot | Revolute):
+            along = Coordinate(element.angle, element.angular_velocity)
+        else:
+            along = Coordinate(element.displacement, element.speed)
+        self.coordinates[joint.name] = along
+        force = -joint.damping * along.rate - joint.stiffness * (along.value - joint.rest)
         if joint.damping or joint.stiffness:
-            self.forces.append(GeneralizedForce(f"{joint.name} spring and damper", [(value, force)]))
+            self.forces.append(GeneralizedForce(f"{joint.name} spring and damper", [(along.value, force)]))
         if joint.armature:
-            self._add_rotor(joint, value)
+            self._add_rotor(joint, along.value)
 
     def _add_rotor(self, joint: SpatialJoint, value: ca.SX) -> None:
         """Add a body that turns with a coordinate on a pin at the origin, where its mass moves nothing."""
         rotor = Body(f"{joint.name} rotor", mass=1.0, inertia=joint.armature)
         self.rotors.append(rotor)
         self.joints.append(Revolute(f"{joint.name} rotor pin", ground.at(0, 0), rotor.at(0, 0)))
-        self.joints.append(Constraint(f"{joint.name} armature", rotor.phi - value))
+        self.joints.append(Constraint(f"{joint.name} armature", rotor.phi - (value - joint.reference)))
 
     def _close(self, loop: Loop) -> None:
         kind = Weld if loop.fixed else Revolute
-        if loop.a.root is loop.b.root:
+        if self.moving[loop.a] is self.moving[loop.b]:
             raise loop.source.refuse("connects a body with itself")
         self.joints.append(kind(loop.name, self._at(loop.a, loop.point), self._at(loop.b, loop.point)))

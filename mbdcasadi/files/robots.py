@@ -69,11 +69,6 @@ class Link(RobotPart):
     #: joints by which it moves, the first one next to the parent; none if it is fixed
     joints: list[SpatialJoint] = field(default_factory=list)
 
-    @property
-    def root(self) -> Link:
-        """The link that moves with this one: itself, or the one it is fixed to."""
-        return self if self.joints or self.parent is None else self.parent.root
-
 
 @dataclass(eq=False)
 class Loop(RobotPart):

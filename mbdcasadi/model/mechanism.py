@@ -107,7 +107,8 @@ class Mechanism(Immutable, HoldsSymbols):
                     raise ModelError(f"{part.description} belongs in drivers=, not in {argument}=")
                 if argument != "forces" and not isinstance(part, Element) and not hasattr(part, "multipliers"):
                     raise ModelError(f"{part!r} has rows but no multipliers")
-                if argument != "forces" and not part.rows.numel() and not part.velocity_rows.numel():
+                is_force = not isinstance(part, ConstraintElement)  # a joint without rows has a coordinate to read
+                if argument != "forces" and is_force and not part.rows.numel() and not part.velocity_rows.numel():
                     raise ModelError(f"{part.description} constrains nothing; give it in forces=")
 
     def _collect_rates(self) -> dict[StateVariable, ca.SX]:
