@@ -1,7 +1,8 @@
 """Actuators of MJCF, each as the general one that it stands for.
 
-The kinds of actuators of a class share their defaults: each kind sets some of the values of one general actuator, and
-those that come later start from them.
+The kinds of actuators of a class share their defaults, as MuJoCo 4.0 reads them: each kind sets values of one general
+actuator. Force and gear then start from what stands there, the gains of a servo only if a servo of its kind or a
+general actuator has given them.
 """
 
 from __future__ import annotations
@@ -11,38 +12,39 @@ from collections.abc import Mapping
 from .markup import XmlElement
 from .mjcf_format import OTHER_ACTUATORS
 
-_VALUES = {"gaintype": "fixed", "biastype": "none", "dyntype": "none", "gainprm": "1", "biasprm": "0 0 0"}
-#: Attributes that only shape a servo, whose force a motor does not have.
-_SERVO = ("timeconst", "dampratio", "inheritrange")
+#: Force of an actuator that nothing is said of: its input.
+_PLAIN = {
+    "gaintype": "fixed", "biastype": "none", "dyntype": "none", "gainprm": "1", "biasprm": "0 0 0", "input": "",
+}  # fmt: skip
+#: Inputs of servos, and attributes that only shape these.
+_INPUTS = {"position": "pos", "velocity": "vel"}
+_OF_SERVOS = ("timeconst", "dampratio", "inheritrange")
 
 
 def as_general(element: XmlElement, above: Mapping[str, str]) -> dict[str, str]:
     """Return the attributes of an actuator as those of a general one, with defaults that are so already."""
-    own = dict(element.attributes)
-    for name in ("gainprm", "biasprm"):
-        if name in own:  # numbers that are not given stay
-            given = own[name].split()
-            own[name] = " ".join([*given, *above.get(name, _VALUES[name]).split()[len(given) :]])
-    values = {**_VALUES, **above, **{name: text for name, text in own.items() if name not in ("kp", "kv")}}
-    bias = values["biasprm"].split()
-    gain = values["gainprm"].split()[0]
+    own = {name: text for name, text in element.attributes.items() if name not in ("kp", "kv")}
+    values = _PLAIN | dict(above)
+    if element.tag == "general":
+        for name in ("gainprm", "biasprm"):
+            given = own.get(name, "").split()  # numbers that are not given stay
+            own[name] = " ".join([*given, *values[name].split()[len(given) :]])
+        return values | {"input": ""} | own
+    if values["input"] not in ("", _INPUTS.get(element.tag)):
+        values = {name: text for name, text in values.items() if name not in _OF_SERVOS} | _PLAIN
+    values |= own
+    if element.tag in OTHER_ACTUATORS:
+        return values | dict.fromkeys(("dyntype", "gaintype", "biastype", "input"), element.tag)
     if element.tag == "motor":
-        linear = {"gainprm": "1", "biastype": "none", "dyntype": "none"}
-    elif element.tag == "position":
-        gain = own.get("kp", gain)
-        linear = {"gainprm": gain, "biastype": "affine"}
-        rate = _negative(own["kv"]) if "kv" in own else bias[2]
-        linear["biasprm"] = " ".join([bias[0], _negative(gain), rate])
-    elif element.tag == "velocity":
-        gain = own.get("kv", gain)
-        linear = {"gainprm": gain, "biastype": "affine", "biasprm": f"0 0 {_negative(gain)}", "dyntype": "none"}
-    elif element.tag in OTHER_ACTUATORS:
-        return values | dict.fromkeys(("dyntype", "gaintype", "biastype"), element.tag)
+        return {name: text for name, text in values.items() if name not in _OF_SERVOS} | _PLAIN
+    gain = element.get("kp" if element.tag == "position" else "kv", values["gainprm"].split()[0])
+    if element.tag == "position":
+        rate = _negative(element.get("kv")) if element.has("kv") else values["biasprm"].split()[2]
+        bias = f"0 {_negative(gain)} {rate}"
     else:
-        return values
-    if element.tag in ("motor", "velocity"):
-        values = {name: text for name, text in values.items() if name not in _SERVO}
-    return values | linear | {"gaintype": "fixed"}
+        bias, values["dyntype"] = f"0 0 {_negative(gain)}", "none"
+    force = {"gaintype": "fixed", "biastype": "affine", "gainprm": gain, "biasprm": bias}
+    return values | force | {"input": _INPUTS[element.tag]}
 
 
 def _negative(text: str) -> str:
