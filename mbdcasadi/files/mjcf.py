@@ -27,6 +27,7 @@ from .robots import (
     actuator_law,
     rotation_about,
     rotation_around,
+    rotation_to_z,
     symmetric,
     unit_vector,
 )
@@ -146,7 +147,11 @@ class _Reader:
             self._robot.left_out.append("the forces of a fluid (density, viscosity and wind of option)")
         self.classes: dict[str, Defaults] = {"main": {}}
         for element in root.all("default"):
-            self._read_defaults(element, self.classes["main"], "main")
+            waiting = [("main", self.classes["main"], element)]
+            while waiting:
+                name, above, element = waiting.pop()
+                defaults = self.classes[name] = _extended(above, element)
+                waiting += [(child.get("class"), defaults, child) for child in element.all("default")]
         self._sites: dict[str, tuple[Link, np.ndarray, np.ndarray]] = {}
         self._has_contacts = False
         self._count = 0
@@ -161,12 +166,6 @@ class _Reader:
         self.total_mass = element.number("settotalmass", "-1")
         if element.get("coordinate", "local") != "local":
             raise element.refuse("has coordinate = 'global', which MuJoCo no longer supports; give local ones")
-
-    def _read_defaults(self, element: XmlElement, above: Defaults, name: str) -> None:
-        defaults = _extended(above, element)
-        self.classes[name] = defaults
-        for child in element.all("default"):
-            self._read_defaults(child, defaults, child.get("class"))
 
     def _defaults(self, element: XmlElement, childclass: str, tag: str | None = None) -> dict[str, str]:
         """Attributes that the class of an element gives to those of a kind."""
@@ -284,7 +283,7 @@ class _Reader:
             y = unit_vector(element, "xyaxes", values[3:] - (values[3:] @ x) * x)
             return np.column_stack([x, y, np.cross(x, y)])
         if element.has("zaxis"):
-            return _to_z(unit_vector(element, "zaxis", element.numbers("zaxis", None, (3,))))
+            return rotation_to_z(unit_vector(element, "zaxis", element.numbers("zaxis", None, (3,))))
         return np.eye(3)
 
     def _joint(self, element: XmlElement, link: Link, frame: Link) -> SpatialJoint:
@@ -357,7 +356,7 @@ class _Reader:
         if element.has("fromto"):
             ends = element.numbers("fromto", None, (6,))
             center, span = (ends[:3] + ends[3:]) / 2, ends[3:] - ends[:3]
-            rotation = _to_z(unit_vector(element, "fromto", span))
+            rotation = rotation_to_z(unit_vector(element, "fromto", span))
             size = size_along(kind, size, float(np.linalg.norm(span)) / 2)
         volume, moments = solid(element, kind, size)
         mass = element.number("mass") if element.has("mass") else element.number("density", str(DENSITY)) * volume
@@ -445,12 +444,3 @@ def _coupling(name: str, references: Sequence[float], polynomial: Sequence[float
         return Constraint(name, first - sum(a * x**k if k else a for k, a in enumerate(polynomial)))
 
     return law
-
-
-def _to_z(z: np.ndarray) -> np.ndarray:
-    """Rotation that brings the z axis into a direction (3, 3)."""
-    axis = np.cross([0.0, 0.0, 1.0], z)
-    size = float(np.linalg.norm(axis))
-    if size < 1e-12:
-        return np.eye(3) if z[2] > 0 else np.diag([1.0, -1.0, -1.0])
-    return rotation_around(axis / size, float(np.arctan2(size, z[2])))

@@ -168,3 +168,12 @@ def rotation_around(axis: np.ndarray, angle: float) -> np.ndarray:
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     rotation: np.ndarray = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
     return rotation
+
+
+def rotation_to_z(z: np.ndarray) -> np.ndarray:
+    """Rotation that brings the z axis into a direction (3, 3), on the shortest way."""
+    axis = np.cross([0.0, 0.0, 1.0], z)
+    size = float(np.linalg.norm(axis))
+    if size < 1e-12:
+        return np.eye(3) if z[2] > 0 else np.diag([1.0, -1.0, -1.0])
+    return rotation_around(axis / size, float(np.arctan2(size, z[2])))

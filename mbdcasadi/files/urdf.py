@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,21 +14,36 @@ from ..model.quantities import triple
 from ..model.symbols import Input
 from .markup import XmlElement, read_xml
 from .planar import PlanarBuilder
-from .robots import Law, Link, Mass, Robot, SpatialJoint, actuator_law, rotation_of_rpy, symmetric, unit_vector
+from .robots import (
+    Law,
+    Link,
+    Mass,
+    Robot,
+    SpatialJoint,
+    actuator_law,
+    rotation_of_rpy,
+    rotation_to_z,
+    symmetric,
+    unit_vector,
+)
+from .urdf_format import KNOWN_PARTS, left_out
 
-#: Elements for pictures, sensors and other programs.
-_IGNORED = ("material", "gazebo", "sensor", "ros2_control", "mujoco", "verification_properties")
 #: Kinds of joints of the format, and the kinds that represent them.
 _KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide"}
+#: Name of the ground, which Drake takes for granted.
+_GROUND = "world"
 
 
 def read_urdf(path: str | Path, *, gravity: Sequence[float] = (0.0, 0.0, -9.81)) -> Mechanism:
     """Read a robot whose motion is planar.
 
-    The outermost link is the ground; links that are fixed to others become one
-    body with them. All hinges must be parallel, and slides lie across them. The
+    The outermost link is the ground, also a link ``world`` that the file does not describe; links that are fixed to
+    others become one body with them. All hinges must be parallel, and slides lie across them. A ``planar`` joint
+    ``base`` is the slides ``base/x`` and ``base/y`` and the hinge ``base/theta``, along the x and y axes of its
+    frame, after the shortest turn that brings the z axis to the axis of the joint, and about that. The
     plane is seen so that gravity points down and the axes of the world to the right; the pose of the file,
-    with all joints at zero, has ``phi = 0`` for all bodies. An actuated joint of a
+    with all joints at zero, has ``phi = 0`` for all bodies. The coordinate of each joint has the sense and the zero of
+    the file: ``mechanism.joint(name).angle`` of a hinge, ``.displacement`` of a slide. An actuated joint of a
     ``transmission`` gets an :class:`Input` of its name, with the effort as its limit, and
     ``mimic`` becomes a constraint.
 
@@ -54,7 +70,7 @@ def read_urdf(path: str | Path, *, gravity: Sequence[float] = (0.0, 0.0, -9.81))
     Warns
     -----
     MechanismWarning
-        For limits and dry friction of joints, which are left out.
+        For what is left out: limits and dry friction of joints, elements and attributes that are not known.
     """
     root = read_xml(path, "robot")
     direction = triple(gravity, "read_urdf", "gravity", "(gx, gy, gz)")
@@ -70,6 +86,8 @@ def read_urdf(path: str | Path, *, gravity: Sequence[float] = (0.0, 0.0, -9.81))
     children = {_reference(joint, "child"): joint for joint in joints}
     for joint in joints:
         for end in ("parent", "child"):
+            if end == "parent" and _reference(joint, end) == _GROUND:
+                links.setdefault(_GROUND, root)
             if _reference(joint, end) not in links:
                 raise joint.refuse(f"names the link '{_reference(joint, end)}', which does not exist")
         if children[_reference(joint, "child")] is not joint:
@@ -89,14 +107,21 @@ def read_urdf(path: str | Path, *, gravity: Sequence[float] = (0.0, 0.0, -9.81))
 
 
 def _read_others(robot: Robot, root: XmlElement) -> None:
-    """Refuse elements that are not known, and take note of springs that only simulators know."""
+    """Refuse elements that may hold a part of the robot, and take note of others that are not read."""
     for element in root.children:
         if element.tag.startswith("xacro:"):
             raise element.refuse("is a macro; expand the file with xacro first")
-        if element.tag not in ("link", "joint", "transmission", *_IGNORED):
+        if element.tag not in KNOWN_PARTS:
             raise element.refuse("is not known")
-        if any(element.all("springStiffness")):
-            robot.left_out.append(f"the spring of '{element.get('reference', '')}' for Gazebo")
+    if any(any(link.all("collision")) for link in root.all("link")):
+        robot.left_out.append("the contacts of collision elements (Contact has them)")
+    robot.left_out += left_out(root)
+    for control in root.all("ros2_control"):
+        driven = [joint.get("name", "") for joint in control.all("joint") if any(joint.all("command_interface"))]
+        if driven:
+            robot.left_out.append(
+                f"the inputs of ros2_control for {', '.join(driven)} (a transmission gives a joint an input)"
+            )
 
 
 def _reference(joint: XmlElement, end: str) -> str:
@@ -115,12 +140,13 @@ def _origin(element: XmlElement) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _add_children(robot: Robot, parent: Link, links: dict[str, XmlElement], joints: Sequence[XmlElement]) -> None:
-    waiting = [parent]
+    below: dict[str, list[XmlElement]] = {}
+    for joint in joints:
+        below.setdefault(_reference(joint, "parent"), []).append(joint)
+    waiting = deque([parent])
     while waiting:
-        above = waiting.pop(0)
-        for joint in joints:
-            if _reference(joint, "parent") != above.name:
-                continue
+        above = waiting.popleft()
+        for joint in below.get(above.name, []):
             rotation, position = _origin(joint)
             name = _reference(joint, "child")
             link = Link(
@@ -148,8 +174,11 @@ def _joints(joint: XmlElement, robot: Robot) -> list[SpatialJoint]:
     name = joint.get("name")
     if kind == "fixed":
         return []
-    if kind not in _KINDS:
-        raise joint.refuse(f"is of the type '{kind}'; planar are revolute, continuous, prismatic and fixed")
+    if kind not in (*_KINDS, "planar"):
+        raise joint.refuse(
+            f"is of the type '{kind}'; planar are revolute, continuous and prismatic joints, fixed ones, and those of "
+            "the type 'planar' whose plane is that of the others"
+        )
     axis_element = joint.one("axis")
     axis = np.array([1.0, 0.0, 0.0]) if axis_element is None else axis_element.numbers("xyz", None, (3,))
     dynamics, limit = joint.one("dynamics"), joint.one("limit")
@@ -158,7 +187,16 @@ def _joints(joint: XmlElement, robot: Robot) -> list[SpatialJoint]:
         robot.left_out.append(f"the dry friction of joint '{name}' (JointFriction and LoadIndependentFriction have it)")
     if limit is not None and kind != "continuous" and (limit.has("lower") or limit.has("upper")):
         robot.left_out.append(f"the limits of joint '{name}' (EndStop holds them)")
-    return [SpatialJoint(joint, name, _KINDS[kind], unit_vector(joint, "axis", axis), np.zeros(3), damping=damping)]
+    axis = unit_vector(joint, "axis", axis)
+    if kind == "planar":
+        x, y, z = rotation_to_z(axis).T
+        parts = (("x", "slide", x), ("y", "slide", y), ("theta", "hinge", z))
+    else:
+        parts = (("", _KINDS[kind], axis),)
+    return [
+        SpatialJoint(joint, name + (part and f"/{part}"), shape, along, np.zeros(3), damping=damping)
+        for part, shape, along in parts
+    ]
 
 
 def _read_mimics(robot: Robot, joints: Sequence[XmlElement]) -> None:

@@ -224,7 +224,7 @@ def test_bad_drawings(tmp_path, monkeypatch):
         with pytest.raises(mbd.FileError, match="the file cannot be read: File name too long"):
             read("x" * 300)
     path = tmp_path / "open.svg"
-    path.write_text('<svg xmlns="http://www.w3.org/2000/svg"><path d="M 0 0 L 10 0 L 10 10"/></svg>')
+    svg(path, '<path fill="none" stroke="red" d="M 0 0 L 10 0 L 10 10"/>')
     with pytest.raises(mbd.FileError, match="holds no closed outline"):
         mbd.Polygon.from_svg(path)
     for scale in (0, -1, "mm", np.nan):

@@ -31,6 +31,8 @@ _METRIC = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(mm|cm|Q)\s
 _METRES = {"mm": 1e-3, "cm": 1e-2, "Q": 2.5e-4}
 
 Loop = np.ndarray
+#: An entity of DXF, and the layers of the blocks around it and its own.
+_Entity = tuple[Any, tuple[str, ...]]
 
 
 def loops_of_svg(path: str | Path, scale: float | None, tolerance: float | None) -> list[tuple[Loop, int]]:
@@ -39,23 +41,79 @@ def loops_of_svg(path: str | Path, scale: float | None, tolerance: float | None)
     library = _library("svgelements", path)
     try:
         drawing = ElementTree.fromstring(content)
+        if _tag(drawing) != "svg":
+            raise FileError(f"{path}: this is not an SVG drawing: its outermost element is {_tag(drawing)}, not svg")
         document = library.SVG.parse(BytesIO(_prepared(drawing, path)), reify=False)
-        paths = [library.Path(e) for e in document.elements() if isinstance(e, library.Shape)]
+        shapes = list(_seen(document, library))
     except FileError:
         raise
+    except RecursionError:
+        raise FileError(f"{path}: the groups of the drawing are nested too deeply; dissolve them") from None
     except Exception as error:  # whatever the library meets in a broken file
         raise FileError(f"{path}: this is not an SVG drawing: {error}") from None
-    parts = [(_transform(each), list(part)) for each in paths for part in each.as_subpaths() if len(part) > 1]
-    ends = [move(np.array([[p.x, p.y] for s in part for p in (s.start, s.end) if p])) for move, part in parts]
+    parts = [(_transform(shape), list(part), shape, clips) for shape, clips in shapes for part in shape.as_subpaths()]
+    parts = [part for part in parts if len(part[1]) > 1]
+    ends = [move(np.array([[p.x, p.y] for s in part for p in (s.start, s.end) if p])) for move, part, *_ in parts]
     size = float(np.max(np.ptp(np.vstack(ends), axis=0))) if ends else 0.0
     factor = PIXEL if scale is None else _positive(scale, path, "scale")
     allowed = TOLERANCE * size if tolerance is None else _positive(tolerance, path, "tolerance") / factor
     loops = []
-    for move, part in parts:
-        points = _joined([_sampled(segment, move, allowed) for segment in part if type(segment).__name__ != "Move"])
-        if len(points) > 1 and np.linalg.norm(points[0] - points[-1]) <= JOINED * size:
-            loops.append(points[:-1] * [factor, -factor])  # the y axis of drawings points down
+    for move, part, shape, clips in parts:
+        points = _points_of(part, move, allowed)
+        if len(points) < 2:
+            continue
+        is_closed = np.linalg.norm(points[0] - points[-1]) <= JOINED * size
+        if is_closed or _paints(shape, "fill"):  # what is filled is closed by that
+            points = points[:-1] if is_closed else points
+            for clip in clips:
+                _check_clip(points, clip, drawing, document, library, path)
+            loops.append(points * [factor, -factor])  # the y axis of drawings points down
     return _by_depth(loops, path)
+
+
+def _seen(document: Any, library: Any) -> Iterator[tuple[Any, tuple[Any, ...]]]:
+    """Shapes that are drawn, as paths, each with the elements around it that are clipped or masked."""
+    waiting: list[tuple[Any, tuple[Any, ...]]] = [(document, ())]
+    while waiting:
+        element, clips = waiting.pop()
+        values = getattr(element, "values", None) or {}
+        if any(values.get(name, "none") != "none" for name in ("clip-path", "mask")):
+            clips = (*clips, element)
+        if isinstance(element, library.Shape):
+            is_hidden = values.get("visibility") in ("hidden", "collapse") or _is_zero(values.get("opacity"))
+            if not is_hidden and (_paints(element, "fill") or _paints(element, "stroke")):
+                yield library.Path(element), clips
+        elif isinstance(element, list):
+            waiting += [(inner, clips) for inner in reversed(element)]
+
+
+def _paints(shape: Any, kind: str) -> bool:
+    """True if a shape is filled, or has a line along its outline."""
+    colour = str(shape.values.get(kind, "none")).strip()
+    return colour not in ("none", "transparent") and not _is_zero(shape.values.get(f"{kind}-opacity"))
+
+
+def _is_zero(text: Any) -> bool:
+    return text is not None and re.fullmatch(r"\s*0*\.?0*%?\s*", str(text)) is not None
+
+
+def _check_clip(points: Loop, clipped: Any, drawing: Any, document: Any, library: Any, path: Any) -> None:
+    """Raise an error for an outline that a clip may cut; one inside the clip is drawn as it is."""
+    name = clipped.values.get("clip-path", "")
+    clip = document.get_element_by_url(name) if "mask" not in clipped.values else None
+    sources = [element for element in drawing.iter() if f"url(#{element.get('id')})" == name]
+    is_plain = len(sources) == 1 and not {"transform", "clip-path", "clipPathUnits"} & set(sources[0].keys())
+    if clip is not None and is_plain:
+        here, there = (library.Matrix(each.values.get("transform", "")) for each in (clipped, clip))
+        for shape in (library.Path(each) for each in clip if isinstance(each, library.Shape)):
+            shape.transform = shape.transform * ~there * here
+            for part in shape.as_subpaths():
+                around = _points_of(list(part), _transform(shape), JOINED)
+                touching = JOINED * float(np.max(np.ptp(around, axis=0)))
+                if len(around) > 2 and not sides_of(points, around, touching)[1]:
+                    return
+    label = clipped.values.get("id") or type(clipped).__name__.lower()
+    raise FileError(f"{path}: '{label}' is cut by {name or 'a mask'}; cut the outlines in the drawing, or release them")
 
 
 def loops_of_dxf(
@@ -69,7 +127,8 @@ def loops_of_dxf(
     except Exception as error:
         raise FileError(f"{path}: this is not a DXF drawing: {error}") from None
     factor = _unit(document, path) if scale is None else _positive(scale, path, "scale")
-    groups = list(_groups(document.modelspace(), _hidden(document, layer, path)))
+    entities = list(_entities(document.modelspace()))
+    groups = [group for entity in _selected(entities, document, layer, path) if (group := _lines(entity))]
     ends = np.vstack([np.zeros((0, 2)), *(_ends(line) for lines in groups for line in lines)])
     size = float(np.max(np.ptp(ends, axis=0), initial=0.0)) if ends.size else 0.0
     allowed = TOLERANCE * size if tolerance is None else _positive(tolerance, path, "tolerance") / factor
@@ -83,30 +142,39 @@ def loops_of_dxf(
         raise FileError(f"{path}: {branching} in the drawing; select the layer of the outlines by layer=") from None
 
 
-def _hidden(document: Any, layer: str | None, path: Any) -> Callable[[Any], bool]:
-    """True for entities that are not drawn, or are on other layers than the given one."""
+def _entities(entities: Iterable[Any], around: tuple[str, ...] = ()) -> Iterator[_Entity]:
+    """Entities that are not invisible, blocks and arrays of them taken apart, with the layers of the blocks and theirs.
+
+    What lies on layer 0 of a block is on the layer of the block.
+    """
+    for entity in entities:
+        if entity.dxf.get("invisible", 0):
+            continue
+        layers = (*around, around[-1] if around and entity.dxf.layer == "0" else entity.dxf.layer)
+        if entity.dxftype() != "INSERT":
+            yield entity, layers
+            continue
+        for block in entity.multi_insert() if entity.mcount > 1 else [entity]:
+            yield from _entities(block.virtual_entities(), layers)
+
+
+def _selected(entities: Sequence[_Entity], document: Any, layer: str | None, path: Any) -> list[Any]:
+    """Entities on layers that are drawn, or on the given one, to which a block on it counts as a whole."""
     if layer is None:
-        unseen = {each.dxf.name for each in document.layers if each.is_off() or each.is_frozen()} | {"Defpoints"}
-        return lambda entity: entity.dxf.layer in unseen or bool(entity.dxf.get("invisible", 0))
-    known = sorted({entity.dxf.layer for entity in document.modelspace()})
+        frozen = {each.dxf.name for each in document.layers if each.is_frozen()}
+        unseen = {each.dxf.name for each in document.layers if each.is_off()} | frozen | {"Defpoints"}
+        return [entity for entity, layers in entities if layers[-1] not in unseen and not frozen & set(layers)]
+    known = sorted({name for _, layers in entities for name in layers})
     if layer not in known:
         raise FileError(f"{path}: nothing is on a layer {layer!r}; there are {', '.join(known)}")
-    return lambda entity: entity.dxf.layer != layer
+    return [entity for entity, layers in entities if layer in layers]
 
 
-def _groups(entities: Iterable[Any], hidden: Callable[[Any], bool]) -> Iterator[list[Any]]:
-    """Lines and curves, those of a polyline together, blocks taken apart; texts and the like are left out."""
-    for entity in entities:
-        kind = entity.dxftype()
-        if hidden(entity):
-            continue
-        if kind == "INSERT":
-            yield from _groups(entity.virtual_entities(), lambda part: bool(part.dxf.get("invisible", 0)))
-        elif kind in ("LWPOLYLINE", "POLYLINE"):
-            lines = [part for part in entity.virtual_entities() if part.dxftype() in ("LINE", "ARC")]
-            yield from [lines] if lines else []
-        elif kind in ("LINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE"):
-            yield [entity]
+def _lines(entity: Any) -> list[Any]:
+    """Lines and curves of an entity, those of a polyline together; none of texts and the like."""
+    if entity.dxftype() in ("LWPOLYLINE", "POLYLINE"):
+        return [part for part in entity.virtual_entities() if part.dxftype() in ("LINE", "ARC")]
+    return [entity] if entity.dxftype() in ("LINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE") else []
 
 
 def _ends(line: Any) -> np.ndarray:
@@ -134,10 +202,10 @@ def _library(name: str, path: Any) -> Any:
 def _prepared(drawing: ElementTree.Element, path: Any) -> bytes:
     """A drawing as svgelements understands it.
 
-    Metric lengths, which it reads to six digits only, are replaced by pixels; masks and symbols, which are not
-    drawn in place, are removed.
+    Metric lengths, which it reads to six digits only, are replaced by pixels; masks, markers and symbols, which are
+    not drawn in place, are removed.
     """
-    hidden = {part for kind in ("mask", "symbol") for part in drawing.iter() if _tag(part) == kind}
+    hidden = {part for part in drawing.iter() if _tag(part) in ("mask", "marker", "symbol")}
     names = {part.get("id") for part in hidden}
     for element in list(drawing.iter()):
         referred = next((text for name, text in element.items() if name.rpartition("}")[2] == "href"), "")
@@ -201,9 +269,10 @@ def _refined(at: Callable[[np.ndarray], np.ndarray], allowed: float) -> np.ndarr
     return points
 
 
-def _joined(parts: Iterable[np.ndarray]) -> np.ndarray:
-    """Points of segments that follow each other, each once."""
-    points = np.vstack([np.zeros((0, 2)), *parts])
+def _points_of(part: Sequence[Any], move: Callable[[np.ndarray], np.ndarray], allowed: float) -> np.ndarray:
+    """Points on segments of a path that follow each other, each once (k, 2)."""
+    sampled = [_sampled(segment, move, allowed) for segment in part if type(segment).__name__ != "Move"]
+    points = np.vstack([np.zeros((0, 2)), *sampled])
     if not len(points):
         return points
     apart = np.r_[True, np.any(np.diff(points, axis=0) != 0, axis=1)]
@@ -213,15 +282,24 @@ def _joined(parts: Iterable[np.ndarray]) -> np.ndarray:
 
 def _by_depth(loops: Sequence[Loop], path: Any) -> list[tuple[Loop, int]]:
     """Outlines with the number of others that they are inside of, in ascending order; at least one."""
-    loops = sorted([loop for loop in loops if len(loop) > 2 and _area(loop) > 0], key=_area, reverse=True)
-    if not loops:
-        raise FileError(f"{path}: the drawing holds no closed outline")
-    touching = JOINED * float(np.max(np.ptp(np.vstack(loops), axis=0)))
-    crossing = crossing_of(loops, touching)
+    loops = sorted([loop for loop in loops if len(loop) > 2 and not _is_line(loop)], key=_area, reverse=True)
+    touching = JOINED * float(np.max(np.ptp(np.vstack(loops), axis=0))) if loops else 0.0
+    crossing = crossing_of(loops, touching) if loops else None
     if crossing is not None:
         raise _overlap(path, "outlines cross at", crossing)
+    loops = [loop for loop in loops if _area(loop) > touching**2]  # others run to and fro
+    if not loops:
+        raise FileError(f"{path}: the drawing holds no closed outline")
     depths = [sum(_lies_inside(loop, other, touching, path) for other in loops[:k]) for k, loop in enumerate(loops)]
     return sorted(zip(loops, depths, strict=True), key=lambda item: item[1])
+
+
+def _is_line(loop: Loop) -> bool:
+    """True if all points lie on a line."""
+    away = loop - loop[0]
+    farthest = away[np.argmax(np.sum(away**2, axis=1))]
+    across = np.abs(away @ [-farthest[1], farthest[0]])
+    return bool(np.max(across) <= JOINED * float(farthest @ farthest))
 
 
 def _area(loop: Loop) -> float:
@@ -239,4 +317,4 @@ def _lies_inside(loop: Loop, larger: Loop, touching: float, path: Any) -> bool:
 
 def _overlap(path: Any, words: str, place: np.ndarray) -> FileError:
     x, y = place
-    return FileError(f"{path}: {words} ({x:.6g}, {y:.6g}) m; join them in the drawing, or remove one")
+    return FileError(f"{path}: {words} ({x:.6g}, {y:.6g}) m; join or part them in the drawing, or remove one")
