@@ -78,9 +78,10 @@ _SAVED = (
     "it holds the {} that this leads to"
 )
 _ADVICE = {
-    **dict.fromkeys(("replicate", "attach", "composite"), _SAVED.format("bodies and joints")),
+    **dict.fromkeys(("replicate", "attach"), _SAVED.format("bodies and joints")),
     **dict.fromkeys(
-        ("boundmass", "boundinertia", "balanceinertia", "inertiagrouprange", "shellinertia"), _SAVED.format("masses")
+        ("boundmass", "boundinertia", "balanceinertia", "inertiagrouprange", "shellinertia"),
+        _SAVED.format("masses") + ", so that the attribute can be taken out",
     ),
     **dict.fromkeys(("springdamper", "dampratio"), _SAVED.format("stiffness and damping")),
     "inheritrange": _SAVED.format("range"),

@@ -60,6 +60,50 @@ def test_a_walker_of_mujoco():
     assert [state[mbd.time_derivative(each)] for each in v] == pytest.approx(known, rel=1e-6)
 
 
+def test_coordinates_of_a_file():
+    """Oblique slides, hinges of both senses and references, includes and frames: accelerations in the file's terms."""
+    machine = mbd.read_mjcf(DATA / "hopper.xml")
+    names = ("root a", "root b", "root turn", "hip", "shin", "ankle")
+    q = [coordinate_of(machine.joint(name)) for name in names]
+    v = [mbd.time_derivative(each) for each in q]
+    at = {"q": (0.5, -0.4, 0.4, -0.3, 0.12, 0.3), "v": (0.5, -0.2, 1.1, -2.0, 0.3, 0.7)}
+    conditions = [a == b for a, b in zip([*q, *v], [*at["q"], *at["v"]], strict=True)]
+    state = mbd.assemble(machine, conditions, inputs=dict(zip(machine.inputs, (0.6, -0.2, 0.4), strict=True)))
+    known = [2.7635791860983274, -2.262787029609449, 55.53117563863138]
+    known += [283.5010063439173, -102.41963180021938, 1520.9079189364352]
+    assert [state[mbd.time_derivative(each)] for each in v] == pytest.approx(known, rel=1e-7)
+    assert [body.mass for body in machine.bodies[:3]] == pytest.approx([25.70485356, 2.27870187, 0.90477868])
+    at_zero = mbd.assemble(machine)  # the pose of the file
+    assert [at_zero[each] for each in q] == pytest.approx([0.4, -0.2, 0.1, 0.1, 0.07, -0.3], abs=1e-12)
+
+
+@pytest.mark.parametrize("sense", [1, -1])
+def test_a_servo_on_a_hinge_of_either_sense(sense, tmp_path):
+    """A control law on the angle of the file, with the motor of the file, is stable: I a = -k (a - 0.3) - d a'."""
+    text = MJCF.format("", '<option gravity="0 0 0"/><actuator><motor name="u" joint="j"/></actuator>')
+    machine = read(tmp_path / "m.xml", text.replace('axis="0 1 0"', f'axis="0 {sense} 0"'))
+    (drive,), joint = machine.inputs, machine.joint("j")
+    inertia = 4 / 3 * np.pi * 0.1**3 * 1000 * (1 + 0.4 * 0.1**2)
+    law = -inertia * (9 * (joint.angle - 0.3) + 6 * joint.angular_velocity)
+    run = mbd.simulate(machine, duration=1.0, inputs={drive: law})
+    assert run.final[joint.angle] == pytest.approx(0.3 - 0.3 * (1 + 3) * np.exp(-3), rel=1e-5)  # critical damping
+
+
+def test_a_planar_base_is_simulated(tmp_path):
+    """A free flight: joints that constrain nothing have coordinates, and everything else works as before."""
+    text = """<mujoco><worldbody><body name="b" pos="0 0 2">
+      <joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slide" axis="0 0 1" ref="2"/>
+      <joint name="turn" axis="0 1 0"/><geom size="0.1" contype="0" conaffinity="0"/></body></worldbody></mujoco>"""
+    machine = read(tmp_path / "m.xml", text)
+    x, z, turn = (machine.joint(name) for name in ("x", "z", "turn"))
+    start = [x.displacement == 0, z.displacement == 2, turn.angle == 0, x.speed == 3, z.speed == 4]
+    run = mbd.simulate(machine, duration=0.5, initial=[*start, turn.angular_velocity == 5])
+    known = [1.5, 2 + 2 - 9.81 / 8, 2.5]
+    assert [run.final[e] for e in (x.displacement, z.displacement, turn.angle)] == pytest.approx(known, rel=1e-6)
+    assert mbd.check(machine).degrees_of_freedom == 3
+    mbd.draw(run.final, forces=True)
+
+
 def test_a_robot_of_ros():
     """Links, frames, products of inertia, actuators and fixed links."""
     with pytest.warns(mbd.MechanismWarning, match="left out the limits of joint 'rail'.*the limits of joint 'elbow'"):
@@ -139,7 +183,8 @@ MJCF = """<mujoco>
         ('<body><joint type="ball"/><geom size="1"/></body>', "", "line 6: joint is of the type 'ball'"),
         ('<joint name="k" axis="0 1 0"/>', "", "joint 'k' is one joint too many between two bodies"),
         ('<joint name="k" type="slide" axis="1 0 0"/>', "", "joint 'k' slides on a body that turns first"),
-        ('<composite type="rope"/>', "", "line 6: composite is not read in body; load the model in MuJoCo"),
+        ('<composite type="rope"/>', "", "line 6: composite is not read in body"),
+        ('<replicate count="2"/>', "", "line 6: replicate is not read in body; load the model in MuJoCo"),
         ('<geom type="mesh" mesh="m"/>', "", "line 6: geom is of the type 'mesh', whose mass is not computed"),
         ('<geom type="box" size="1 2"/>', "", "needs 3 positive numbers in size"),
         ('<geom size="big"/>', "", "has size = 'big', which are not finite numbers"),
@@ -201,6 +246,125 @@ def test_what_changes_the_inertia(tmp_path):
     assert state[arm.y] == pytest.approx(-0.5 * np.cos(0.4), abs=1e-12)
 
 
+def test_repeated_sections(tmp_path):
+    """Attributes of repeated elements add up, later ones of the same name count; flags too."""
+    text = """<mujoco><compiler angle="radian"/><compiler meshdir="x"/><option gravity="0 0 -1"/>
+      <option timestep="0.001"><flag spring="disable" damper="disable"/></option><option gravity="0 0 -1.62"/>
+      <option><flag spring="enable"/></option><worldbody><body name="a"><joint name="j" axis="0 -1 0" stiffness="20"
+      springref="0.5" damping="7"/><geom size="0.1" mass="2" pos="1 0 0" contype="0" conaffinity="0"/></body>
+      </worldbody></mujoco>"""
+    machine = read(tmp_path / "m.xml", text)
+    joint = machine.joint("j")
+    state = mbd.assemble(machine, [joint.angle == 0.2, joint.angular_velocity == 3])
+    moment = 20 * (0.5 - 0.2) - 2 * 1.62 * np.cos(0.2)
+    rate = mbd.time_derivative(joint.angular_velocity)
+    assert state[rate] == pytest.approx(moment / (2 + 0.4 * 2 * 0.1**2), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("defaults", "known"),
+    [
+        # by default, and of motor, position, position kp="9", velocity, general, general biasprm="7"
+        ('<motor gear="2"/>', [(1, 0, 0, 0), (1, 0, -1, 0), (9, 0, -9, 0), (1, 0, 0, -1), (1, 0, 0, 0), (1, 0, 0, 0)]),
+        (
+            '<position kp="4" kv="0.5"/>',
+            [(1, 0, 0, 0), (4, 0, -4, -0.5), (9, 0, -9, -0.5), (1, 0, 0, -1), (4, 0, -4, -0.5), (4, 7, -4, -0.5)],
+        ),
+        (
+            '<velocity kv="2"/>',
+            [(1, 0, 0, 0), (1, 0, -1, 0), (9, 0, -9, 0), (2, 0, 0, -2), (2, 0, 0, -2), (2, 7, 0, -2)],
+        ),
+        (
+            '<general gainprm="3" biastype="affine" biasprm=".1 -2"/>',
+            [(1, 0, 0, 0), (3, 0, -3, 0), (9, 0, -9, 0), (3, 0, 0, -3), (3, 0.1, -2, 0), (3, 7, -2, 0)],
+        ),
+        (
+            '<position kp="4" kv="0.5"/><general gainprm="6"/>',
+            [(1, 0, 0, 0), (6, 0, -6, -0.5), (9, 0, -9, -0.5), (6, 0, 0, -6), (6, 0, -4, -0.5), (6, 7, -4, -0.5)],
+        ),
+        (
+            '<position kp="5" kv="0.5"/><velocity/>',
+            [(1, 0, 0, 0), (1, 0, -1, 0), (9, 0, -9, 0), (1, 0, 0, -1), (1, 0, 0, -1), (1, 7, 0, -1)],
+        ),
+    ],
+)
+def test_defaults_of_all_kinds_of_actuators(defaults, known, tmp_path):
+    """Gain, and constant, stiffness and rate of the bias, in MuJoCo's actuator_gainprm and actuator_biasprm."""
+    kinds = ("motor", "position", 'position kp="9"', "velocity", "general", 'general biasprm="7"')
+    gear = 2 if "gear" in defaults else 1
+    for kind, (gain, constant, stiffness, rate) in zip(kinds, known, strict=True):
+        text = f"<default>{defaults}</default><actuator><{kind} name='u' joint='j'/></actuator>"
+        machine = read(tmp_path / "m.xml", MJCF.format("", '<compiler angle="radian"/>' + text))
+        joint, (drive,) = machine.joint("j"), machine.inputs
+        ((_, force),) = machine.force("u").virtual_work
+        state = mbd.assemble(machine, [joint.angle == 0.4, joint.angular_velocity == 1.5], inputs={drive: 0.8})
+        bias = constant + stiffness * gear * 0.4 + rate * gear * 1.5
+        assert state[force] == pytest.approx(gear * (gain * 0.8 + bias), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("geom", "mass"),
+    [
+        ('type="box" size="0.1 0.05" fromto="0 0 0 0.3 0 0.4"', 8 * 0.1 * 0.1 * 0.25 * 1000),
+        ('type="box" size="0.1 0.05 0.7" fromto="0 0 0 0.3 0 0.4"', 8 * 0.1 * 0.1 * 0.25 * 1000),
+        ('type="ellipsoid" size="0.1 0.2" fromto="0 0 0 0.3 0 0.4"', 4 / 3 * np.pi * 0.1 * 0.1 * 0.25 * 1000),
+        ('type="cylinder" size="0.1 0.2" fromto="0 0 0 0.3 0 0.4"', np.pi * 0.1**2 * 0.5 * 1000),
+    ],
+)
+def test_solids_between_two_points(geom, mass, tmp_path):
+    """The first number of size is the half width across both axes, and the points give the length."""
+    text = MJCF.format("", "").replace('type="sphere" size="0.1" pos="1 0 0"', geom)
+    assert read(tmp_path / "m.xml", text).bodies[0].mass == pytest.approx(mass, rel=1e-12)
+
+
+FOUR_BAR = """<mujoco><worldbody><body name="crank"><joint name="A" axis="0 1 0"/>
+  <geom type="capsule" fromto="0 0 0 .1 0 .1" size=".01" {free}/><body name="coupler" pos=".1 0 .1">
+  <joint name="B" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .3 0 .1" size=".01" {free}/></body></body>
+  <body name="rocker" pos=".4 0 0"><joint name="D" axis="0 1 0"/>
+  <geom type="capsule" fromto="0 0 0 0 0 .2" size=".01" {free}/></body></worldbody>
+  <equality><weld name="C" body1="coupler" body2="rocker" anchor="0 0 .2" {more}/></equality></mujoco>"""
+
+
+def test_welds_that_hold_a_point_and_soft_ones(tmp_path):
+    """Without a couple a weld is a pin, at a point of the second body; a softness that is left out is named."""
+    free = 'contype="0" conaffinity="0"'
+    rigid = read(tmp_path / "m.xml", FOUR_BAR.format(free=free, more=""))
+    assert mbd.check(rigid).degrees_of_freedom == 0
+    pinned = read(tmp_path / "m.xml", FOUR_BAR.format(free=free, more='torquescale="0" solref="0.02" solimp="0.9"'))
+    assert mbd.check(pinned).degrees_of_freedom == 1
+    assert pinned.joint("C").a.position is not None
+    state = mbd.assemble(pinned)
+    assert state[pinned.joint("C").a.position] == pytest.approx([0.4, 0.2], abs=1e-12)
+    with pytest.warns(mbd.MechanismWarning, match=r"the softness \(solref\) of weld 'C', which holds exactly"):
+        read(tmp_path / "m.xml", FOUR_BAR.format(free=free, more='solref="-100 -5"'))
+
+
+def test_what_is_left_out_of_mjcf_is_named(tmp_path):
+    """Contact pairs without contacts of their geoms, bodies that programs move; nothing that a flag turns off."""
+    text = MJCF.format(
+        '<body name="hand" mocap="true"/><geom name="g" size="1" mass="0" contype="0" conaffinity="0"/>',
+        '<contact><pair geom1="g" geom2="h"/><exclude body1="a" body2="b"/></contact>{}',
+    )
+    with pytest.warns(
+        mbd.MechanismWarning, match=r"body 'hand' by a program \(mocap\); the contact pair of 'g' and 'h'$"
+    ):
+        read(tmp_path / "m.xml", text.format(""))
+    text = text.replace(' mocap="true"', "").replace('<joint name="j"', '<joint range="0 1" frictionloss="1" name="j"')
+    flag = '<option><flag contact="disable" limit="disable" frictionloss="disable"/></option>'
+    read(tmp_path / "m.xml", text.format(flag))  # without a warning
+
+
+def test_files_that_include_each_other(tmp_path):
+    """A file is included once, and a missing one is named."""
+    (tmp_path / "part.xml").write_text('<mujoco><include file="part.xml"/></mujoco>')
+    with pytest.raises(
+        mbd.FileError, match=r"part.xml, line 1: include includes 'part.xml', which is included already"
+    ):
+        read(tmp_path / "m.xml", MJCF.format("", '<include file="part.xml"/>'))
+    with pytest.raises(mbd.FileError, match="other.xml: the file cannot be read"):
+        read(tmp_path / "m.xml", MJCF.format("", '<include file="other.xml"/>'))
+
+
 def test_flags_and_shared_defaults(tmp_path):
     """Forces that flags turn off, and defaults of one kind of actuator that are those of the others."""
     text = """<mujoco>
@@ -246,6 +410,93 @@ def test_wrong_robots(change, words, tmp_path):
     with pytest.raises(mbd.FileError) as caught:
         read(tmp_path / "r.urdf", text.replace(*change, 1), mbd.read_urdf)
     assert words in str(caught.value), caught.value
+
+
+LINK = """<link name="{}"><inertial><origin xyz="0.5 0 0"/><mass value="1"/>
+  <inertia ixx="1" iyy="0.1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+ARM = """<joint name="j" type="{kind}"><parent link="{parent}"/><child link="arm"/><axis xyz="{axis}"/>{more}</joint>"""
+
+
+def robot(path, kind="continuous", parent="world", axis="0 1 0", more="", beside=""):
+    arm = ARM.format(kind=kind, parent=parent, axis=axis, more=more)
+    return read(path / "r.urdf", f'<robot name="r">{LINK.format("arm")}{arm}{beside}</robot>', mbd.read_urdf)
+
+
+def test_the_world_of_urdf(tmp_path):
+    """A parent that the file does not describe is the ground if it is the world."""
+    machine = robot(tmp_path)
+    rate = mbd.time_derivative(machine.joint("j").angular_velocity)  # about +y: gravity turns it down
+    assert mbd.assemble(machine)[rate] == pytest.approx(9.81 * 0.5 / (0.1 + 0.25), rel=1e-10)
+    with pytest.raises(mbd.FileError, match="joint 'j' names the link 'earth', which does not exist"):
+        robot(tmp_path, parent="earth")
+
+
+def test_planar_joints_of_urdf(tmp_path):
+    """Slides along the axes of the frame, turned to the axis of the joint, and a hinge; only in the plane of others."""
+    machine = robot(tmp_path, kind="planar")
+    x, y, theta = (machine.joint(f"j/{name}") for name in ("x", "y", "theta"))
+    arm = machine.bodies[0]
+    state = mbd.assemble(machine, [x.displacement == 0.3, y.displacement == 0.2, theta.angle == 0.1])
+    # the shortest turn from z to y brings y to -z; a turn about y is seen clockwise
+    assert state[arm.position] == pytest.approx([0.3 + 0.5 * np.cos(0.1), -0.2 - 0.5 * np.sin(0.1)], abs=1e-12)
+    assert mbd.check(machine).degrees_of_freedom == 3
+    hand = LINK.format("hand") + ARM.format(kind="revolute", parent="arm", axis="1 0 0", more="")
+    hand = hand.replace('child link="arm"', 'child link="hand"').replace('name="j"', 'name="wrist"')
+    with pytest.raises(
+        mbd.FileError, match=r"'wrist' turns about the axis \(1, 0, 0\), and 'j/theta' about \(0, 1, 0\)"
+    ):
+        robot(tmp_path, kind="planar", beside=hand)
+
+
+@pytest.mark.parametrize(
+    ("more", "beside", "words"),
+    [
+        ('<dynamics dampng="3"/>', "", r"attribute dampng of dynamics \(line 2\)"),
+        ("<limits/>", "", r"limits of joint 'j' \(line 2\)"),
+        ("", '<gazebo><joint name="loop"/></gazebo>', r"joint 'loop' of gazebo \(line 2\)"),
+        ("", '<gazebo reference="j"><springStiffness>9</springStiffness></gazebo>', "springStiffness of gazebo 'j'"),
+        (
+            "",
+            '<ros2_control><joint name="j"><command_interface name="effort"/></joint></ros2_control>',
+            r"the inputs of ros2_control for j \(a transmission",
+        ),
+        (
+            "",
+            '<transmission name="t"><actuator name="m"><drake:rotor_inertia value="1"/></actuator></transmission>',
+            "drake:rotor_inertia of actuator 'm'",
+        ),
+        (
+            "",
+            '<link name="a"><collision/></link><joint name="f" type="fixed" a="1"><parent link="arm"/><child link="a"/>'
+            '</joint><link name="b"/><joint name="g" type="fixed" a="1"><parent link="arm"/><child link="b"/></joint>',
+            r"contacts of collision elements .*; attribute a of joint 'f' \(line 2\) and 1 more",
+        ),
+    ],
+)
+def test_what_is_left_out_of_urdf_is_named(more, beside, words, tmp_path):
+    with pytest.warns(mbd.MechanismWarning, match="left out .*" + words):
+        robot(tmp_path, more=more, beside=beside)
+
+
+@pytest.mark.parametrize("wrap", ["body", "frame", "default"])
+def test_deep_files(wrap, tmp_path):
+    """Elements nested more deeply than Python calls itself."""
+    depth = 3000
+    if wrap == "default":
+        classes = "".join(f'<default class="c{k}">' for k in range(depth)) + "</default>" * depth
+        machine = read(tmp_path / "m.xml", MJCF.format("", f"<default>{classes}</default>"))
+    else:
+        inner = f'<{wrap} pos="0 0 0.001">' * depth + '<geom size="0.1" mass="2"/>' + f"</{wrap}>" * depth
+        with pytest.warns(mbd.MechanismWarning, match="the contacts of geoms"):
+            machine = read(tmp_path / "m.xml", MJCF.format(inner, ""))
+        assert machine.bodies[0].mass == pytest.approx(2 + 4 / 3 * np.pi)
+    assert len(machine.bodies) == 1
+
+
+def test_a_long_chain_of_fixed_links(tmp_path):
+    joint = '<joint name="j{0}" type="fixed"><parent link="{1}"/><child link="{0}"/></joint>'
+    chain = "".join(LINK.format(f"l{k}") + joint.format(f"l{k}", f"l{k - 1}" if k else "arm") for k in range(1500))
+    assert robot(tmp_path, beside=chain).bodies[0].mass == pytest.approx(1501)
 
 
 def test_other_files(tmp_path):
