@@ -113,7 +113,7 @@ def _advice(name: str) -> str:
 
 def turned_off(flags: Iterable[XmlElement]) -> set[str]:
     """Return what the flags of options turn off; later ones count."""
-    off = set()
+    off = set[str]()
     for flag in flags:
         for name, text in flag.attributes.items():
             if name in FLAGS:

@@ -267,6 +267,7 @@ class PlanarBuilder:
 
     def _slide_in_plane(self, link: Link, slides: Sequence[SpatialJoint], point: np.ndarray) -> None:
         """Add two slides, which together constrain no place."""
+        assert link.parent is not None
         directions = np.array([self.plane.axes[:2] @ (link.rotation @ slide.axis) for slide in slides])
         if abs(np.linalg.det(directions)) < PARALLEL:
             raise slides[1].source.refuse("slides along the axis of the other slide")

@@ -188,14 +188,12 @@ def _joints(joint: XmlElement, robot: Robot) -> list[SpatialJoint]:
     if limit is not None and kind != "continuous" and (limit.has("lower") or limit.has("upper")):
         robot.left_out.append(f"the limits of joint '{name}' (EndStop holds them)")
     axis = unit_vector(joint, "axis", axis)
+    parts = {name: (_KINDS.get(kind, ""), axis)}
     if kind == "planar":
         x, y, z = rotation_to_z(axis).T
-        parts = (("x", "slide", x), ("y", "slide", y), ("theta", "hinge", z))
-    else:
-        parts = (("", _KINDS[kind], axis),)
+        parts = {f"{name}/x": ("slide", x), f"{name}/y": ("slide", y), f"{name}/theta": ("hinge", z)}
     return [
-        SpatialJoint(joint, name + (part and f"/{part}"), shape, along, np.zeros(3), damping=damping)
-        for part, shape, along in parts
+        SpatialJoint(joint, part, shape, along, np.zeros(3), damping=damping) for part, (shape, along) in parts.items()
     ]
 
 

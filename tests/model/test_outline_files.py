@@ -81,6 +81,16 @@ def svg(path, content, size='width="100mm" height="100mm" viewBox="0 0 100 100"'
         # what is not drawn
         ('<rect width="50" height="20"/><mask><path d="M 0 0 h 90 v 90 z"/></mask>', None, 1e-3, (0.025, -0.01)),
         ('<symbol><path d="M 0 0 h 90 v 90 z"/></symbol><rect width="50" height="20"/>', None, 1e-3, (0.025, -0.01)),
+        ('<marker><path d="M 0 0 h 90 v 90 z"/></marker><rect width="50" height="20"/>', None, 1e-3, (0.025, -0.01)),
+        # what is filled is closed by that; lines beside it are not
+        ('<path d="M 0 0 h 10 v 20 h -10 z M 20 0 h 40 v 20 h -40"/>', None, 1e-3, (0.033, -0.01)),
+        ('<polyline points="0,0 50,0 50,20 0,20"/>', None, 1e-3, (0.025, -0.01)),
+        (
+            '<rect width="50" height="20"/><path fill="none" stroke="red" d="M 60 0 h 10 v 9"/><path d="M -9 5 h 90"/>',
+            None,
+            1e-3,
+            (0.025, -0.01),
+        ),
         ('<defs><rect id="a" width="50" height="20"/></defs><use href="#a" x="5"/>', None, 1e-3, (0.03, -0.01)),
     ],
 )
@@ -93,8 +103,68 @@ def test_units_and_transformations_of_svg(content, size, area, centroid, tmp_pat
 
 
 @pytest.mark.parametrize(
+    ("circle", "is_seen"),
+    [
+        ('display="none"', False),
+        ('visibility="hidden"', False),
+        ('style="visibility:collapse"', False),
+        ('opacity="0"', False),
+        ('class="unseen"', False),
+        ('fill="none"', False),
+        ('fill="none" stroke="red" stroke-opacity="0"', False),
+        ('fill="none" stroke="red"', True),
+        ('fill-opacity="0" stroke="red"', True),
+        ('visibility="visible"', True),
+    ],
+)
+def test_shapes_of_svg_that_are_not_seen(circle, is_seen, tmp_path):
+    """A hole counts if it is drawn: by attribute, style or class, and in a group that is hidden if it shows itself."""
+    style = "<style>.unseen{visibility:hidden}</style>"
+    hole = f'<circle cx="25" cy="10" r="5" {circle}/>'
+    group = f'<g visibility="hidden">{hole}</g>' if 'visibility="visible"' in circle else hole
+    content = f'{style}<rect width="50" height="20"/>{group}'
+    area = mbd.Polygon.from_svg(svg(tmp_path / "a.svg", content), tolerance=1e-7).area
+    assert area == pytest.approx(1e-3 - is_seen * np.pi * 25e-6, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("clip", "place", "words"),
+    [
+        ('<clipPath id="c"><rect width="50" height="20"/></clipPath>', 'clip-path="url(#c)"', None),
+        ('<clipPath id="c"><circle r="60"/></clipPath>', 'style="clip-path:url(#c)"', None),
+        (
+            '<clipPath id="c"><rect width="49" height="20"/></clipPath>',
+            'clip-path="url(#c)"',
+            r"'g1' is cut by url\(#c\)",
+        ),
+        ('<clipPath id="c"><rect width="90" height="90" x="60"/></clipPath>', 'clip-path="url(#c)"', "is cut by url"),
+        (
+            '<clipPath id="c" clipPathUnits="objectBoundingBox"><rect width="90" height="90"/></clipPath>',
+            'clip-path="url(#c)"',
+            "is cut by url",
+        ),
+        ('<mask id="c"><rect width="90" height="90"/></mask>', 'mask="url(#c)"', "'g1' is cut by a mask"),
+    ],
+)
+def test_clips_of_svg(clip, place, words, tmp_path):
+    """Outlines inside a clip, in the place of what it clips, are drawn whole; others are refused."""
+    content = (
+        f'<defs>{clip}</defs><g id="g1" transform="translate(9 9) scale(2)" {place}><rect width="50" height="20"/></g>'
+    )
+    path = svg(tmp_path / "a.svg", content)
+    if words is None:
+        assert mbd.Polygon.from_svg(path).area == pytest.approx(4e-3)
+    else:
+        with pytest.raises(mbd.FileError, match=f"{words}.*; cut the outlines in the drawing, or release them"):
+            mbd.Polygon.from_svg(path)
+
+
+@pytest.mark.parametrize(
     ("content", "words"),
     [
+        ('<path d="M 0 0 L 50 50 L 50 0 L 0 50 z"/>', r"outlines cross at \(0.025, -0.025\) m; join or part them"),
+        ('<path d="M 0 0 L 50 0 L 50 40 L 50 0 z"/>', "holds no closed outline"),
+        ("<g>" * 3000 + '<rect width="9" height="9"/>' + "</g>" * 3000, "nested too deeply; dissolve them"),
         ('<rect width="30" height="20"/><rect x="20" y="5" width="30" height="20"/>', r"outlines cross at \(0.0"),
         ('<path d="M 0 0 L 40 30 L 40 0 L 0 20 z"/>', "outlines cross at"),
         ('<rect width="30" height="20"/><rect x="20" width="30" height="20"/>', "another outline overlaps"),
@@ -209,6 +279,28 @@ def test_hidden_and_branching_lines_of_dxf(tmp_path):
         mbd.Polygon.from_dxf(path, layer="web")
 
 
+def test_blocks_of_dxf(tmp_path):
+    """Arrays of blocks, nested and turned; what lies on a layer that is off inside a block is not drawn."""
+    drawing, path = ezdxf.new(units=ezdxf.units.MM), tmp_path / "a.dxf"
+    drawing.layers.add("off").off()
+    drawing.layers.add("frozen").freeze()
+    square = np.array([(0, 0), (10, 0), (10, 10), (0, 10)])
+    block, outer, space = drawing.blocks.new("block"), drawing.blocks.new("outer"), drawing.modelspace()
+    for k, layer in enumerate(("0", "off", "frozen", "on")):
+        block.add_lwpolyline(square + np.array([20 * k, 0]), close=True, dxfattribs={"layer": layer})
+    outer.add_blockref("block", (0, 0), dxfattribs={"column_count": 3, "column_spacing": 100})
+    space.add_blockref("outer", (0, 0), dxfattribs={"row_count": 2, "row_spacing": 30, "rotation": 30})
+    drawing.saveas(path)
+    assert mbd.Polygon.from_dxf(path).area == pytest.approx(6 * 200e-6)
+    assert mbd.Polygon.from_dxf(path, layer="on").area == pytest.approx(6 * 100e-6)
+    # layer 0 of a block is the layer of the block; one that is frozen hides all of it
+    space.add_blockref("block", (900, 0), dxfattribs={"layer": "off"})
+    space.add_blockref("block", (900, 50), dxfattribs={"layer": "frozen"})
+    drawing.saveas(path)
+    assert mbd.Polygon.from_dxf(path).area == pytest.approx(13 * 100e-6)
+    assert mbd.Polygon.from_dxf(path, layer="off").area == pytest.approx((6 + 4 + 1) * 100e-6)
+
+
 def test_bad_drawings(tmp_path, monkeypatch):
     """One sentence each: missing, broken, without an outline, without the library."""
     for read, name in ((mbd.Polygon.from_svg, "a.svg"), (mbd.Polygon.from_dxf, "a.dxf")):
@@ -223,6 +315,10 @@ def test_bad_drawings(tmp_path, monkeypatch):
                 read(wrong)
         with pytest.raises(mbd.FileError, match="the file cannot be read: File name too long"):
             read("x" * 300)
+    path = tmp_path / "page.svg"
+    path.write_text("<html><body><svg/></body></html>")
+    with pytest.raises(mbd.FileError, match="this is not an SVG drawing: its outermost element is html, not svg"):
+        mbd.Polygon.from_svg(path)
     path = tmp_path / "open.svg"
     svg(path, '<path fill="none" stroke="red" d="M 0 0 L 10 0 L 10 10"/>')
     with pytest.raises(mbd.FileError, match="holds no closed outline"):

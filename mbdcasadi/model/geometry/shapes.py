@@ -281,8 +281,9 @@ class Polygon(Shape):
     def from_svg(cls, path: str | Path, *, scale: float | None = None, tolerance: float | None = None) -> Shape:
         """Return the shape of the closed outlines of an SVG drawing, by svgelements.
 
-        Outlines inside others are holes, and outlines inside holes are parts again; open lines and
-        parts that are not drawn in place (``defs``, masks) do not count. The y axis points up, as it is seen.
+        Outlines inside others are holes, and outlines inside holes are parts again. What is filled counts, also if its
+        line is left open, and so does a closed line; open lines, hidden shapes and parts that are not drawn in place
+        (``defs``, masks) do not. The y axis points up, as it is seen.
 
         Parameters
         ----------
@@ -301,8 +302,8 @@ class Polygon(Shape):
         Raises
         ------
         FileError
-            For a file that cannot be read or holds no closed outline, outlines that cross or overlap in part,
-            a drawing or symbol inside the drawing, and without svgelements.
+            For a file that cannot be read or holds no closed outline, outlines that cross or overlap in part, or that
+            a clip or mask may cut, a drawing or symbol inside the drawing, and without svgelements.
         """
         return _shape_of(loops_of_svg(path, scale, tolerance))
 
@@ -317,8 +318,9 @@ class Polygon(Shape):
     ) -> Shape:
         """Return the shape of the closed outlines of a DXF drawing, by ezdxf.
 
-        Lines and arcs that meet at their ends are one outline; see :meth:`from_svg`. Layers that are
-        off or frozen, ``Defpoints`` and invisible lines do not count, if no layer is given.
+        Lines and arcs that meet at their ends are one outline; see :meth:`from_svg`. Blocks and arrays of them count
+        as often as they are drawn. Layers that are off or frozen, also inside blocks, ``Defpoints`` and invisible lines
+        do not count, if no layer is given.
 
         Parameters
         ----------
@@ -329,7 +331,7 @@ class Polygon(Shape):
         tolerance : float, optional
             Largest distance of the polygon from curves, m; by default 1e-4 of the size of the drawing.
         layer : str, optional
-            Layer of the outlines; all layers by default.
+            Layer of the outlines, or of the blocks that hold them; all layers by default.
 
         Raises
         ------
