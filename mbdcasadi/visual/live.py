@@ -35,8 +35,9 @@ LARGEST_PAGE = 1_000_000
 DECIMALS = 12
 _STYLES = ("page.css", "live/page.css")
 _SCRIPTS = (
-    "frames.js", "live/linear.js", "live/equations.js", "live/assembly.js", "live/integrators.js", "live/engine.js",
-    "stage.js", "plots.js", "svg.js", "panel.js", "live/player.js",
+    "numbers.js", "frames.js", "live/linear.js", "live/equations.js", "live/assembly.js", "live/integrators.js",
+    "live/engine.js", "live/past.js", "live/freedom.js", "stage.js", "plots.js", "svg.js", "panel.js", "saving.js",
+    "live/player.js",
 )  # fmt: skip
 
 

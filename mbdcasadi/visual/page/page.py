@@ -6,7 +6,7 @@ import html
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.resources import files
 from string import Template
 from typing import Any
@@ -14,7 +14,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..drawing.scene import SLOT, Mark, diagonal_of
+from ..drawing.draw import room
+from ..drawing.scene import ARROW, SLOT, Mark, diagonal_of
 from ..drawing.style import BODIES_DARK, BODIES_LIGHT, DARK, LIGHT, SERIES_DARK, SERIES_LIGHT, STYLES
 from ..film import Film
 from .columns import Column, Columns
@@ -27,7 +28,9 @@ FINE = 1e-5
 PIXELS = 4 / 3
 #: A comment at the end of a line of a script, two spaces after it.
 _COMMENT = re.compile(r"  +// .*$")
-_SCRIPTS = ("frames.js", "data.js", "stage.js", "plots.js", "svg.js", "panel.js", "player.js")
+_SCRIPTS = (
+    "numbers.js", "frames.js", "data.js", "stage.js", "plots.js", "svg.js", "panel.js", "saving.js", "player.js",
+)  # fmt: skip
 
 
 def page(film: Film, forces: bool) -> str:
@@ -120,7 +123,7 @@ def page_data(film: Film, store: Columns, forces: bool) -> dict[str, Any]:
     return {
         "t0": float(t[0]), "title": film.title, "speed": film.speed, "forces": forces, "names": film.options.names,
         "digits": film.digits,
-        "box": [_short(x) for x in film.box.ravel()], "scale": film.scale, "traceLayer": SLOT,
+        "box": [_short(x) for x in _stage(film).ravel()], "scale": film.scale, "traceLayer": SLOT,
         "frames": [frame | {"c": [column.index for column in frame["c"]]} for frame in frames],
         "marks": [_mark(mark, shapes) for mark in scene.marks],
         "shapes": [points for _, points in shapes.values()],
@@ -138,6 +141,13 @@ def page_data(film: Film, store: Columns, forces: bool) -> dict[str, Any]:
         "seriesLight": SERIES_LIGHT, "seriesDark": SERIES_DARK,
         **packed,
     }  # fmt: skip
+
+
+def _stage(film: Film) -> np.ndarray:
+    """Corners about the parts and paths of a film: the page breaks arrows off that are long."""
+    parts = replace(film.scene, marks=[mark for mark in film.scene.marks if mark.layer != ARROW])
+    paths = film.lines[0] if film.lines else film.sample[film.options.paths]
+    return room(parts, film.poses, paths.reshape(-1, 2))
 
 
 def _readings(columns: dict[str, Column], key: str) -> list[dict[str, Any]]:

@@ -134,21 +134,27 @@ function frameOf(time) { return (time - DATA.t0) / (DATA.t1 - DATA.t0) * (DATA.c
 // --- what the drawing and the plots read ---------------------------------------------------
 function timeSpan() { return [DATA.t0, DATA.t1]; }
 function revision() { return 0; }                            // the motion does not change
+function wholeBox() { return DATA.box.slice(); }
 const drawnPoints = new Map();
 function pointsOf(index) {
   if (!drawnPoints.has(index)) drawnPoints.set(index, timesOf([index]).map(time => [time, valueAt(index, time)]));
   return drawnPoints.get(index);
 }
-function watch() { }                                          // every column is known at all times
+// Points of a column over another one, or over time, with their times.
+function series(x, index) {
+  if (x === null) { const points = pointsOf(index); return { points: points, times: points.map(point => point[0]) }; }
+  const times = timesOf([x, index]);
+  return { points: times.map(time => [valueAt(x, time), valueAt(index, time)]), times: times };
+}
 const drawnPaths = DATA.traces.map(frame => {
   const times = timesOf(columnsOf(frame));
-  return { frame: frame, times: times, points: times.map(time => poseOf(frame, time)) };
+  const after = time => { const k = times.findIndex(one => one > time); return k < 0 ? times.length : k; };
+  return { frame: frame, whole: [], points: times.map(time => poseOf(frame, index => valueAt(index, time))), past: after };
 });
 function paths() { return drawnPaths; }
 // Everything that is read or plotted, as a table over the times of the frames.
 function table() {
-  const columns = DATA.plots.flatMap(plot => { return plot.lines.map(line => [line.name ? plot.label + ", " + line.name : plot.label, line.column]); });
-  for (const item of DATA.items) for (const reading of item.readings) columns.push([item.name + ": " + reading.label, reading.column]);
+  const columns = quantities();
   const rows = Array.from({ length: DATA.count }, (_, k) => {
     const time = timeOf(k);
     return [time, ...columns.map(column => valueAt(column[1], time))];

@@ -4,17 +4,27 @@ const ICONS = { play: '<svg width="16" height="16" viewBox="0 0 16 16"><path d="
                 pause: '<svg width="16" height="16" viewBox="0 0 16 16"><path d="M2 1h4v14H2zM10 1h4v14h-4z"/></svg>' };
 const SPEEDS = [0.05, 0.1, 0.25, 0.5, 1, 2, 4];
 const state = { time: DATA.t0, playing: false, factor: 1, loop: true, forces: DATA.forces, loads: DATA.forces, velocities: false, names: DATA.names,
-                dark: window.matchMedia && window.matchMedia("(prefers-color-scheme: dark)").matches, item: null, kept: false };
+                dark: window.matchMedia && window.matchMedia("(prefers-color-scheme: dark)").matches, degrees: false, millimetres: false, item: null, kept: false };
 let shownAt = null, frames = 0;
 
+function tell(text) {
+  element("notice").textContent = text;
+  element("notice").hidden = !text;
+}
+
 function show() {
+  keepInView(false);
   drawStage(state.time, state);
+  drawHint();
   // numbers and plots of a mechanism that runs follow at every third frame: they take as long as the drawing
   if (DATA.live && state.playing && ++frames % 3) return;
   drawPlots(state.time, state.dark);
   element("clock").textContent = "t = " + state.time.toFixed(DATA.digits).replace("-", "\u2212") + " s";
-  showControls();
+  element("slider").value = shareOfSlider();
+  element("slider").setAttribute("aria-valuetext", element("clock").textContent);
+  if (DATA.live) showValues();
   showReading();
+  noteAddress();
 }
 
 function showReading() {
@@ -22,16 +32,15 @@ function showReading() {
   box.hidden = state.item === null;
   if (box.hidden) return;
   const item = DATA.items[state.item];
-  if (!item.readings.length) { box.hidden = true; return; }  // nothing is known of it but its name
   box.className = state.kept ? "kept" : "";
   box.replaceChildren();
   const name = document.createElement("b"), kind = document.createElement("small"), table = document.createElement("table");
   name.textContent = item.name;
   kind.textContent = item.kind;
   for (const reading of item.readings) {
-    const row = table.insertRow(), comma = reading.label.lastIndexOf(", ");
-    row.insertCell().textContent = reading.label.slice(0, comma);
-    row.insertCell().textContent = written(valueAt(reading.column, state.time), reading.d) + " " + reading.label.slice(comma + 2);
+    const row = table.insertRow(), [label, unit] = parted(reading.label);
+    row.insertCell().textContent = label;
+    row.insertCell().textContent = measured(shownValue(reading.column), unit, reading.d);
   }
   box.append(name, kind, table);
 }
@@ -56,25 +65,10 @@ function setSwitch(id, on) {
   show();
 }
 
-// A picture or a table as a file.
-function download(name, text, type) {
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([text], { type: type }));
-  link.download = (DATA.title || "mechanism").replace(/[^\w-]+/g, "_") + name;
-  link.click();
-  URL.revokeObjectURL(link.href);
-}
-function commaSeparated() {
-  const data = table(), quoted = name => '"' + name.replaceAll('"', '""') + '"';
-  return [["t, s", ...data.names].map(quoted).join(","), ...data.rows.map(row => row.join(","))].join("\r\n") + "\r\n";
-}
-element("svg").addEventListener("click", () => { download(".svg", drawnAsSvg(), "image/svg+xml"); });
-element("csv").addEventListener("click", () => { download(".csv", commaSeparated(), "text/csv"); });
-
 for (const factor of SPEEDS) {
   const option = document.createElement("option"), times = factor * DATA.speed;
   option.value = String(factor);
-  option.textContent = written(times) + " ×";
+  option.textContent = String(Number(times.toPrecision(3))) + " ×";
   element("speed").appendChild(option);
 }
 // A number that is kept is plotted, or no longer. The table is written anew while it is pointed at.
@@ -82,25 +76,29 @@ element("reading").addEventListener("pointerdown", event => {
   const row = event.target.closest("tr"), item = DATA.items[state.item];
   if (!row) return;
   const reading = item.readings[row.rowIndex], label = item.name + ": " + reading.label;
-  if (!dropPlot(label)) { watch(reading.column); addPlot({ label: label, lines: [{ name: "", column: reading.column, d: reading.d }] }); }
+  if (!dropPlot(label)) addPlot({ label: label, lines: [{ name: "", column: reading.column, d: reading.d }] });
   resize();
 });
 element("play").addEventListener("click", () => { setPlaying(!state.playing); });
 element("speed").addEventListener("change", () => { setSpeed(Number(element("speed").value)); });
-const SWITCHES = ["loop", "forces", "velocities", "names", "theme"].filter(element);
+element("fit").addEventListener("click", () => { showWhole(); letScroll(); show(); });
+element("slider").addEventListener("input", () => { setPlaying(false); slideTo(Number(element("slider").value)); });
+const SWITCHES = ["loop", "forces", "velocities", "names", "degrees", "millimetres", "theme"].filter(element);
 for (const id of SWITCHES) {
   element(id).addEventListener("click", () => { setSwitch(id, element(id).getAttribute("aria-pressed") !== "true"); });
 }
 
 const KEYS = {
   " ": () => { setPlaying(!state.playing); },
+  ArrowLeft: event => { stepBy(event.shiftKey ? -10 : -1); },
+  ArrowRight: event => { stepBy(event.shiftKey ? 10 : 1); },
   ArrowUp: () => { setSpeed(SPEEDS[Math.min(SPEEDS.indexOf(state.factor) + 1, SPEEDS.length - 1)]); },
   ArrowDown: () => { setSpeed(SPEEDS[Math.max(SPEEDS.indexOf(state.factor) - 1, 0)]); },
   f: () => { element("forces").click(); },
   v: () => { element("velocities").click(); },
   n: () => { element("names").click(); },
   d: () => { element("theme").click(); },
-  "0": () => { view.x = view.y = 0; view.zoom = 1; letScroll(); show(); },
+  "0": () => { element("fit").click(); },
 };
 document.addEventListener("keydown", event => {
   const own = event.target.tagName;                  // a select, a slider and a focused button keep their own keys
@@ -126,6 +124,7 @@ function zoomAbout(at, factor) {
   view.x = at[0] - by * (at[0] - view.x);
   view.y = at[1] - by * (at[1] - view.y);
   view.zoom = zoom;
+  view.held = true;
   letScroll();
   show();
 }
@@ -135,7 +134,7 @@ stage.addEventListener("pointerdown", event => {
   moved = 0;
   stage.setPointerCapture(event.pointerId);
   if (touching.size > 1 && pulling) { release(); pulling = false; }
-  else if (touching.size === 1) pulling = grab(at, itemAt(at[0], at[1], state.time, state.forces));
+  else if (touching.size === 1) pulling = grab(at, itemAt(at[0], at[1], state.forces, null));
 });
 stage.addEventListener("pointermove", event => {
   const at = place(event), before = touching.get(event.pointerId);
@@ -150,10 +149,11 @@ stage.addEventListener("pointermove", event => {
     else if (moved > 4 && (event.pointerType === "mouse" || stage.style.touchAction === "none")) {
       view.x += at[0] - before[0];
       view.y += at[1] - before[1];
+      view.held = true;
       show();
     }
   } else if (!state.kept) {
-    const item = itemAt(at[0], at[1], state.time, state.forces);
+    const item = itemAt(at[0], at[1], state.forces, null);
     stage.classList.toggle("over", item !== null);
     if (item !== state.item) { state.item = item; show(); }
   }
@@ -163,7 +163,8 @@ stage.addEventListener("pointerup", event => {
   touching.delete(event.pointerId);
   if (pulling) { release(); pulling = false; }
   if (moved > 6) return;
-  const at = place(event), item = itemAt(at[0], at[1], state.time, state.forces);
+  // a further click takes what lies under it, and after all of it nothing
+  const at = place(event), item = itemAt(at[0], at[1], state.forces, state.kept ? state.item : null);
   state.kept = item !== null && !(state.kept && item === state.item);
   state.item = item;
   show();
@@ -194,14 +195,22 @@ function followTheme() {
   take();
 }
 
-function resize() { fit(); fitPlots(); show(); }
+function resize() {
+  document.querySelector("main").classList.toggle("alone", !plots.length);
+  element("side").hidden = !plots.length && !element("values").childElementCount;
+  fit(); fitPlots(); show();
+}
 window.addEventListener("resize", resize);
 
 function begin() {
   setSpeed(1);
   showPlaying(false);
   letScroll();
-  fit(); fitPlots();
+  takeAddress();
+  box = wholeBox();
+  fit();
+  lookAtWanted();
+  resize();
   for (const id of SWITCHES) setSwitch(id, state[id === "theme" ? "dark" : id]);
   element("forces").hidden = !DATA.scale.N && !DATA.scale["N m"];
   followTheme();
@@ -216,25 +225,25 @@ const controls = {
   names: DATA.items.map(item => item.name),
   reading: name => {
     const values = {};
-    for (const reading of itemOf(name).readings) values[reading.label] = valueAt(reading.column, state.time);
+    for (const reading of itemOf(name).readings) values[reading.label] = shownValue(reading.column);
     return values;
   },
   // the same as it is shown
   shown: name => {
     const texts = {};
-    for (const reading of itemOf(name).readings) texts[reading.label] = written(valueAt(reading.column, state.time), reading.d);
+    for (const reading of itemOf(name).readings) texts[reading.label] = written(shownValue(reading.column), reading.d);
     return texts;
   },
   // lines of a plot by name: the value at the time, and the points [t, value] that are drawn
   plot: label => {
     const plot = plots.find(one => one.label === label), lines = {};
-    for (const line of plot.lines) lines[line.name] = { value: valueAt(line.column, state.time), points: pointsOf(line.column) };
+    for (const line of plot.lines) lines[line.name] = { value: shownValue(line.column), points: series(plot.x, line.column).points };
     return lines;
   },
   // the arrow of a body's velocity as it is drawn, m
   arrow: name => {
     const number = DATA.items.findIndex(one => one.name === name);
-    const pose = poseOf(DATA.marks.find(one => one.i === number && one.g === "velocities").f, state.time);
+    const pose = shownPose(DATA.marks.find(one => one.i === number && one.g === "velocities").f);
     return [pose[2] * pose[4], pose[3] * pose[4]];
   },
   // where a mark of an item is drawn, in pixels of the drawing; null if it has none
@@ -243,13 +252,8 @@ const controls = {
     const marks = DATA.marks.filter(one => one.i === number && one.c && !one.g);
     const mark = marks.filter(one => one.k === 2).pop() || marks.pop();
     if (!mark) return null;
-    const pose = poseOf(mark.f, state.time), loop = SHAPES[mark.p][0], c = pose[2], s = pose[3], count = loop.length / mark.k;
-    let x = 0, y = 0;
-    for (let i = 0; i < loop.length; i += mark.k) {
-      x += mark.k === 4 ? loop[i] + loop[i + 1] * pose[4] : loop[i];
-      y += mark.k === 4 ? loop[i + 2] + loop[i + 3] * Math.abs(pose[4]) : loop[i + 1];
-    }
-    x /= count; y /= count;
-    return toScreen(pose[0] + c * x - s * y, pose[1] + s * x + c * y);
+    let x = 0, y = 0, count = 0;
+    for (const place of placesOn(SHAPES[mark.p][0], mark.k, shownPose(mark.f))) { x += place[0]; y += place[1]; count++; }
+    return toScreen(x / count, y / count);
   },
 };

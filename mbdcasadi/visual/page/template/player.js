@@ -1,8 +1,7 @@
-// --- a motion: play, pause, the slider of time ---------------------------------------------------------------------
-function showControls() {
-  element("slider").value = (state.time - DATA.t0) / (DATA.t1 - DATA.t0);
-  element("slider").setAttribute("aria-valuetext", element("clock").textContent);
-}
+// --- a motion: play, pause, and its time ---------------------------------------------------------------------------
+function shareOfSlider() { return (state.time - DATA.t0) / (DATA.t1 - DATA.t0); }
+function timeSpanOfSlider() { return [DATA.t0, DATA.t1]; }
+function slideTo(share) { seek(DATA.t0 + share * (DATA.t1 - DATA.t0)); }
 
 function seek(time) {
   state.time = Math.min(Math.max(time, DATA.t0), DATA.t1);
@@ -28,32 +27,22 @@ function step(now) {
   shownAt = now;
   window.requestAnimationFrame(step);
 }
+// Move by frames.
+function stepBy(count) {
+  setPlaying(false);
+  seek(timeOf(count < 0 ? Math.ceil(frameOf(state.time) - 1e-6) + count : Math.floor(frameOf(state.time) + 1e-6) + count));
+}
 
-// a recorded motion cannot be pulled at
+// a recorded motion cannot be pulled at, and has no values of its own
 function grab() { return false; }
 function drag() { }
 function release() { }
+function drawHint() { }
+const addressOfModel = () => [], takeAddressOfModel = asked => { if (asked.has("t")) state.time = Math.min(Math.max(Number(asked.get("t")), DATA.t0), DATA.t1); };
 
 element("precision").textContent = "Numbers, curves and poses are those of the motion at any time; numbers to " + DATA.precision +
   " digits of the largest value of each.";
-element("slider").addEventListener("input", () => { seek(DATA.t0 + Number(element("slider").value) * (DATA.t1 - DATA.t0)); });
-
-Object.assign(KEYS, {
-  ArrowLeft: event => { setPlaying(false); seek(timeOf(Math.ceil(frameOf(state.time) - 1e-6) - (event.shiftKey ? 10 : 1))); },
-  ArrowRight: event => { setPlaying(false); seek(timeOf(Math.floor(frameOf(state.time) + 1e-6) + (event.shiftKey ? 10 : 1))); },
-  Home: () => { seek(DATA.t0); },
-  End: () => { seek(DATA.t1); },
-  l: () => { element("loop").click(); },
-});
-
-// A plot is pointed at: the motion goes to that time.
-function scrub(plot, event) {
-  if (!event.buttons) return;
-  setPlaying(false);
-  const left = plot.canvas.getBoundingClientRect().left;
-  const share = (event.clientX - left - MARGIN.left) / (plot.width - MARGIN.left - MARGIN.right);
-  seek(DATA.t0 + share * (DATA.t1 - DATA.t0));
-}
+Object.assign(KEYS, { Home: () => { seek(DATA.t0); }, End: () => { seek(DATA.t1); }, l: () => { element("loop").click(); } });
 
 begin();
 window.mechanism = Object.defineProperties({ seek: seek }, Object.getOwnPropertyDescriptors(controls));

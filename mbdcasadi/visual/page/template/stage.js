@@ -2,41 +2,120 @@
 const stage = document.getElementById("stage");
 const canvasPen = stage.getContext("2d");
 let pen = canvasPen;                                         // another one while the picture is written as SVG
-const view = { x: 0, y: 0, zoom: 1 };                 // shift in pixels, and how much nearer than the whole
+const view = { x: 0, y: 0, zoom: 1, held: false };    // shift in pixels, how much nearer than the whole; held by the reader
 let pixels = { width: 0, height: 0, ratio: 1, scale: 1, left: 0, top: 0 };
+const EDGE = 0.03;                                            // part of the picture about the mechanism
+let box = DATA.box.slice();                                  // what is seen at the zoom 1, m
 
 function fit() {
-  const box = DATA.box, wide = box[2] - box[0], high = box[3] - box[1];
-  const width = stage.parentElement.clientWidth;
-  const phone = window.innerWidth <= 760, room = Math.max(220, window.innerHeight * (phone ? 0.55 : 0.86) - (phone ? 0 : 120));
-  const height = Math.round(Math.max(Math.min(width * high / wide, room), Math.min(220, width * 0.6)));
-  const ratio = window.devicePixelRatio || 1;
-  stage.style.height = height + "px";
-  stage.width = Math.round(width * ratio);
-  stage.height = Math.round(height * ratio);
-  const scale = Math.min(width / wide, height / high);
+  const wide = box[2] - box[0], high = box[3] - box[1], ratio = window.devicePixelRatio || 1;
+  const width = stage.clientWidth, height = stage.clientHeight, room = 1 - 2 * EDGE, scale = Math.min(room * width / wide, room * height / high);
+  if (stage.width !== Math.round(width * ratio)) stage.width = Math.round(width * ratio);
+  if (stage.height !== Math.round(height * ratio)) stage.height = Math.round(height * ratio);
   pixels = { width: width, height: height, ratio: ratio, scale: scale,
              left: (width - scale * wide) / 2, top: (height - scale * high) / 2 };
 }
 
 function toScreen(x, y) {
-  const s = pixels.scale, u = pixels.left + s * (x - DATA.box[0]), w = pixels.top + s * (DATA.box[3] - y);
+  const s = pixels.scale, u = pixels.left + s * (x - box[0]), w = pixels.top + s * (box[3] - y);
   return [view.x + view.zoom * u, view.y + view.zoom * w];
+}
+function fromScreen(at) {
+  const s = pixels.scale * view.zoom;
+  return [box[0] + (at[0] - view.x) / s - pixels.left / pixels.scale, box[3] - (at[1] - view.y) / s + pixels.top / pixels.scale];
+}
+
+// The smallest box about another one and points.
+function around(corners, points) {
+  for (const [x, y] of points) corners = [Math.min(corners[0], x), Math.min(corners[1], y), Math.max(corners[2], x), Math.max(corners[3], y)];
+  return corners;
+}
+const NOTHING = [Infinity, Infinity, -Infinity, -Infinity];
+// Boxes of the bodies of a moment, by item.
+function bodyBoxes(valueOf) {
+  const boxes = new Map();
+  for (const mark of DATA.marks) {
+    if (mark.b === null || mark.i === null || mark.g || ARROWS[mark.s]) continue;
+    boxes.set(mark.i, around(boxes.get(mark.i) || NOTHING, placesOf(mark, poseOf(mark.f, valueOf))));
+  }
+  return boxes;
+}
+// The whole mechanism as it is seen: nearer and farther than before if parts of it would be outside.
+function keepInView(always) {
+  if ((view.held || pulling) && !always) return;
+  const boxes = Array.from(bodyBoxes(shownValue).values());
+  const outside = b => { const [x, y] = toScreen((b[0] + b[2]) / 2, (b[1] + b[3]) / 2); return !(x > 0 && y > 0 && x < pixels.width && y < pixels.height); };
+  if (!boxes.some(outside) || !boxes.every(b => isFinite(b[0] + b[1] + b[2] + b[3]))) return;
+  const parts = boxes.reduce((all, b) => around(all, [[b[0], b[1]], [b[2], b[3]]]), NOTHING);
+  for (const k of [0, 1]) {                                   // what still has room is followed, what has not makes the picture larger
+    const middle = (parts[k] + parts[k + 2]) / 2, half = Math.max(box[k + 2] - box[k], 1.15 * (parts[k + 2] - parts[k])) / 2;
+    if (parts[k] >= box[k] && parts[k + 2] <= box[k + 2]) continue;
+    box[k] = middle - half; box[k + 2] = middle + half;
+  }
+  fit();
+}
+function showWhole() {
+  Object.assign(view, { x: 0, y: 0, zoom: 1, held: false });
+  box = wholeBox();
+  fit();
+  keepInView(true);
 }
 
 const SHAPES = DATA.shapes.map(([size, ...loops]) => loops.map(loop => loop.map(x => size * x)));
-// Path of a mark in pixels, for the pose of its frame.
+// Points of a mark, m, loop after loop; and its path in pixels.
+function* placesOf(mark, pose) { for (const loop of SHAPES[mark.p]) yield* placesOn(loop, mark.k, pose); }
+function* placesOn(loop, k, pose) {
+  const c = pose[2], s = pose[3], length = pose[4];
+  for (let i = 0; i < loop.length; i += k) {
+    const u = k === 4 ? loop[i] + loop[i + 1] * length : loop[i];
+    const w = k === 4 ? loop[i + 2] + loop[i + 3] * Math.abs(length) : loop[i + 1];
+    yield [pose[0] + c * u - s * w, pose[1] + s * u + c * w];
+  }
+}
 function trace(mark, pose) {
-  const c = pose[2], s = pose[3], length = pose[4], k = mark.k;
   pen.beginPath();
   for (const loop of SHAPES[mark.p]) {
-    for (let i = 0; i < loop.length; i += k) {
-      const u = k === 4 ? loop[i] + loop[i + 1] * length : loop[i];
-      const w = k === 4 ? loop[i + 2] + loop[i + 3] * Math.abs(length) : loop[i + 1];
-      const at = toScreen(pose[0] + c * u - s * w, pose[1] + s * u + c * w);
-      if (i === 0) pen.moveTo(at[0], at[1]); else pen.lineTo(at[0], at[1]);
+    let first = true;
+    for (const place of placesOn(loop, mark.k, pose)) {
+      const at = toScreen(place[0], place[1]);
+      if (first) pen.moveTo(at[0], at[1]); else pen.lineTo(at[0], at[1]);
+      first = false;
     }
     if (mark.c) pen.closePath();
+  }
+}
+
+// --- arrows: to scale, up to a part of the picture; longer ones are broken off and carry their number ---
+const ARROWS = Object.fromEntries(["force", "reaction", "weight", "velocity", "motion"].flatMap(name => [[name, 1], [name + " head", 2]]));
+const LONGEST = 0.3, LARGEST_RADIUS = 0.09, HEAD = 13;        // parts of the picture, and pixels
+const REACH = window.matchMedia("(pointer: coarse)").matches ? 24 : 12;     // pixels about a line at which it is pointed at
+const isArrow = mark => Boolean(ARROWS[mark.s]) && mark.k === 4;
+const isStraight = mark => DATA.frames[mark.f].v !== undefined;
+// The pose of an arrow as it is drawn; the size that was left out, or 0.
+function shortened(mark, pose) {
+  const size = Math.abs(pose[4]), most = (isStraight(mark) ? LONGEST : LARGEST_RADIUS) * Math.min(pixels.width, pixels.height) / (pixels.scale * view.zoom);
+  return size > most ? [[pose[0], pose[1], pose[2], pose[3], Math.sign(pose[4]) * most], size] : [pose, 0];
+}
+function drawArrow(mark, pose, theme, broken) {
+  const unit = !isStraight(mark) ? "N m" : mark.s.startsWith("velocity") ? "m/s" : "N", straight = isStraight(mark);
+  const size = Math.abs(pose[4]) * pixels.scale * view.zoom, from = toScreen(pose[0], pose[1]), along = [pose[2], -pose[3]];
+  const to = straight ? [from[0] + size * along[0], from[1] + size * along[1]] : [from[0], from[1] - size];
+  if (size < 2) return;
+  if (straight) {
+    const head = Math.min(0.35 * size, HEAD), at = (share, side) => [from[0] + share * along[0] - side * along[1], from[1] + share * along[1] + side * along[0]];
+    const pieces = broken ? [[0, 0.55 * size - 3], [0.55 * size + 3, size - 0.8 * head]] : [[0, size - 0.8 * head]];
+    for (const [begin, end] of pieces) drawLine(...at(begin, 0), ...at(end, 0));
+    if (broken) for (const place of [-3, 3]) drawLine(...at(0.55 * size + place - 2, -5), ...at(0.55 * size + place + 2, 5));
+    pen.beginPath();
+    pen.moveTo(...to); pen.lineTo(...at(size - head, 0.38 * head)); pen.lineTo(...at(size - head, -0.38 * head)); pen.closePath();
+    pen.fillStyle = pen.strokeStyle;
+    pen.fill();
+  }
+  if (broken) {
+    pen.font = "12px system-ui, sans-serif";
+    pen.textAlign = straight && along[0] < -0.3 ? "right" : straight && along[0] > 0.3 ? "left" : "center";
+    drawText(measured(broken * DATA.scale[unit], unit), to[0] + (straight ? 6 * along[0] : 0), to[1] + (straight ? 4 + 10 * along[1] : -4), theme, pen.strokeStyle);
+    pen.textAlign = "left";
   }
 }
 
@@ -53,27 +132,31 @@ function drawStage(time, options) {
   pen.fillRect(0, 0, pixels.width, pixels.height);
   drawGrid(theme);
   pen.lineCap = pen.lineJoin = "round";
-  const poses = DATA.frames.map((_, k) => poseOf(k, time));
+  const poses = DATA.frames.map((_, k) => shownPose(k));
   let traced = false;
   for (const mark of DATA.marks) {
     if (mark.g && !options[mark.g]) continue;
     if (!traced && mark.l >= DATA.traceLayer) { drawTraces(time, theme); traced = true; }
     pen.globalAlpha = mark.i === null ? 1 : strengthOf(DATA.items[mark.i].w, time);
-    const style = DATA.styles[mark.s], pair = colours(mark, options.dark);
-    trace(mark, poses[mark.f]);
+    const style = DATA.styles[mark.s], pair = colours(mark, options.dark), arrow = isArrow(mark);
+    const [pose, broken] = arrow ? shortened(mark, poses[mark.f]) : [poses[mark.f], 0];
+    pen.lineWidth = style.width * 1.2 * (mark.i !== null && mark.i === options.item ? 1.9 : 1);
+    if (arrow && ARROWS[mark.s] === 1) { pen.strokeStyle = pair[1]; drawArrow(mark, pose, theme, broken); pen.lineWidth = style.width * 1.2; }
+    if (arrow && isStraight(mark)) continue;
+    trace(mark, pose);
     if (mark.c && pair[0]) { pen.fillStyle = pair[0]; pen.fill(); }
     if (pair[1] && style.width) {
       pen.strokeStyle = pair[1];
-      pen.lineWidth = style.width * 1.2 * (mark.i !== null && mark.i === options.item ? 1.9 : 1);
       pen.setLineDash(style.dash);
       pen.stroke();
       pen.setLineDash([]);
     }
   }
+  if (!traced) drawTraces(time, theme);
   pen.globalAlpha = 1;
   drawScale(options, theme);
   if (options.names) for (const label of DATA.labels) drawLabel(label, poses[label.f], theme);
-  if (DATA.live) drawPull();
+  if (DATA.live && pen === canvasPen) drawPull(theme);
 }
 
 // Opacity of an item that appears and disappears in turn at some times, or of one that stays.
@@ -118,7 +201,8 @@ function drawScale(options, theme) {
     if (!options[unit === "m/s" ? "velocities" : "loads"]) continue;
     const couple = unit === "N m", size = pixels.scale * view.zoom / DATA.scale[unit], value = roundStep((couple ? 18 : 40) / size);
     const right = pixels.width - 12, left = right - value * size;
-    drawText(written(value) + " " + unit + (couple ? " (radius)" : ""), left - 6, y + 4, theme, theme.ink);
+    const shown = unitFor(unit, value);
+    drawText(tick(value * shown.factor, value * shown.factor) + " " + shown.name + (couple ? " (radius)" : ""), left - 6, y + 4, theme, theme.ink);
     pen.strokeStyle = theme.ink;
     pen.lineWidth = 1.3;
     drawLine(left, y, right, y);
@@ -128,42 +212,37 @@ function drawScale(options, theme) {
   pen.textAlign = "left";
 }
 
-function drawTraces(time, theme) {
-  for (const path of paths()) {
-    for (const past of [false, true]) {
-      pen.beginPath();
-      for (let k = 0; k < path.points.length; k++) {
-        if (past && path.times[k] > time) break;
-        const at = toScreen(...path.points[k]);
-        if (k === 0) pen.moveTo(...at); else pen.lineTo(...at);
-      }
-      if (past) {
-        const pose = poseOf(path.frame, time), at = toScreen(pose[0], pose[1]);
-        pen.lineTo(at[0], at[1]);
-      }
-      pen.strokeStyle = theme.trace;
-      pen.globalAlpha = past ? 1 : 0.25;
-      pen.lineWidth = past ? 1.8 : 1.2;
-      pen.stroke();
-      pen.globalAlpha = 1;
-    }
+// A line through points; it begins anew with each stroke.
+function drawThrough(points, strokes, count, place) {
+  pen.beginPath();
+  for (let k = 0; k < count; k++) {
+    const at = place(points[k]);
+    if (k === 0 || (strokes && strokes[k] !== strokes[k - 1])) pen.moveTo(at[0], at[1]); else pen.lineTo(at[0], at[1]);
   }
 }
-
-// Round distances for ticks: 1, 2 or 5 times a power of ten.
-function roundStep(least) {
-  const power = Math.pow(10, Math.floor(Math.log10(least)));
-  for (const factor of [1, 2, 5, 10]) if (factor * power >= least) return factor * power;
-  return 10 * power;
+function drawTraces(time, theme) {
+  const place = point => toScreen(point[0], point[1]);
+  pen.strokeStyle = theme.trace;
+  for (const path of paths()) {
+    const past = path.past(time);
+    pen.globalAlpha = 0.4;
+    pen.lineWidth = 1.2;
+    if (path.whole.length) { drawThrough(path.whole, null, path.whole.length, place); pen.stroke(); }
+    drawThrough(path.points, path.strokes, path.points.length, place);
+    pen.stroke();
+    pen.globalAlpha = 1;
+    pen.lineWidth = 1.8;
+    drawThrough(path.points, path.strokes, past, place);
+    if (past) pen.lineTo(...place(shownPose(path.frame)));
+    pen.stroke();
+  }
 }
 
 function drawLine(x, y, u, w) { pen.beginPath(); pen.moveTo(x, y); pen.lineTo(u, w); pen.stroke(); }
 
 function drawGrid(theme) {
-  const scale = pixels.scale * view.zoom, step = roundStep(80 / scale), digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
-  const left = DATA.box[0] - view.x / scale - pixels.left / pixels.scale;
-  const top = DATA.box[3] + view.y / scale + pixels.top / pixels.scale;
-  const tick = x => (Math.abs(x) < 1e-9 * step ? 0 : x).toFixed(digits).replace("-", "\u2212");
+  const scale = pixels.scale * view.zoom, unit = unitFor("m", 0), step = roundStep(80 / scale * unit.factor) / unit.factor;
+  const [left, top] = fromScreen([0, 0]), text = x => tick(x * unit.factor, step * unit.factor);
   pen.font = "11px system-ui, sans-serif";
   pen.lineWidth = 1;
   pen.strokeStyle = theme.soil;
@@ -172,25 +251,33 @@ function drawGrid(theme) {
     const at = toScreen(x, 0)[0];
     drawLine(at, 0, at, pixels.height);
     // the unit stands in the corner
-    if (at < pixels.width - 48) pen.fillText(tick(x), at + 3, pixels.height - 4);
+    if (at < pixels.width - 60) pen.fillText(text(x), at + 3, pixels.height - 4);
   }
   for (let y = Math.floor(top / step) * step; toScreen(0, y)[1] < pixels.height - 24; y -= step) {
     const at = toScreen(0, y)[1];
     drawLine(0, at, pixels.width, at);
-    if (at > 14) pen.fillText(tick(y), 3, at - 3);
+    if (at > 44) pen.fillText(text(y), 3, at - 3);
   }
-  pen.fillText("m", pixels.width - 14, pixels.height - 4);
+  pen.fillText(unit.name, pixels.width - 24, pixels.height - 4);
 }
 
-// Number of the item whose mark lies uppermost at a point, or null.
-function itemAt(x, y, time, forces) {
+// Number of the item at a point, or null: of several the smallest, which others cover, and of `after` the next larger one.
+function itemAt(x, y, forces, after) {
+  const found = new Map();
   pen.setTransform(1, 0, 0, 1, 0, 0);
-  for (let k = DATA.marks.length - 1; k >= 0; k--) {
-    const mark = DATA.marks[k];
+  for (const mark of DATA.marks) {
     if (mark.i === null || (mark.g && !(forces && mark.g === "loads"))) continue;
-    trace(mark, poseOf(mark.f, time));
-    pen.lineWidth = 10;
-    if ((mark.c && pen.isPointInPath(x, y)) || pen.isPointInStroke(x, y)) return mark.i;
+    const pose = shownPose(mark.f);
+    trace(mark, isArrow(mark) ? shortened(mark, pose)[0] : pose);
+    pen.lineWidth = REACH;
+    if ((mark.c && DATA.styles[mark.s].fill && pen.isPointInPath(x, y)) || pen.isPointInStroke(x, y)) found.set(mark.i, -1);
   }
-  return null;
+  for (const mark of DATA.marks) {
+    if (!found.has(mark.i) || mark.g || isArrow(mark)) continue;
+    const b = around(NOTHING, placesOf(mark, shownPose(mark.f)));
+    found.set(mark.i, Math.max(found.get(mark.i), Math.hypot(b[2] - b[0], b[3] - b[1])));
+  }
+  const size = item => found.get(item) < 0 ? Infinity : found.get(item);   // arrows alone come last
+  const order = Array.from(found.keys()).sort((a, b) => size(a) < size(b) ? -1 : size(a) > size(b) ? 1 : b - a);
+  return order.length ? order[(order.indexOf(after) + 1) % order.length] : null;
 }
