@@ -7,10 +7,12 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
 
+import mbdcasadi  # noqa: E402  (from the folder above)
+
 project = "mbdcasadi"
 author = "mbdcasadi contributors"
 copyright = author
-version = release = "0.1.0"
+version = release = mbdcasadi.__version__
 
 extensions = [
     "myst_parser",

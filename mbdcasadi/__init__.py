@@ -31,6 +31,7 @@ from .integrators import BDF, DOP853, IDAS, Integrator, Rosenbrock, RungeKutta
 from .inverse_dynamics.inverse_dynamics import inverse_dynamics
 from .kinematics.check import Report, check
 from .kinematics.kinematics import kinematics
+from .model import expressions as _expressions
 from .model.bodies import Body, Marker, ground
 from .model.conditions import bounded
 from .model.drivers import Driver
@@ -76,6 +77,9 @@ from .results.state import State
 from .results.trajectory import Trajectory
 from .results.trajectory_files import read_trajectory
 from .simulation.simulate import simulate
+
+#: The one place of the version.
+__version__ = "0.1.0"
 
 if _typing.TYPE_CHECKING:
     from . import library
@@ -157,21 +161,45 @@ _LATER = {
     "visual.symbols": "Glyph glyph",
 }
 _PLACES = {name: module for module, names in _LATER.items() for name in names.split()}
-_MODULE = type(_typing)
-#: All public names: ``import *``, ``help`` and ``inspect`` go by these, and ask for those that are imported later.
-__all__ = sorted(
-    {*_PLACES, *(n for n, value in globals().items() if not n.startswith("_") and not isinstance(value, _MODULE))}
-)
+#: All public names: type checkers, ``import *``, ``help`` and ``inspect`` go by these.
+__all__ = [
+    "BDF", "DOP853", "IDAS", "RSDA", "TSDA", "AbsoluteAngle", "AbsoluteDistance", "AbsoluteX", "AbsoluteY", "Animation",
+    "AssemblyError", "Belt", "Body", "Bushing", "CamCam", "CamFlatFollower", "CamOutline", "CamPointFollower", "Circle",
+    "CollocationPoint", "ConditionError", "Constraint", "ConstraintElement", "Contact", "Coordinate", "CostFunction",
+    "Coulomb", "Coupler", "Curve", "Cylinder", "DCMotor", "DataLaw", "Disc", "Distance", "Driver", "DryFriction",
+    "Element", "EndStop", "EnergyMeter", "Equations", "Equilibrium", "EquilibriumError", "EquilibriumPath", "Event",
+    "Experiment", "ExpressionError", "FieldForce", "FileError", "FirstOrderLag", "Fit", "Force", "FrictionLaw",
+    "GasSpring", "GaussLegendre", "Gear", "GeneralizedForce", "Glyph", "Gravity", "HalfPlane", "HermiteSimpson",
+    "HollowCircle", "HuntCrossley", "HydraulicCylinder", "IdentificationError", "Input", "Integrator", "Interrupted",
+    "Joint", "JointFriction", "KnifeEdge", "LinearModel", "LoadIndependentFriction", "LuGre", "Marker", "Mechanism",
+    "MechanismError", "MechanismWarning", "ModelError", "MotionProgram", "NonholonomicConstraint",
+    "OptimalControlProblem", "OptimizationError", "PIController", "Parameter", "Phase", "Point", "PointOnCurve",
+    "PointOnLine", "Polygon", "PolygonEdges", "RackAndPinion", "Reaction", "Rectangle", "RelativeAngle", "RelativeX",
+    "RelativeY", "Report", "Resistance", "Revolute", "Rod", "Rolling", "Rope", "Rosenbrock", "RungeKutta",
+    "SampledController", "Segment", "Sensitivities", "ShakingForce", "Shape", "SimulationError", "SingularityError",
+    "Smoothing", "Solution", "Stability", "State", "StateVariable", "Stribeck", "Sweep", "Torque", "Trajectory",
+    "Transcription", "Translational", "ValidityCondition", "Viscous", "Waypoint", "Weld", "absolute", "animate",
+    "assemble", "at_end", "at_start", "bounded", "check", "cost_function", "draw", "dwell", "equations", "equilibrium",
+    "equilibrium_path", "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness", "identify",
+    "impact", "integral", "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize", "optimize",
+    "plot", "plot_energy", "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution", "positive_part",
+    "read_acf", "read_adm", "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities",
+    "shaking_force", "simulate", "stability", "sweep", "t", "time_derivative",
+]  # fmt: skip
+__all__ += _expressions.__all__
 
 
-def __getattr__(name: str) -> _typing.Any:
-    """Import a name at its first use: simulations do not wait for rooms that they do not need."""
-    if name not in _PLACES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module = _PLACES[name]
-    value = getattr(_import_module(f".{module}", __name__), name) if module else _import_module(f".{name}", __name__)
-    globals()[name] = value
-    return value
+if not _typing.TYPE_CHECKING:  # a checker knows the names above, and no others
+
+    def __getattr__(name: str) -> _typing.Any:
+        """Import a name at its first use: simulations do not wait for rooms that they do not need."""
+        if name not in _PLACES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        module = _PLACES[name]
+        owner = _import_module(f".{module or name}", __name__)
+        value = getattr(owner, name) if module else owner
+        globals()[name] = value
+        return value
 
 
 def __dir__() -> list[str]:

@@ -12,8 +12,9 @@ from typing import Any
 
 import mbdcasadi as mbd
 
-from .files import read_model
+from .files import MODEL_READERS, read_model
 from .files.acf import Analysis
+from .integrators import INTEGRATORS
 from .numerics.console import interruptible
 from .numerics.writing import whole_file, writable
 from .results.columns import default_expressions
@@ -46,28 +47,34 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="mbdcasadi", description="Planar mechanisms from model files.")
+    methods, models = ", ".join(method.name for method in INTEGRATORS), ", ".join(MODEL_READERS)
+    parser = argparse.ArgumentParser(
+        prog="mbdcasadi",
+        description="Planar mechanisms from model files.",
+        epilog=f"Models: {models}. Analyses: .acf. Methods of integration: {methods}, auto.",
+    )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {mbd.__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     run = commands.add_parser("run", help="run an analysis of a model", description="Run an analysis of a model.")
-    run.add_argument("model", metavar="MODEL.adm", type=Path, help="the mechanism")
+    run.add_argument("model", metavar="MODEL", type=Path, help=f"the mechanism: {models}")
     run.add_argument("analysis", metavar="ANALYSIS.acf", type=Path, help="the analysis")
-    run.add_argument("--csv", metavar="FILE", type=Path, help="write motion, reactions and efforts as a table")
-    run.add_argument("--plot", metavar="FILE", type=Path, help="draw them over time (.png, .pdf, .svg, …)")
+    run.add_argument("--csv", metavar="FILE", type=Path, help="write motion, reactions and efforts as a table (.csv)")
+    run.add_argument("--plot", metavar="FILE", type=Path, help="draw them over time (.png, .pdf, .svg, .jpg, …)")
     run.add_argument("--animate", metavar="FILE", type=Path, help="show the motion (.html, .gif, .mp4)")
     run.add_argument("--save", metavar="FILE", type=Path, help="write the trajectory for mbd.read_trajectory (.npz)")
-    run.add_argument("--method", metavar="NAME", help="integrator for dynamics: idas (default), erk, rosenbrock, auto")
+    run.add_argument("--method", metavar="NAME", help=f"integrator for dynamics: {methods}, auto (default idas)")
     run.add_argument("--tolerance", metavar="X", type=float, help="its relative and absolute tolerance (default 1e-8)")
     run.add_argument("--quiet", action="store_true", help="print neither progress nor summary")
     run.set_defaults(command=_run)
     check = commands.add_parser("check", help="check a model", description="Check a model: freedom, redundancy, names.")
-    check.add_argument("model", metavar="MODEL.adm", type=Path, help="the mechanism")
+    check.add_argument("model", metavar="MODEL", type=Path, help=f"the mechanism: {models}")
     check.set_defaults(command=_check)
     unit = commands.add_parser(
         "export-fmu",
         help="write a model as a functional mock-up unit",
         description="Write a model as a functional mock-up unit, with the motion and all loads as outputs.",
     )
-    unit.add_argument("model", metavar="MODEL.adm", type=Path, help="the mechanism")
+    unit.add_argument("model", metavar="MODEL", type=Path, help=f"the mechanism: {models}")
     unit.add_argument("analysis", metavar="ANALYSIS.acf", type=Path, help="end and step of the default experiment")
     unit.add_argument("unit", metavar="OUT.fmu", type=Path, help="the file to write")
     unit.add_argument("--version", metavar="N", type=int, default=3, help="FMI version, 2 or 3 (default 3)")

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from ..model.conditions import read_conditions
 from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
 from ..numerics.console import keyboard_interrupts
-from ..results.state import State
+from ..results.state import Conditions, State
 from .setup import Setup
 
 #: Start of a mechanism with exact friction: ``setup -> state``. Simulation, which knows how friction switches, sets it.
@@ -23,7 +23,11 @@ def decide_friction_by(start: Callable[[Setup], State]) -> None:
 
 
 def assemble(
-    mechanism: Mechanism, conditions: Any = (), t: float = 0.0, inputs: Any = None, parameters: Any = None
+    mechanism: Mechanism,
+    conditions: Conditions = (),
+    t: float = 0.0,
+    inputs: Mapping[Any, Any] | None = None,
+    parameters: Mapping[Any, Any] | None = None,
 ) -> State:
     """Find the consistent state that meets conditions, nearest to the estimate.
 

@@ -11,9 +11,10 @@ import numpy as np
 from ..arguments.values import pairs_of, time_grid
 from ..errors import MechanismError, ModelError
 from ..model.immutable import Immutable
-from ..model.symbols import as_expression
+from ..model.symbols import Numbers, as_expression
 from ..model.texts import text_of
 from ..numerics.real import real_array
+from ..results.state import Conditions
 from ..sensitivity.design_variables import find_output
 
 
@@ -41,9 +42,9 @@ class Experiment(Immutable):
 
     def __init__(
         self,
-        times: Any,
+        times: Numbers,
         data: Any,
-        initial: Any = (),
+        initial: Conditions = (),
         inputs: Any = None,
         parameters: Any = None,
         weights: Any = None,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,9 @@ from ..integrators import Integrator
 from ..model.events import Event
 from ..model.mechanism import Mechanism
 from ..model.quantities import listed, refuse_twice, whole
-from ..model.symbols import Parameter
+from ..model.symbols import Numbers, Parameter
 from ..numerics.console import keyboard_interrupts
+from ..results.state import Conditions
 from ..simulation.changes.events import refuse_events
 from .data import Experiment, IdentificationError, read_experiments
 from .fit import Fit
@@ -31,13 +32,13 @@ SAMPLES, MOST_SEGMENTS = 8, 10
 
 def identify(
     mechanism: Mechanism,
-    times: Any = None,
+    times: Numbers | None = None,
     data: Any = None,
     unknowns: Any = (),
-    initial: Any = (),
+    initial: Conditions = (),
     *,
     inputs: Any = None,
-    parameters: Any = None,
+    parameters: Mapping[Any, Any] | None = None,
     events: Sequence[Event] = (),
     weights: Any = None,
     experiments: Any = None,

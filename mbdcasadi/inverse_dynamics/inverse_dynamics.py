@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import casadi as ca
@@ -20,7 +20,7 @@ from ..model.drivers import Driver
 from ..model.geometry.splines import expression_of, through_samples
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries, yes_or_no
-from ..model.symbols import place_of, positive
+from ..model.symbols import Numbers, place_of, positive
 from ..model.symbols import t as time
 from ..numerics.console import call_each, keyboard_interrupts
 from ..results.trajectory import Statistics, Trajectory
@@ -34,13 +34,13 @@ MOTION_TOLERANCE = 1e-6
 
 def inverse_dynamics(
     mechanism: Mechanism,
-    times: Any = None,
+    times: Numbers | None = None,
     *,
     duration: float | None = None,
     motion: Any = None,
     efforts: Sequence[Any] = (),
     inputs: Any = None,
-    parameters: Any = None,
+    parameters: Mapping[Any, Any] | None = None,
     tolerance: float = MOTION_TOLERANCE,
     progress: bool = False,
 ) -> Trajectory:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from ..equations.switching.explicit_time import explicit_time, first_jump
 from ..errors import Interrupted, MechanismError, ModelError, warn
 from ..model.mechanism import Mechanism
 from ..model.quantities import yes_or_no
+from ..model.symbols import Numbers
 from ..numerics.console import keyboard_interrupts
 from ..results.trajectory import Statistics, Trajectory
 from ..results.validity import report_validity
@@ -28,10 +29,10 @@ NO_MULTIPLIERS = "kinematics knows no forces: reactions, efforts and multipliers
 
 def kinematics(
     mechanism: Mechanism,
-    times: Any = None,
+    times: Numbers | None = None,
     *,
     duration: float | None = None,
-    parameters: Any = None,
+    parameters: Mapping[Any, Any] | None = None,
     progress: bool = False,
 ) -> Trajectory:
     """Solve position, velocity and acceleration of a mechanism whose motion is prescribed.

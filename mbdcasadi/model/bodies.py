@@ -13,7 +13,7 @@ from .geometry.shapes import Shape, rotation_matrix
 from .immutable import HoldsSymbols, Immutable
 from .quantities import HasQuantities, in_radians, quantity, triple
 from .rates import time_derivative
-from .symbols import as_sx, check_name, register
+from .symbols import Scalar, Vector, as_sx, check_name, register
 
 __all__ = ["Body", "Ground", "Marker", "as_body", "as_marker", "ground", "markers_on_two", "rotation"]
 
@@ -75,10 +75,10 @@ class Body(Immutable, HoldsSymbols, HasQuantities):
     def __init__(
         self,
         name: str,
-        mass: Any,
-        inertia: Any,
-        pose: Any = (0.0, 0.0, 0.0),
-        velocity: Any = (0.0, 0.0, 0.0),
+        mass: Scalar,
+        inertia: Scalar,
+        pose: Vector = (0.0, 0.0, 0.0),
+        velocity: Vector = (0.0, 0.0, 0.0),
         shape: Shape | None = None,
     ):
         self.name = check_name(name, "Body")

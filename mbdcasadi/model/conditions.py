@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import casadi as ca
 
@@ -18,7 +18,7 @@ from ..errors import ConditionError
 from ..numerics.graph import factors_of_zero
 from ..numerics.lazy import cached_property
 from .quantities import is_list, quantity
-from .symbols import role_of, symbols_of
+from .symbols import Scalar, role_of, symbols_of
 from .texts import text_of
 from .units import unit_of
 
@@ -83,7 +83,11 @@ class Bounded:
     upper: ca.SX
 
 
-def bounded(lower: Any, expression: Any, upper: Any) -> Bounded:
+#: One condition or several.
+Relations: TypeAlias = "ca.SX | Bounded | Sequence[ca.SX | Bounded]"
+
+
+def bounded(lower: Scalar, expression: Scalar, upper: Scalar) -> Bounded:
     """Return the two-sided condition ``lower <= expression <= upper``.
 
     Parameters

@@ -10,6 +10,7 @@ from ..errors import ModelError
 from .element import BEYOND_COORDINATES, ConstraintElement, holds_coordinates, refuse_kinds
 from .geometry.splines import expression_of
 from .quantities import no_relation, quantity
+from .symbols import Scalar
 from .symbols import t as time
 
 
@@ -42,7 +43,7 @@ class Driver(ConstraintElement):
 
     kind = "driver"
 
-    def __init__(self, name: str, expression: Any, value: Any, relative_to: Any = None):
+    def __init__(self, name: str, expression: Scalar, value: Any, relative_to: Any = None):
         what = f"driver '{name}'"
         self.expression = ca.SX(no_relation(quantity(expression, what, "expression"), what, "expression"))
         course = ca.SX(quantity(expression_of(time, value), what, "value"))

@@ -12,7 +12,7 @@ from .element import ConstraintElement, refuse_kinds
 from .immutable import HoldsSymbols, Immutable
 from .mechanism import Mechanism
 from .quantities import entries, is_relation, quantity, whole, yes_or_no
-from .symbols import Parameter, StateVariable, check_name, number, place_of, role_of, symbols_of
+from .symbols import Parameter, Scalar, StateVariable, check_name, number, place_of, role_of, symbols_of
 
 
 class Event(Immutable, HoldsSymbols):
@@ -73,7 +73,7 @@ class Event(Immutable, HoldsSymbols):
     def __init__(
         self,
         name: str,
-        expression: Any,
+        expression: Scalar,
         direction: int = 0,
         terminal: bool = False,
         reset: Any = None,

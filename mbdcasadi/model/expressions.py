@@ -49,6 +49,7 @@ from casadi import (
 from ..errors import ModelError
 from ..numerics.real import real_array
 from .geometry.splines import spline
+from .symbols import Scalar
 
 __all__ = [
     "acos",
@@ -137,7 +138,7 @@ def _column(value: Any, where: str) -> ca.SX | ca.DM:
         raise ModelError(f"{where}: takes a vector, a marker or a body, got {value!r}") from None
 
 
-def if_else(condition: Any, a: Any, b: Any) -> Any:
+def if_else(condition: Any, a: Scalar, b: Scalar) -> Any:
     """Return `a` if the condition holds, else `b`.
 
     Both branches are evaluated. The value of the branch that is not taken does not affect
@@ -168,7 +169,7 @@ def if_else(condition: Any, a: Any, b: Any) -> Any:
         ) from None
 
 
-def positive_power(base: Any, exponent: Any) -> Any:
+def positive_power(base: Scalar, exponent: Scalar) -> Any:
     """Return ``base**exponent`` for ``base > 0``, else 0.
 
     The force of a contact, ``k δ^n``, as a function of the penetration.
@@ -274,7 +275,7 @@ def distance(a: Any, b: Any) -> Any:
     return norm(second - first)
 
 
-def step(x: Any, x0: Any, y0: Any, x1: Any, y1: Any) -> Any:
+def step(x: Scalar, x0: Scalar, y0: Scalar, x1: Scalar, y1: Scalar) -> Any:
     """Return a smooth step from `y0` at `x0` to `y1` at `x1`, constant outside.
 
     ``y0 + (y1 - y0) (10 s³ - 15 s⁴ + 6 s⁵)`` with ``s = (x - x0)/(x1 - x0)``: value,

@@ -57,9 +57,9 @@ class Mechanism(Immutable, HoldsSymbols):
     def __init__(
         self,
         bodies: Sequence[Body],
-        joints: Sequence[Any] = (),
-        drivers: Sequence[Any] = (),
-        forces: Sequence[Any] = (),
+        joints: Sequence[Element] = (),
+        drivers: Sequence[Driver] = (),
+        forces: Sequence[Element] = (),
         inputs: Sequence[Input] = (),
         parameters: Sequence[Parameter] = (),
         states: Mapping[StateVariable, Any] | None = None,

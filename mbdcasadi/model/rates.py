@@ -7,10 +7,10 @@ from typing import Any
 import casadi as ca
 
 from ..errors import ExpressionError
-from .symbols import as_expression, describe, role_of, symbols_of
+from .symbols import Expression, as_expression, describe, role_of, symbols_of
 
 
-def time_derivative(expression: Any, mechanism: Any = None) -> ca.SX:
+def time_derivative(expression: Expression, mechanism: Any = None) -> ca.SX:
     """Return the rate of change of an expression, by the chain rule.
 
     ``de/dt = e_q v + e_v a + e_z ż + e_t``

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
 
 from ..errors import ModelError
 from .element import constraint_load, cross
 from .mechanism import Mechanism
 from .quantities import vector2
+from .symbols import Vector
 
 
 class ShakingForce:
@@ -35,7 +34,7 @@ class ShakingForce:
         About the point, N m.
     """
 
-    def __init__(self, mechanism: Mechanism, point: Any = (0.0, 0.0)):
+    def __init__(self, mechanism: Mechanism, point: Vector = (0.0, 0.0)):
         if not isinstance(mechanism, Mechanism):
             raise ModelError(f"shaking_force takes a Mechanism, got {mechanism!r}")
         self.mechanism, self.point = mechanism, vector2(point, "shaking_force", "point")
@@ -46,7 +45,7 @@ class ShakingForce:
             self.moment -= on_body[2] + cross(body.position - self.point, on_body[:2])
 
 
-def shaking_force(mechanism: Mechanism, point: Any = (0.0, 0.0)) -> ShakingForce:
+def shaking_force(mechanism: Mechanism, point: Vector = (0.0, 0.0)) -> ShakingForce:
     """Return the force and moment of a mechanism on the ground.
 
     Parameters

@@ -11,7 +11,7 @@ import math
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -116,6 +116,13 @@ def positive(value: Any, what: str, quantity: str) -> float:
 
 #: Attributes of symbols that stay what they were made with: models and what is compiled for them are found by these.
 SEALED = frozenset({"label", "value", "lower", "upper", "unit"})
+
+
+#: What arguments take: one number or expression; a vector of them; several numbers; what results are asked for.
+Scalar: TypeAlias = "ca.SX | float | np.floating[Any] | np.integer[Any]"
+Vector: TypeAlias = "ca.SX | np.ndarray | Sequence[Scalar]"
+Numbers: TypeAlias = "np.ndarray | Sequence[float]"
+Expression: TypeAlias = "ca.SX | Sequence[Scalar]"
 
 
 class Symbol(ca.SX, HoldsSymbols):

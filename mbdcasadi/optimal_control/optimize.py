@@ -17,6 +17,7 @@ In the order in which they are passed:
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from typing import Any
 
@@ -24,6 +25,7 @@ from ..errors import ModelError
 from ..model.symbols import number
 from ..numerics.console import keyboard_interrupts
 from ..numerics.symbolic import LOCK
+from ..results.state import Conditions
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity, validity_conditions
 from .checks.closings import warn_of_closings
@@ -50,8 +52,8 @@ def optimize(
     guess: Solution | Shifted | Trajectory | None = None,
     starts: Any = None,
     executor: Executor | None = None,
-    initial: Any = None,
-    parameters: Any = None,
+    initial: Conditions | None = None,
+    parameters: Mapping[Any, Any] | None = None,
     continuation: Any = None,
     transcription: str | type[Transcription] | Transcription = "gauss-legendre",
     control: str = "polynomial",

@@ -17,12 +17,12 @@ from ..model.immutable import Immutable
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries, is_relation, quantity
 from ..model.rates import time_derivative
-from ..model.symbols import Parameter, as_sx, check_name, number, place_of, role_of, symbols_of
+from ..model.symbols import Parameter, Scalar, as_sx, check_name, number, place_of, role_of, symbols_of
 from ..model.symbols import t as time
 from ..model.texts import text_of
 from ..numerics.lazy import cached_property
 from ..numerics.symbolic import symbolic
-from ..results.state import State
+from ..results.state import Conditions, State
 from .cost_parts import CostParts, parameter_parts, split_along_path
 from .placeholders import marked, markers_of
 from .state_conditions import independent_state_conditions
@@ -58,7 +58,7 @@ class Waypoint(Immutable):
 
     _symbolic = True
 
-    def __init__(self, time: Any, conditions: Any = (), cost: Any = 0):
+    def __init__(self, time: float | tuple[float, float], conditions: Conditions = (), cost: Scalar = 0):
         self.time = time_span(time, "Waypoint", "time")
         self.conditions: tuple[Condition, ...] = (
             independent_state_conditions(conditions) if isinstance(conditions, State) else read_conditions(conditions)
@@ -132,11 +132,11 @@ class Phase(Immutable):
         self,
         name: str,
         mechanism: Mechanism,
-        duration: Any,
-        initial: Any = (),
-        final: Any = (),
+        duration: float | tuple[float, float],
+        initial: Conditions = (),
+        final: Conditions = (),
         path: Any = (),
-        running_cost: Any = 0,
+        running_cost: Scalar = 0,
         waypoints: Any = (),
         restitution: Any = None,
     ):

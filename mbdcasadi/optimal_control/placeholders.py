@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from ..model.quantities import quantity
-from ..model.symbols import as_sx, register, role_of, symbols_of
+from ..model.symbols import Scalar, as_sx, register, role_of, symbols_of
 from ..model.texts import text_of
 
 #: Kinds of placeholders, and the symbols that mark them.
@@ -75,7 +75,7 @@ class _Marked(ca.SX):
     __str__ = __repr__
 
 
-def integral(expression: Any) -> ca.SX:
+def integral(expression: Scalar) -> ca.SX:
     """Stand for the integral of an expression over the motion, in costs and boundary conditions.
 
     Parameters
@@ -86,7 +86,7 @@ def integral(expression: Any) -> ca.SX:
     return _Marked("integral", expression)
 
 
-def at_start(expression: Any) -> ca.SX:
+def at_start(expression: Scalar) -> ca.SX:
     """Stand for the value of an expression at the start of the motion, in costs and boundary conditions.
 
     Parameters
@@ -97,7 +97,7 @@ def at_start(expression: Any) -> ca.SX:
     return _Marked("at_start", expression)
 
 
-def at_end(expression: Any) -> ca.SX:
+def at_end(expression: Scalar) -> ca.SX:
     """Stand for the value of an expression at the end of the motion, in costs and boundary conditions.
 
     Parameters
@@ -108,7 +108,7 @@ def at_end(expression: Any) -> ca.SX:
     return _Marked("at_end", expression)
 
 
-def positive_part(expression: Any) -> ca.SX:
+def positive_part(expression: Scalar) -> ca.SX:
     """Return a term for ``max(x, 0)`` in a cost, without its kink: work of a motor without recovery.
 
     An input s that occurs in no force takes its place in a running cost or an integral, with ``s >= x`` and ``s >= 0``
@@ -123,7 +123,7 @@ def positive_part(expression: Any) -> ca.SX:
     return _Marked("positive_part", expression, PARTS["positive_part"])
 
 
-def absolute(expression: Any) -> ca.SX:
+def absolute(expression: Scalar) -> ca.SX:
     """Return a term for ``|x|`` in a cost, without its kink: fuel, or work of a motor in both directions.
 
     An input s that occurs in no force takes its place in a running cost or an integral, with ``s >= x`` and ``s >= -x``

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from ..equations import Equations
 from ..model.mechanism import Mechanism
+from ..model.symbols import Expression
 from .state import Arguments, EventOccurrence
 
 
@@ -109,4 +110,4 @@ class Motion(Protocol):
 
     def __len__(self) -> int: ...
 
-    def __getitem__(self, expression: Any) -> np.ndarray: ...
+    def __getitem__(self, expression: Expression) -> np.ndarray: ...

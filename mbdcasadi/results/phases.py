@@ -12,7 +12,7 @@ import numpy as np
 from ..equations import Equations, equations
 from ..model.cache import ExpressionKey
 from ..model.mechanism import Mechanism
-from ..model.symbols import as_expression
+from ..model.symbols import Expression, as_expression
 from ..numerics.lazy import cached_property
 from .motion import Energy, Statistics
 from .state import Arguments, Arrays, EventOccurrence, State, six
@@ -158,7 +158,7 @@ class PhasedTrajectory(Trajectory):
             wide.append(Trajectory(self.mechanism, t, *arrays, p, missing_multipliers=part.missing_multipliers))
         return wide
 
-    def __getitem__(self, expression: Any) -> np.ndarray:
+    def __getitem__(self, expression: Expression) -> np.ndarray:
         expression = as_expression(expression, "motion[…]")
         parts = zip(self._wide, self._parts, strict=True)
         return np.concatenate([wide[present(expression, self.mechanism, part.mechanism)] for wide, part in parts])

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import casadi as ca
 import numpy as np
 
 from ..equations import Equations, equations
 from ..errors import MechanismError
+from ..model.conditions import Relations
 from ..model.immutable import HoldsSymbols
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression, role_of, symbols_of
@@ -21,6 +22,8 @@ from .notebook import html_table
 Arrays = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 #: ``t, q, v, a, z, lam, u, p``: of a state, or by time.
 Arguments = tuple[Any, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+#: What fixes a state: relations, or a state itself.
+Conditions: TypeAlias = "Relations | State"
 
 
 def six(arrays: Iterable[np.ndarray]) -> Arrays:

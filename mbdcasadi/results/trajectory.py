@@ -12,7 +12,7 @@ from ..equations import Equations, equations
 from ..errors import MechanismError
 from ..model.immutable import HoldsSymbols
 from ..model.mechanism import Mechanism
-from ..model.symbols import as_expression
+from ..model.symbols import Expression, as_expression
 from ..numerics.lazy import cached_property
 from ..numerics.real import real_array
 from .export import to_csv, to_pandas, to_xarray
@@ -92,7 +92,7 @@ class Trajectory(HoldsSymbols):
     #: not a sequence: NumPy would ask for motion[0], motion[1], … as expressions
     __iter__ = None
 
-    def __getitem__(self, expression: Any) -> np.ndarray:
+    def __getitem__(self, expression: Expression) -> np.ndarray:
         """Values of an expression over time: (n_t,), (n_t, k), or (n_t, i, j) for a matrix.
 
         Raises

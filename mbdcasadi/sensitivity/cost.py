@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import casadi as ca
@@ -12,9 +12,10 @@ from ..errors import ModelError
 from ..integrators import Integrator
 from ..model.events import Event
 from ..model.mechanism import Mechanism
-from ..model.symbols import as_expression
+from ..model.symbols import Numbers, Scalar, as_expression
 from ..numerics.console import keyboard_interrupts
 from ..numerics.real import real_array
+from ..results.state import Conditions
 from ..simulation.changes.events import refuse_events
 from .compiled_run import CompiledRun, MotionSetup
 
@@ -86,14 +87,14 @@ class CostFunction:
 
 def cost_function(
     mechanism: Mechanism,
-    times: Any,
+    times: Numbers,
     wrt: Any,
     *,
-    running_cost: Any = 0,
-    terminal_cost: Any = 0,
-    initial: Any = (),
+    running_cost: Scalar = 0,
+    terminal_cost: Scalar = 0,
+    initial: Conditions = (),
     inputs: Any = None,
-    parameters: Any = None,
+    parameters: Mapping[Any, Any] | None = None,
     events: Sequence[Event] = (),
     method: str | Integrator = "idas",
     reltol: float | None = None,

@@ -16,8 +16,9 @@ from ..model.events import Event
 from ..model.immutable import HoldsSymbols
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries
-from ..model.symbols import Input, Parameter, as_expression
+from ..model.symbols import Input, Numbers, Parameter, as_expression
 from ..numerics.console import keyboard_interrupts
+from ..results.state import Conditions
 from ..simulation.changes.events import read_events
 from ..simulation.simulate import simulate
 from .compiled_run import CompiledRun, MotionSetup
@@ -125,13 +126,13 @@ class _AtInstant(Sensitivities):
 
 def sensitivities(
     mechanism: Mechanism,
-    times: Any,
+    times: Numbers,
     outputs: Any,
     wrt: Any = None,
-    initial: Any = (),
+    initial: Conditions = (),
     *,
     inputs: Any = None,
-    parameters: Any = None,
+    parameters: Mapping[Any, Any] | None = None,
     events: Sequence[Event] = (),
     method: str | Integrator = "idas",
     reltol: float | None = None,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import casadi as ca
@@ -17,8 +17,9 @@ from ..model.events import Event
 from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
 from ..model.quantities import yes_or_no
+from ..model.symbols import Numbers
 from ..numerics.console import keyboard_interrupts
-from ..results.state import State
+from ..results.state import Conditions, State
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity
 from .changes.events import read_events
@@ -45,12 +46,12 @@ STABILITY = 3.0
 
 def simulate(
     mechanism: Mechanism,
-    times: Any = None,
+    times: Numbers | None = None,
     *,
     duration: float | None = None,
-    initial: Any = (),
+    initial: Conditions = (),
     inputs: Any = None,
-    parameters: Any = None,
+    parameters: Mapping[Any, Any] | None = None,
     events: Sequence[Event] = (),
     method: str | Integrator = "idas",
     reltol: float | None = None,

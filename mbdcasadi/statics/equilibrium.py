@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import casadi as ca
@@ -19,7 +19,7 @@ from ..model.quantities import one_of
 from ..model.symbols import Input, Parameter, place_of
 from ..numerics.console import keyboard_interrupts
 from ..numerics.least_squares import largest
-from ..results.state import State
+from ..results.state import Conditions, State
 from .amplification import amplification, warn_of
 from .search import newton, newton_nearby, to_stable
 from .small_motions import SmallMotions
@@ -77,9 +77,9 @@ class Equilibrium(State):
 
 def equilibrium(
     mechanism: Mechanism,
-    conditions: Any = (),
+    conditions: Conditions = (),
     inputs: Any = None,
-    parameters: Any = None,
+    parameters: Mapping[Any, Any] | None = None,
     *,
     unknowns: Sequence[Input | Parameter] = (),
     prefer: str = "stable",

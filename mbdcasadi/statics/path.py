@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,12 +12,13 @@ from ..assembly.setup import Setup
 from ..errors import ModelError, warn
 from ..model.mechanism import Mechanism
 from ..model.quantities import whole
-from ..model.symbols import Input, Parameter, as_expression, number
+from ..model.symbols import Expression, Input, Parameter, as_expression, number
 from ..numerics.console import keyboard_interrupts
 from ..numerics.homotopy import StepControl
 from ..numerics.least_squares import largest
 from ..numerics.newton import newton
 from ..numerics.roots import bracketed_root
+from ..results.state import Conditions
 from .equilibrium import Equilibrium, EquilibriumError, equilibrium_of
 from .statics import NEUTRAL, Statics
 
@@ -38,11 +39,11 @@ def equilibrium_path(
     parameter: Input | Parameter,
     start: float,
     end: float,
-    conditions: Any = (),
+    conditions: Conditions = (),
     *,
     steps: int = 50,
     inputs: Any = None,
-    parameters: Any = None,
+    parameters: Mapping[Any, Any] | None = None,
     prefer: str = "stable",
     t: float = 0.0,
 ) -> EquilibriumPath:
@@ -174,7 +175,7 @@ class EquilibriumPath:
     #: not a sequence: list(path) would ask for path[0], path[1], … as expressions, without an end; see ``states``
     __iter__ = None
 
-    def __getitem__(self, expression: Any) -> np.ndarray:
+    def __getitem__(self, expression: Expression) -> np.ndarray:
         """Values of an expression along the path: (k,), or (k, i) for a vector."""
         expression = as_expression(expression, "path[…]")
         return np.array([state[expression] for state in self.states])

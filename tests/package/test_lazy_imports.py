@@ -1,6 +1,7 @@
 """Rooms that a simulation does not need are imported when something of them is asked for."""
 
 import ast
+import inspect
 import subprocess
 import sys
 from pathlib import Path
@@ -50,6 +51,13 @@ def test_every_name_of_the_table_is_there_and_known_to_type_checkers():
     assert stated == {(module, name) for module, names in mbd._LATER.items() for name in names.split()}
     assert all(getattr(mbd, name) is not None for _, name in stated)
     assert {name for _, name in stated} <= set(dir(mbd))
+
+
+def test_all_names_are_in_all():
+    """Type checkers go by the list, so that each name stands in it in full."""
+    public = {name for name, value in vars(mbd).items() if not name.startswith("_") and not inspect.ismodule(value)}
+    assert set(mbd.__all__) == public | set(mbd._PLACES)
+    assert len(set(mbd.__all__)) == len(mbd.__all__)
 
 
 def test_an_unknown_name_is_refused():

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import casadi as ca
 
 from ...errors import ModelError
-from ..bodies import as_body, as_marker, bodies_of_couple, ground, rotation
+from ..bodies import Body, Marker, as_body, as_marker, bodies_of_couple, ground, rotation
 from ..element import BEYOND_COORDINATES, Element, owners, refuse_kinds, work_at
 from ..quantities import entries, one_of, quantity, vector2
+from ..symbols import Scalar, Vector
 
 
 class Force(Element):
@@ -47,7 +48,7 @@ class Force(Element):
 
     kind = "force"
 
-    def __init__(self, name: str, at: Any, vector: Any, frame: str = "global", opposite: Any = ground):
+    def __init__(self, name: str, at: Marker, vector: Vector, frame: str = "global", opposite: Body = ground):
         super().__init__(name)
         self.at = as_marker(at, self.description, "at")
         self.opposite = ground if opposite is None else as_body(opposite, self.description, "opposite")
@@ -87,7 +88,7 @@ class Torque(Element):
 
     kind = "torque"
 
-    def __init__(self, name: str, body: Any, value: Any, opposite: Any = ground):
+    def __init__(self, name: str, body: Body, value: Scalar, opposite: Body = ground):
         super().__init__(name)
         self.body, self.opposite = bodies_of_couple(body, opposite, self.description)
         self.torque = ca.SX(quantity(value, self.description, "value"))
@@ -115,7 +116,7 @@ class GeneralizedForce(Element):
 
     kind = "force"
 
-    def __init__(self, name: str, pairs: Any):
+    def __init__(self, name: str, pairs: Sequence[tuple[Scalar, Scalar]]):
         super().__init__(name)
         checked = []
         for entry in entries(pairs, f"{self.description}: pairs"):

@@ -6,13 +6,11 @@ among the forces of the mechanism.
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
 
 from ..element import Element, refuse_kinds
 from ..quantities import quantity
-from ..symbols import state_of
+from ..symbols import Scalar, state_of
 
 #: Kinds of symbols that the rate of a state must not depend on.
 _UNKNOWN = ("acceleration",)
@@ -50,7 +48,7 @@ class PIController(Element):
 
     kind = "controller"
 
-    def __init__(self, name: str, error: Any, proportional: Any, integral: Any, initial: Any = 0.0):
+    def __init__(self, name: str, error: Scalar, proportional: Scalar, integral: Scalar, initial: Scalar = 0.0):
         super().__init__(name)
         self.error = ca.SX(quantity(error, self.description, "error"))
         refuse_kinds(self.error, _UNKNOWN, self.description, "an error depends on positions and velocities")
@@ -83,7 +81,7 @@ class FirstOrderLag(Element):
 
     kind = "lag"
 
-    def __init__(self, name: str, command: Any, time_constant: Any, initial: Any = 0.0):
+    def __init__(self, name: str, command: Scalar, time_constant: Scalar, initial: Scalar = 0.0):
         super().__init__(name)
         self.command = ca.SX(quantity(command, self.description, "command"))
         refuse_kinds(self.command, _UNKNOWN, self.description, "a command depends on positions and velocities")
@@ -113,7 +111,7 @@ class EnergyMeter(Element):
 
     kind = "energy meter"
 
-    def __init__(self, name: str, power: Any, initial: Any = 0.0):
+    def __init__(self, name: str, power: Scalar, initial: Scalar = 0.0):
         super().__init__(name)
         self.power = ca.SX(quantity(power, self.description, "power"))
         refuse_kinds(self.power, _UNKNOWN, self.description, "a power depends on positions, velocities and forces")

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import casadi as ca
 
 from ...numerics.lazy import cached_property
+from ..bodies import Marker
 from ..element import Element
 from ..quantities import quantity
-from ..symbols import StateVariable, state_of
+from ..symbols import Scalar, StateVariable, state_of
 from ..validity import ValidityCondition
 from .springs import TSDA
 
@@ -53,13 +53,13 @@ class Cylinder(TSDA):
     def __init__(
         self,
         name: str,
-        a: Any,
-        b: Any,
-        bore: Any,
-        rod: Any = 0.0,
-        pressure: Any = 0.0,
-        rod_pressure: Any = 0.0,
-        damping: Any = 0.0,
+        a: Marker,
+        b: Marker,
+        bore: Scalar,
+        rod: Scalar = 0.0,
+        pressure: Scalar = 0.0,
+        rod_pressure: Scalar = 0.0,
+        damping: Scalar = 0.0,
     ):
         Element.__init__(self, name)  # the force depends on what is read first
         self.bore = self.read(bore, "bore", above=0.0, fixed=True)
@@ -110,16 +110,16 @@ class HydraulicCylinder(Cylinder):
     def __init__(
         self,
         name: str,
-        a: Any,
-        b: Any,
-        bore: Any,
-        rod: Any,
-        middle_length: Any,
-        volume: Any,
-        flow: Any,
-        rod_flow: Any = 0.0,
-        bulk_modulus: Any = 1.4e9,
-        damping: Any = 0.0,
+        a: Marker,
+        b: Marker,
+        bore: Scalar,
+        rod: Scalar,
+        middle_length: Scalar,
+        volume: Scalar,
+        flow: Scalar,
+        rod_flow: Scalar = 0.0,
+        bulk_modulus: Scalar = 1.4e9,
+        damping: Scalar = 0.0,
         pressures: tuple[StateVariable, StateVariable] | None = None,
     ):
         p, p_rod = pressures or (state_of(self, f"{name}.pressure"), state_of(self, f"{name}.rod_pressure"))
@@ -173,15 +173,15 @@ class GasSpring(TSDA):
     def __init__(
         self,
         name: str,
-        a: Any,
-        b: Any,
-        area: Any,
-        charged_length: Any,
-        pressure: Any,
-        dead_length: Any = 0.0,
-        exponent: Any = 1.4,
-        ambient: Any = ATMOSPHERE,
-        damping: Any = 0.0,
+        a: Marker,
+        b: Marker,
+        area: Scalar,
+        charged_length: Scalar,
+        pressure: Scalar,
+        dead_length: Scalar = 0.0,
+        exponent: Scalar = 1.4,
+        ambient: Scalar = ATMOSPHERE,
+        damping: Scalar = 0.0,
     ):
         Element.__init__(self, name)
         self.area = self.read(area, "area", above=0.0, fixed=True)

@@ -13,6 +13,7 @@ from ..bodies import Body, Marker, as_body
 from ..element import Element, cross
 from ..geometry.quadrature import quadrature
 from ..quantities import called, function_of, known_value, vector2, whole
+from ..symbols import Vector
 
 
 class Gravity(Element):
@@ -33,7 +34,7 @@ class Gravity(Element):
     kind = "force"
     external = True
 
-    def __init__(self, acceleration: Any = (0.0, -9.81), name: str = "gravity"):
+    def __init__(self, acceleration: Vector = (0.0, -9.81), name: str = "gravity"):
         super().__init__(name)
         self.acceleration = vector2(acceleration, self.description, "acceleration")
 
@@ -104,7 +105,7 @@ class FieldForce(Element):
     kind = "force"
     external = True
 
-    def __init__(self, name: str, body: Any, field: Callable[[Marker], Any], order: int = 4):
+    def __init__(self, name: str, body: Body, field: Callable[[Marker], Any], order: int = 4):
         super().__init__(name)
         self.body = as_body(body, self.description, "body")
         field = function_of(field, self.description, "field", "a point")

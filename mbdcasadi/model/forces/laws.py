@@ -12,7 +12,7 @@ from ...errors import ModelError
 from ..expressions import fabs, fmax, fmin, if_else, positive_power
 from ..immutable import Immutable
 from ..quantities import HasQuantities, one_of, quantity, value_of
-from ..symbols import number
+from ..symbols import Scalar, number
 
 #: ``χ v`` as a function of the restitution.
 DAMPING: dict[str, Callable[[Any], Any]] = {
@@ -40,7 +40,7 @@ class HuntCrossley(Immutable, HasQuantities):
     vibroimpact", J. Applied Mechanics 42 (1975) 440, doi:10.1115/1.3423596.
     """
 
-    def __init__(self, stiffness: Any, exponent: Any = 1.5, damping: Any = 0.0):
+    def __init__(self, stiffness: Scalar, exponent: Scalar = 1.5, damping: Scalar = 0.0):
         self.stiffness = self.read(stiffness, "stiffness", above=0.0)
         self.exponent = self.read(exponent, "exponent", at_least=1.0)
         self.damping = self.read(damping, "damping", at_least=0.0)
@@ -114,7 +114,12 @@ class SpringDamper(Immutable):
 
 
 def hertz_stiffness(
-    radius_a: Any, radius_b: Any, modulus_a: Any, modulus_b: Any, poisson_a: Any = 0.3, poisson_b: Any = 0.3
+    radius_a: Scalar,
+    radius_b: Scalar,
+    modulus_a: Scalar,
+    modulus_b: Scalar,
+    poisson_a: Scalar = 0.3,
+    poisson_b: Scalar = 0.3,
 ) -> float:
     """Return the stiffness k of ``F = k δ^1.5`` between two spheres: ``k = 4/3 E* √R*``.
 

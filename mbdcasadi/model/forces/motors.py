@@ -7,10 +7,10 @@ from typing import Any
 import casadi as ca
 
 from ...errors import ModelError
-from ..bodies import bodies_of_couple, ground
+from ..bodies import Body, bodies_of_couple, ground
 from ..element import Element
 from ..quantities import known_value, quantity
-from ..symbols import StateVariable, state_of
+from ..symbols import Scalar, StateVariable, state_of
 
 
 class DCMotor(Element):
@@ -62,14 +62,14 @@ class DCMotor(Element):
     def __init__(
         self,
         name: str,
-        body: Any,
-        voltage: Any,
-        constant: Any,
-        resistance: Any,
-        inductance: Any = 0.0,
-        ratio: Any = 1.0,
-        opposite: Any = ground,
-        current: Any = 0.0,
+        body: Body,
+        voltage: Scalar,
+        constant: Scalar,
+        resistance: Scalar,
+        inductance: Scalar = 0.0,
+        ratio: Scalar = 1.0,
+        opposite: Body = ground,
+        current: Scalar = 0.0,
     ):
         super().__init__(name)
         self.body, self.opposite = bodies_of_couple(body, opposite, self.description)

@@ -9,13 +9,14 @@ import casadi as ca
 
 from ...errors import ModelError, warn
 from ...numerics.lazy import cached_property
-from ..bodies import markers_on_two
+from ..bodies import Marker, markers_on_two
 from ..element import Element
 from ..expressions import norm
 from ..geometry.splines import spline, spline_integral
 from ..immutable import Immutable
 from ..quantities import function_of, known_value, quantity, value_of
 from ..rates import time_derivative
+from ..symbols import Numbers, Scalar, Vector
 from .laws import stored_energy
 
 
@@ -105,12 +106,12 @@ class TSDA(_SpringDamper):
     def __init__(
         self,
         name: str,
-        a: Any,
-        b: Any,
-        stiffness: Any = 0.0,
-        free_length: Any = 0.0,
-        damping: Any = 0.0,
-        actuator: Any = 0.0,
+        a: Marker,
+        b: Marker,
+        stiffness: Scalar = 0.0,
+        free_length: Scalar = 0.0,
+        damping: Scalar = 0.0,
+        actuator: Scalar = 0.0,
         law: Callable[[ca.SX, ca.SX], Any] | None = None,
     ):
         super().__init__(name, a, b, stiffness, free_length, damping, actuator, law)
@@ -168,12 +169,12 @@ class RSDA(_SpringDamper):
     def __init__(
         self,
         name: str,
-        a: Any,
-        b: Any,
-        stiffness: Any = 0.0,
-        free_angle: Any = 0.0,
-        damping: Any = 0.0,
-        actuator: Any = 0.0,
+        a: Marker,
+        b: Marker,
+        stiffness: Scalar = 0.0,
+        free_angle: Scalar = 0.0,
+        damping: Scalar = 0.0,
+        actuator: Scalar = 0.0,
         law: Callable[[ca.SX, ca.SX], Any] | None = None,
     ):
         super().__init__(name, a, b, stiffness, free_angle, damping, actuator, law)
@@ -232,12 +233,12 @@ class Bushing(Element):
     def __init__(
         self,
         name: str,
-        a: Any,
-        b: Any,
-        stiffness: Any = 0.0,
-        damping: Any = 0.0,
-        angular_stiffness: Any = 0.0,
-        angular_damping: Any = 0.0,
+        a: Marker,
+        b: Marker,
+        stiffness: Scalar | Vector = 0.0,
+        damping: Scalar | Vector = 0.0,
+        angular_stiffness: Scalar = 0.0,
+        angular_damping: Scalar = 0.0,
     ):
         super().__init__(name)
         self.markers = self.a, self.b = markers_on_two(a, b, self.description)
@@ -307,12 +308,12 @@ class DataLaw(Immutable):
 
     def __init__(
         self,
-        displacements: Any,
-        forces: Any,
-        rates: Any = None,
-        damping_forces: Any = None,
-        damping: Any = 0.0,
-        free: Any = 0.0,
+        displacements: Numbers,
+        forces: Numbers,
+        rates: Numbers | None = None,
+        damping_forces: Numbers | None = None,
+        damping: Scalar = 0.0,
+        free: Scalar = 0.0,
         kind: str = "monotone",
         outside: str = "linear",
     ):
@@ -320,7 +321,7 @@ class DataLaw(Immutable):
         if (rates is None) != (damping_forces is None):
             raise ModelError(f"{what}: a damper needs both rates and damping_forces, and only one of them is given")
         self._curve = displacements, forces, kind, outside
-        self._damper = None if rates is None else (rates, damping_forces, kind, outside)
+        self._damper: tuple[Any, ...] | None = None if rates is None else (rates, damping_forces, kind, outside)
         self.damping = quantity(damping, what, "damping")
         self.free = quantity(free, what, "free")
         self(ca.SX.sym("x"), ca.SX.sym("rate"))  # raises an error for bad data

@@ -9,11 +9,12 @@ import casadi as ca
 
 from ...errors import ModelError
 from ...numerics.lazy import cached_property
-from ..bodies import ground, markers_on_two
+from ..bodies import Marker, ground, markers_on_two
 from ..element import BEYOND_COORDINATES, Element, owners, refuse_kinds
 from ..expressions import distance
 from ..quantities import function_of, no_relation, quantity
 from ..rates import time_derivative
+from ..symbols import Scalar
 from ..validity import Smoothing
 from .laws import SpringDamper, continuous_force, pushing_force, stored_energy
 
@@ -76,7 +77,7 @@ class EndStop(_OneSided):
 
     kind = "stop"
 
-    def __init__(self, name: str, gap: Any, law: Callable[[ca.SX, ca.SX], Any]):
+    def __init__(self, name: str, gap: Scalar, law: Callable[[ca.SX, ca.SX], Any]):
         super().__init__(name)
         self.gap = ca.SX(no_relation(quantity(gap, self.description, "gap"), self.description, "gap"))
         refuse_kinds(self.gap, BEYOND_COORDINATES, self.description, "a gap depends on coordinates only")
@@ -144,7 +145,7 @@ class Rope(_OneSided):
     kind = "rope"
     _effort = "tension"
 
-    def __init__(self, name: str, a: Any, b: Any, length: Any, stiffness: Any, damping: Any = 0.0):
+    def __init__(self, name: str, a: Marker, b: Marker, length: Scalar, stiffness: Scalar, damping: Scalar = 0.0):
         super().__init__(name)
         self.markers = self.a, self.b = markers_on_two(a, b, self.description)
         self.length = self.read(length, "length", above=0.0)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import ExpressionError, ModelError
 from ..quantities import function_of, quantity, value_of, yes_or_no
-from ..symbols import describe, number, varying_in
+from ..symbols import Numbers, describe, number, varying_in
 from .curves import SAMPLES, Curve, checked_points, chord_lengths, crossing, values_over
 from .motion_programs import MotionProgram
 from .splines import closed_spline
@@ -54,7 +54,7 @@ class CamOutline(Curve):
     #: The polar radius that was given, over the parameter.
     _radius: ca.SX | None = None
 
-    def __init__(self, radius: Any, angles: Any = None):
+    def __init__(self, radius: Any, angles: Numbers | None = None):
         law = polar_law(radius, angles)
 
         def point(alpha: ca.SX) -> ca.SX:

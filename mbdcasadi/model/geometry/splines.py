@@ -16,6 +16,7 @@ import numpy as np
 from ...errors import ModelError
 from ...numerics.real import real_array
 from ..quantities import one_of
+from ..symbols import Numbers
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -29,7 +30,7 @@ _OUTSIDE = ("error", "constant", "linear", "periodic")
 _ROUNDING = 1e-9
 
 
-def spline(x: Any, xs: Any, ys: Any, kind: str = "cubic", outside: str = "error") -> Any:
+def spline(x: Any, xs: Numbers, ys: Numbers, kind: str = "cubic", outside: str = "error") -> Any:
     """Return a curve through data points, as an expression in `x`.
 
     The curve meets the points exactly. At a point at which its first, second or third

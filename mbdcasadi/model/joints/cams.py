@@ -5,8 +5,6 @@ The parameter of the contact point on the outline is a coordinate without inerti
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
 
 from ...errors import ModelError
@@ -16,7 +14,7 @@ from ..element import cross
 from ..events import Event
 from ..geometry.cam_outlines import CamOutline
 from ..geometry.curves import Curve
-from ..symbols import Coordinate, values_of
+from ..symbols import Coordinate, Scalar, values_of
 from ..validity import ValidityCondition
 from .base import Joint
 from .outline_contact import (
@@ -91,7 +89,7 @@ class CamFlatFollower(_Contact):
     Haug 1989, section 3.4 (cam–flat-faced follower).
     """
 
-    def __init__(self, name: str, cam: Any, face: Any, outline: CamOutline):
+    def __init__(self, name: str, cam: Marker, face: Marker, outline: CamOutline):
         a, b = self.pair(name, cam, face, ("cam", "face"))
         what = self.description
         self.outline = as_outline(outline, what)
@@ -143,7 +141,7 @@ class CamPointFollower(_Contact):
         For a hollow too narrow for the roller; the message gives the point and its radius of curvature.
     """
 
-    def __init__(self, name: str, cam: Any, point: Any, outline: CamOutline, roller_radius: Any = 0.0):
+    def __init__(self, name: str, cam: Marker, point: Marker, outline: CamOutline, roller_radius: Scalar = 0.0):
         a, b = self.pair(name, cam, point, ("cam", "point"))
         what = self.description
         self.outline = as_outline(outline, what)
@@ -199,7 +197,7 @@ class CamCam(_Contact):
         For a hollow into which no part of the other outline fits.
     """
 
-    def __init__(self, name: str, a: Any, b: Any, outline_a: CamOutline, outline_b: CamOutline):
+    def __init__(self, name: str, a: Marker, b: Marker, outline_a: CamOutline, outline_b: CamOutline):
         a, b = self.pair(name, a, b)
         what = self.description
         self.outline, self.outline_b = as_outline(outline_a, what), as_outline(outline_b, what)
@@ -251,7 +249,7 @@ class PointOnCurve(Joint):
         Parameter of the point on the curve.
     """
 
-    def __init__(self, name: str, a: Any, b: Any, curve: Curve):
+    def __init__(self, name: str, a: Marker, b: Marker, curve: Curve):
         a, b = self.pair(name, a, b)
         if not isinstance(curve, Curve):
             raise ModelError(f"{self.description}: curve must be a Curve, got {curve!r}")

@@ -8,10 +8,10 @@ import casadi as ca
 
 from ...errors import ModelError
 from ...numerics.lazy import cached_property
-from ..bodies import as_marker
+from ..bodies import Marker, as_marker
 from ..element import BEYOND_COORDINATES, ConstraintElement, holds_coordinates, refuse_kinds
 from ..quantities import column, is_relation
-from ..symbols import role_of, symbols_of
+from ..symbols import Scalar, role_of, symbols_of
 from ..texts import text_of
 
 
@@ -36,7 +36,7 @@ class Constraint(ConstraintElement):
 
     kind = "constraint"
 
-    def __init__(self, name: str, expression: Any):
+    def __init__(self, name: str, expression: Scalar):
         what = f"constraint '{name}'"
         rows = held_at_zero(expression, what)
         refuse_kinds(rows, BEYOND_COORDINATES, what, "a Constraint contains coordinates, parameters and time only")
@@ -83,7 +83,7 @@ class NonholonomicConstraint(ConstraintElement):
 
     kind = "constraint"
 
-    def __init__(self, name: str, expression: Any):
+    def __init__(self, name: str, expression: Scalar):
         rows = _velocity_rows(name, expression)
         super().__init__(name, ca.SX(0, 1), velocity_rows=rows)
 
@@ -103,7 +103,7 @@ class KnifeEdge(ConstraintElement):
 
     kind = "constraint"
 
-    def __init__(self, name: str, marker: Any):
+    def __init__(self, name: str, marker: Marker):
         self.marker = as_marker(marker, f"constraint '{name}'", "marker")
         row = _velocity_rows(name, ca.dot(self.marker.y_axis, self.marker.velocity))
         super().__init__(name, ca.SX(0, 1), (), (self.marker,), velocity_rows=row)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from ..bodies import as_marker
+from ..bodies import Marker, as_marker
 from ..element import ConstraintElement
 from ..quantities import in_radians, quantity, vector2
-from ..symbols import check_name
+from ..symbols import Scalar, Vector, check_name
 from .base import Joint
 from .lower_pairs import distance_row
 
@@ -19,7 +19,7 @@ class _Absolute(ConstraintElement):
     #: attribute of the marker that is constrained
     coordinate: ClassVar[str]
 
-    def __init__(self, name: str, marker: Any, value: Any = 0.0):
+    def __init__(self, name: str, marker: Marker, value: Scalar = 0.0):
         what = f"constraint '{name}'"
         self.marker = as_marker(marker, what, "marker")
         self.value = _value(value, what, self.coordinate)
@@ -87,7 +87,7 @@ class AbsoluteDistance(ConstraintElement):
 
     kind = "constraint"
 
-    def __init__(self, name: str, marker: Any, point: Any, distance: Any):
+    def __init__(self, name: str, marker: Marker, point: Vector, distance: Scalar):
         self.name = check_name(name, type(self).__name__)
         self.marker = as_marker(marker, self.description, "marker")
         self.point = vector2(point, self.description, "point")
@@ -102,7 +102,7 @@ class _Relative(Joint):
     #: attribute of the markers that is constrained
     coordinate: ClassVar[str]
 
-    def __init__(self, name: str, a: Any, b: Any, value: Any):
+    def __init__(self, name: str, a: Marker, b: Marker, value: Scalar):
         a, b = self.pair(name, a, b)
         self.value = _value(value, f"constraint '{name}'", self.coordinate)
         super().__init__(name, a, b, getattr(b, self.coordinate) - getattr(a, self.coordinate) - self.value)

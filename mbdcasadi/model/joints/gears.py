@@ -12,7 +12,7 @@ from ...numerics.lazy import cached_property
 from ..bodies import Body, Marker, ground, rotation
 from ..element import at_poses
 from ..quantities import known_value, quantity, yes_or_no
-from ..symbols import values_of
+from ..symbols import Scalar, values_of
 from ..validity import ValidityCondition
 from .base import AlongLine, Joint, as_carrier, from_estimate
 
@@ -72,10 +72,10 @@ class Gear(Joint):
     def __init__(
         self,
         name: str,
-        a: Any,
-        b: Any,
-        radius_a: Any,
-        radius_b: Any,
+        a: Marker,
+        b: Marker,
+        radius_a: Scalar,
+        radius_b: Scalar,
         internal: bool = False,
         carrier: Body = ground,
     ):
@@ -156,7 +156,7 @@ class RackAndPinion(Joint):
     Haug 1989, section 3.4, eq. (3.4.10).
     """
 
-    def __init__(self, name: str, rack: Any, pinion: Any, radius: Any):
+    def __init__(self, name: str, rack: Marker, pinion: Marker, radius: Scalar):
         a, b = self.pair(name, rack, pinion, ("rack", "pinion"))
         self.radius = self.read(radius, "radius", above=0.0, fixed=True)
         super().__init__(name, a, b, _rolled(a, b, self.radius))
@@ -195,7 +195,7 @@ class Rolling(AlongLine, Joint):
     Haug 1989, section 3.4 (rack and pinion, with the distance held).
     """
 
-    def __init__(self, name: str, wheel: Any, surface: Any, radius: Any):
+    def __init__(self, name: str, wheel: Marker, surface: Marker, radius: Scalar):
         a, b = self.pair(name, surface, wheel, ("surface", "wheel"))
         self.radius = self.read(radius, "radius", above=0.0, fixed=True)
         above = ca.dot(a.y_axis, b.position - a.position) - self.radius
@@ -238,7 +238,7 @@ class Coupler(Joint):
         Couple on b, N m; on a it is ``-n`` times that.
     """
 
-    def __init__(self, name: str, a: Any, b: Any, ratio: Any, carrier: Body = ground):
+    def __init__(self, name: str, a: Marker, b: Marker, ratio: Scalar, carrier: Body = ground):
         a, b = self.pair(name, a, b)
         what = self.description
         self.ratio = quantity(ratio, what, "ratio", fixed=True)
@@ -283,7 +283,14 @@ class Belt(Joint):
     """
 
     def __init__(
-        self, name: str, a: Any, b: Any, radius_a: Any, radius_b: Any, crossed: bool = False, carrier: Body = ground
+        self,
+        name: str,
+        a: Marker,
+        b: Marker,
+        radius_a: Scalar,
+        radius_b: Scalar,
+        crossed: bool = False,
+        carrier: Body = ground,
     ):
         a, b = self.pair(name, a, b)
         what = self.description

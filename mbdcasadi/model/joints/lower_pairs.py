@@ -12,6 +12,7 @@ from ..bodies import Marker
 from ..element import ConstraintElement
 from ..quantities import known_value, quantity
 from ..rates import time_derivative
+from ..symbols import Scalar
 from .base import AlongLine, Joint, relative_angle
 
 
@@ -48,7 +49,7 @@ class Revolute(Joint):
 
     is_lower_pair = True
 
-    def __init__(self, name: str, a: Any, b: Any):
+    def __init__(self, name: str, a: Marker, b: Marker):
         a, b = self.pair(name, a, b)
         super().__init__(name, a, b, _place(a) - _place(b), ("x", "y"))
 
@@ -87,7 +88,7 @@ class Translational(AlongLine, Joint):
 
     is_lower_pair = True
 
-    def __init__(self, name: str, a: Any, b: Any):
+    def __init__(self, name: str, a: Marker, b: Marker):
         a, b = self.pair(name, a, b)
         across = ca.dot(a.y_axis, b.position - a.position)
         super().__init__(name, a, b, ca.vertcat(across, relative_angle(a, b)), ("normal", "angle"))
@@ -106,7 +107,7 @@ class Weld(Joint):
 
     is_lower_pair = True
 
-    def __init__(self, name: str, a: Any, b: Any):
+    def __init__(self, name: str, a: Marker, b: Marker):
         a, b = self.pair(name, a, b)
         rows = ca.vertcat(_place(a) - _place(b), relative_angle(a, b))
         super().__init__(name, a, b, rows, ("x", "y", "angle"))
@@ -155,7 +156,7 @@ class Distance(Joint):
     Haug 1989, sections 3.3 and 3.3.2 (composite joints).
     """
 
-    def __init__(self, name: str, a: Any, b: Any, distance: Any):
+    def __init__(self, name: str, a: Marker, b: Marker, distance: Scalar):
         a, b = self.pair(name, a, b)
         self.distance = distance
         super().__init__(name, a, b, distance_row(self, b.position - a.position, distance))
@@ -187,7 +188,7 @@ class PointOnLine(AlongLine, Joint):
     Haug 1989, section 3.3.2 (composite joints).
     """
 
-    def __init__(self, name: str, a: Any, b: Any, offset: Any = 0.0):
+    def __init__(self, name: str, a: Marker, b: Marker, offset: Scalar = 0.0):
         a, b = self.pair(name, a, b)
         self.offset = quantity(offset, self.description, "offset")
         row = ca.dot(a.y_axis, b.position - a.position) - self.offset

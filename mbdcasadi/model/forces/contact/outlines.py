@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -13,6 +13,7 @@ from ....numerics.lazy import cached_property
 from ...bodies import Marker, as_marker
 from ...immutable import Immutable
 from ...quantities import HasQuantities, number_pairs
+from ...symbols import Scalar, Vector
 
 
 class Outline(Immutable, HasQuantities):
@@ -20,7 +21,7 @@ class Outline(Immutable, HasQuantities):
 
     marker: Marker
 
-    def __init__(self, marker: Any):
+    def __init__(self, marker: Marker):
         self.marker = as_marker(marker, type(self).__name__, "marker")
 
     @property
@@ -53,7 +54,7 @@ def _entries(value: Any) -> tuple[Hashable, ...]:
 class _Round(Outline):
     """A centre and a radius."""
 
-    def __init__(self, marker: Any, radius: Any):
+    def __init__(self, marker: Marker, radius: Scalar):
         super().__init__(marker)
         self.radius = self.read(radius, "radius", above=0.0)
 
@@ -115,7 +116,7 @@ class Segment(Outline):
         Half its thickness, m.
     """
 
-    def __init__(self, marker: Any, length: Any, radius: Any = 0.0):
+    def __init__(self, marker: Marker, length: Scalar, radius: Scalar = 0.0):
         super().__init__(marker)
         self.length = self.read(length, "length", above=0.0)
         self.radius = self.read(radius, "radius", at_least=0.0)
@@ -157,7 +158,7 @@ class PolygonEdges(Outline):
         Corners in the marker's axes, in counter-clockwise order, m.
     """
 
-    def __init__(self, marker: Any, points: Any):
+    def __init__(self, marker: Marker, points: Sequence[Vector]):
         super().__init__(marker)
         what = repr(self)
         self.points = number_pairs(points, what)

@@ -11,8 +11,9 @@ from ....errors import ModelError
 from ....numerics.lazy import cached_property
 from ...element import ConstraintElement, Element
 from ...expressions import norm
+from ...joints.base import Joint
 from ...joints.lower_pairs import Revolute, Translational
-from ...symbols import register
+from ...symbols import Scalar, register
 from ...validity import Smoothing
 from .laws import FrictionLaw, Resistance, as_law
 
@@ -223,7 +224,13 @@ class JointFriction(FrictionInJoint):
     """
 
     def __init__(
-        self, name: str, joint: Any, law: FrictionLaw, radius: Any = None, length: Any = None, preload: Any = 0.0
+        self,
+        name: str,
+        joint: Joint,
+        law: FrictionLaw,
+        radius: Scalar | None = None,
+        length: Scalar | None = None,
+        preload: Scalar = 0.0,
     ):
         Element.__init__(self, name)  # the load depends on what is read first
         self.preload = self.read(preload, "preload", at_least=0.0)
@@ -259,7 +266,7 @@ class LoadIndependentFriction(FrictionInJoint):
         Radius of the pin, m; for a revolute joint.
     """
 
-    def __init__(self, name: str, joint: Any, law: FrictionLaw, load: Any, radius: Any = None):
+    def __init__(self, name: str, joint: Joint, law: FrictionLaw, load: Scalar, radius: Scalar | None = None):
         Element.__init__(self, name)
         self._load = self.read(load, "load", at_least=0.0)
         super().__init__(name, joint, law, radius)

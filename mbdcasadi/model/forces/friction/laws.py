@@ -11,7 +11,7 @@ import casadi as ca
 from ....errors import ModelError
 from ...immutable import Immutable
 from ...quantities import HasQuantities, known_value
-from ...symbols import StateVariable
+from ...symbols import Scalar, StateVariable
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +136,7 @@ class Coulomb(FrictionLaw):
     Coulomb(0.3, velocity_tolerance=0.0001)
     """
 
-    def __init__(self, coefficient: Any, velocity_tolerance: Any):
+    def __init__(self, coefficient: Scalar, velocity_tolerance: Scalar):
         self.coefficient = self.read(coefficient, "coefficient", at_least=0.0)
         self.velocity_tolerance = self.read(velocity_tolerance, "velocity_tolerance", above=0.0)
 
@@ -171,7 +171,13 @@ class Stribeck(FrictionLaw):
     compensation methods for the control of machines with friction", Automatica 30 (1994) 1083.
     """
 
-    def __init__(self, coefficient: Any, static_coefficient: Any, stribeck_velocity: Any, velocity_tolerance: Any):
+    def __init__(
+        self,
+        coefficient: Scalar,
+        static_coefficient: Scalar,
+        stribeck_velocity: Scalar,
+        velocity_tolerance: Scalar,
+    ):
         self.coefficient = self.read(coefficient, "coefficient", at_least=0.0)
         self.static_coefficient = self.read(static_coefficient, "static_coefficient", at_least=0.0)
         self.stribeck_velocity = self.read(stribeck_velocity, "stribeck_velocity", above=0.0)
@@ -206,7 +212,7 @@ class Viscous(FrictionLaw):
         c, N s/m, at least 0; in a pin, of the surfaces, so that the torque is ``-c r² ω``.
     """
 
-    def __init__(self, coefficient: Any):
+    def __init__(self, coefficient: Scalar):
         self.coefficient = self.read(coefficient, "coefficient", at_least=0.0)
 
     def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
@@ -256,7 +262,12 @@ class LuGre(FrictionLaw):
     remedy = "or take softer bristles"
 
     def __init__(
-        self, coefficient: Any, static_coefficient: Any, stribeck_velocity: Any, stiffness: Any, damping: Any = 0.0
+        self,
+        coefficient: Scalar,
+        static_coefficient: Scalar,
+        stribeck_velocity: Scalar,
+        stiffness: Scalar,
+        damping: Scalar = 0.0,
     ):
         self.coefficient = self.read(coefficient, "coefficient", above=0.0)
         self.static_coefficient = self.read(static_coefficient, "static_coefficient", above=0.0)
@@ -312,7 +323,7 @@ class DryFriction(FrictionLaw):
 
     exact = True
 
-    def __init__(self, coefficient: Any, static_coefficient: Any = None):
+    def __init__(self, coefficient: Scalar, static_coefficient: Scalar | None = None):
         self.coefficient = self.read(coefficient, "coefficient", at_least=0.0)
         static = coefficient if static_coefficient is None else static_coefficient
         self.static_coefficient = self.read(static, "static_coefficient", at_least=0.0)
