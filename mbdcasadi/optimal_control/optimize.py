@@ -38,6 +38,7 @@ from .refinement.cost_error import warn_of_false_cost
 from .refinement.local_error import warn_of_coarse_mesh, warn_of_growth
 from .refinement.saddle import warn_of_saddle
 from .refinement.singularity import warn_of_folding_poses
+from .refinement.undecided import warn_of_undecided
 from .search import Search
 from .solution import Shifted, Solution
 from .transcription import Transcription
@@ -141,10 +142,11 @@ def optimize(
         passed through its place before, or a foothold pulls; if a path limit is passed by more than a hundredth of it
         between the points at which it is held, or as much of the integral of a :func:`positive_part` or
         :func:`absolute` is missing in the cost; if the mesh is too coarse for the motion that was found, or for its
-        cost (:attr:`Solution.cost_error` is above a ten-thousandth of it), or the motion is so
-        unstable that a simulation with its inputs does not follow it (not checked if ``guess=`` is a solution of the
-        same problem); if the solution is a saddle, near which the cost falls, and no lower one was found from there; if
-        inputs, limits or switches do not meet the `tolerance`, though the local errors do.
+        cost (:attr:`Solution.cost_error` is above a ten-thousandth of it), or the motion is so unstable that a
+        simulation with its inputs does not follow it (not checked if ``guess=`` is a solution of the same problem); if
+        the solution is a saddle, near which the cost falls, and no lower one was found from there; if no condition and
+        no cost decides a quantity of the start, a free time or a free parameter; if inputs, limits or switches do not
+        meet the `tolerance`, though the local errors do.
     """
     if not isinstance(problem, OptimalControlProblem):
         raise ModelError(f"optimize takes an OptimalControlProblem, got {problem!r}")
@@ -168,6 +170,7 @@ def optimize(
                 warn_of_growth(solution)
                 warn_of_folding_poses(solution)
                 warn_of_saddle(solution)
+                warn_of_undecided(solution)
             warn_of_passed_limits(solution)
             warn_of_closings(solution)
             _warn_of_validity(solution)

@@ -1,4 +1,4 @@
-"""Warnings about motions of several phases that meet all demands: joints that pass, that pull, and free choices."""
+"""Warnings about motions of several phases that meet all demands: joints that pass, and joints that pull."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from ...errors import warn
-from ...model.symbols import symbols_of
 from ..nlp.change import Change
 from ..phase_solution import PhaseSolution
 from ..solution import Solution
@@ -20,15 +19,13 @@ NOTHING = 1e-3
 
 
 def warn_of_closings(solution: Solution) -> None:
-    """Warn of joints that pass through their place before they close, of footholds that pull, and of free choices.
+    """Warn of joints that pass through their place before they close, and of footholds that pull.
 
     A position row of a joint that closes at the end of a phase may have passed through zero in the same direction
-    before; a joint to the ground that closes and opens may have to pull, seen from the side from which it closed; a
-    problem without inputs and cost may leave quantities undecided.
+    before; a joint to the ground that closes and opens may have to pull, seen from the side from which it closed.
     """
     if len(solution.phases) < 2:
         return
-    _warn_of_free_choices(solution)
     sides: dict[Any, dict[int, float]] = {}
     for change, before in zip(solution.program.changes, solution.phases, strict=False):
         if not before.phase.is_instant:
@@ -123,27 +120,3 @@ def _warn_of_pulling(solution: Solution, joint: Any, by_row: dict[int, float]) -
                     f"'{joint.row_names[k]}', by {pull[worst]:.3g} at t = {part.trajectory.t[worst]:.4g} s; if it is a "
                     "contact, state the sign of its reaction in path="
                 )
-
-
-# --- what nothing decides ---------------------------------------------------------------------
-def _warn_of_free_choices(solution: Solution) -> None:
-    """Warn of a passive motion without cost, of which more is free than the conditions decide."""
-    problem, program = solution.problem, solution.program
-    if any(part.phase.mechanism.inputs for part in solution.phases) or _has_cost(solution):
-        return
-    times = [part.segment_times for part in solution.phases]
-    bounds = program.bounds(solution.phases[0].trajectory.initial, solution.meshes, times)
-    unknown = int(np.sum(bounds.lower < bounds.upper))
-    free = unknown - sum(row.equality for row in program.rows)
-    if free > 0:
-        names = ", ".join(f"'{phase.name}'" for phase in problem.phases)
-        warn(
-            f"{free} quantit{'y' if free == 1 else 'ies'} of the motion through the phases {names} "
-            f"{'is' if free == 1 else 'are'} decided by no condition and no cost: the solution is one of many; state "
-            "the pose at the start in initial=, or boundary conditions for what is to repeat"
-        )
-
-
-def _has_cost(solution: Solution) -> bool:
-    costs = [solution.problem.terminal_cost, *(part.phase.running_cost for part in solution.phases)]
-    return any(symbols_of(cost) for cost in costs)

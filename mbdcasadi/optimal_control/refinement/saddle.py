@@ -15,6 +15,7 @@ import numpy as np
 from ...errors import warn
 from ..checks.failure import OptimizationError, is_unbounded
 from ..guess.guess import Guess
+from ..nlp.collocation_program import Bounds, CollocationProgram
 from ..nlp.problem_solver import ProblemSolver
 from ..nlp.solvers.base import Beginning
 from ..nlp.statistics import Attempt
@@ -105,34 +106,15 @@ def _falling_guesses(solver: ProblemSolver, solution: Solution) -> list[Guess]:
 
 
 def _falling_direction(begin: Beginning) -> np.ndarray | None:
-    """Scaled direction that the rows leave and along which the cost falls to second order; None if none is found.
-
-    Limits count as in an interior-point method: by their multipliers and slacks.
-    """
-    from scipy.sparse import bmat, diags, eye
-    from scipy.sparse.linalg import splu
-
-    assert begin.iterate is not None
-    x, bounds, iterate = begin.x, begin.bounds, begin.iterate
-    derivatives = begin.program.nlp.derivatives
-    hessian = ca.triu2symm(derivatives["hess_lag"](x, begin.data, 1.0, iterate.lam_g)).sparse()
-    rows, jacobian = derivatives["jac_g"](x, begin.data)
-    slopes = jacobian.sparse()
-    of_rows = _stiffness(rows.full().ravel(), bounds.rows_lower, bounds.rows_upper, iterate.lam_g)
-    of_variables = _stiffness(x, bounds.lower, bounds.upper, iterate.lam_x)
-    free, held, soft = of_variables <= HELD, of_rows > HELD, of_rows <= HELD
-    limits = slopes[soft].T @ diags(of_rows[soft]) @ slopes[soft]
-    whole = (hessian + diags(of_variables) + limits).tocsc()[free][:, free]
-    slopes, n = slopes[held][:, free], int(free.sum())
+    """Scaled direction that the rows leave and along which the cost falls to second order; None if none is found."""
+    iterate = begin.iterate
+    assert iterate is not None
+    curvature = Curvature(begin.program, begin.x, begin.data, begin.bounds, iterate.lam_x, iterate.lam_g)
+    whole, free, n = curvature.whole, curvature.free, int(curvature.free.sum())
     if n == 0:
         return None
     random = np.random.default_rng(0).normal(size=n)
-    nearly_zero = -SINGULAR * eye(slopes.shape[0])
-    factors = splu(bmat([[eye(n), slopes.T], [slopes, nearly_zero]], format="csc"))
-
-    def projected(vector: np.ndarray) -> np.ndarray:
-        return factors.solve(np.concatenate([vector, np.zeros(slopes.shape[0])]))[:n]
-
+    projected = curvature.response()
     first = projected(random)
     if not np.linalg.norm(first) > ROUNDING * np.linalg.norm(random):  # the rows leave nothing
         return None
@@ -141,9 +123,70 @@ def _falling_direction(begin: Beginning) -> np.ndarray | None:
     within = projected(direction)
     if largest <= FLAT or within @ (whole @ within) >= -FALLING * largest or np.linalg.norm(within) < LEFT:
         return None
-    found = np.zeros(x.size)
+    found = np.zeros(free.size)
     found[free] = within
     return found
+
+
+class Curvature:
+    """Second derivatives of the scaled cost at a solution, in directions that its rows leave.
+
+    Limits count as in an interior-point method: by their multipliers and slacks.
+
+    Attributes
+    ----------
+    free : numpy.ndarray
+        Variables that no limit holds (n,).
+    whole : scipy.sparse.csc_matrix
+        Second derivatives by these, those of the rows by their multipliers included.
+    """
+
+    def __init__(
+        self,
+        program: CollocationProgram,
+        x: np.ndarray,
+        data: np.ndarray,
+        bounds: Bounds,
+        lam_x: np.ndarray,
+        lam_g: np.ndarray,
+    ):
+        from scipy.sparse import diags
+
+        derivatives = program.nlp.derivatives
+        hessian = ca.triu2symm(derivatives["hess_lag"](x, data, 1.0, lam_g)).sparse()
+        rows, jacobian = derivatives["jac_g"](x, data)
+        slopes = jacobian.sparse()
+        of_rows = _stiffness(rows.full().ravel(), bounds.rows_lower, bounds.rows_upper, lam_g)
+        of_variables = _stiffness(x, bounds.lower, bounds.upper, lam_x)
+        self.free, held, soft = of_variables <= HELD, of_rows > HELD, of_rows <= HELD
+        limits = slopes[soft].T @ diags(of_rows[soft]) @ slopes[soft]
+        self.whole = (hessian + diags(of_variables) + limits).tocsc()[self.free][:, self.free]
+        self._slopes = slopes[held][:, self.free]
+
+    def response(self, least: float | None = None) -> Callable[[np.ndarray], np.ndarray]:
+        """Return the function from a force on the free variables to the step with which they give way within the rows.
+
+        They resist by the curvature of the cost and `least` more; by one each if that is None, and the step is the
+        projection of the force.
+        """
+        from scipy.sparse import bmat, eye
+        from scipy.sparse.linalg import splu
+
+        n, count = self.whole.shape[0], self._slopes.shape[0]
+        stiffness = eye(n) if least is None else self.whole + least * eye(n)
+        factors = splu(bmat([[stiffness, self._slopes.T], [self._slopes, -SINGULAR * eye(count)]], format="csc"))
+        return lambda force: factors.solve(np.concatenate([force, np.zeros(count)]))[:n]
+
+    def compliance(self, places: Sequence[int], least: float) -> np.ndarray:
+        """Return steps of some variables by forces on each of them (k, k); zero for those that a limit holds."""
+        respond, among = self.response(least), np.cumsum(self.free) - 1
+        found = np.zeros((len(places), len(places)))
+        moving = [j for j, place in enumerate(places) if self.free[place]]
+        for j in moving:
+            force = np.zeros(self.whole.shape[0])
+            force[among[places[j]]] = 1.0
+            found[moving, j] = respond(force)[among[[places[k] for k in moving]]]
+        return (found + found.T) / 2
 
 
 def _least_curved(times: Callable[[np.ndarray], np.ndarray], start: np.ndarray) -> tuple[np.ndarray, float]:
