@@ -56,7 +56,8 @@ def undecided(solution: SolvedMotion) -> tuple[int, list[str]]:
     curvature = Curvature(program, x, data, bounds, solution.answer.lam_x, solution.answer.lam_g)
     hard, soft = (curvature.compliance(list(places), least) for least in SOFT)
     _, directions = np.linalg.eigh(soft)
-    gives_way = [d @ soft @ d > 0.1 * SOFT[0] / SOFT[1] * (d @ hard @ d) > 0 for d in directions.T]
+    # below one a change by the typical size costs as much as is typical, and what is left is rounding
+    gives_way = [d @ soft @ d > max(0.1 * SOFT[0] / SOFT[1] * (d @ hard @ d), 1.0) for d in directions.T]
     flat = directions[:, gives_way]
     sizes = np.max(np.abs(flat), axis=1, initial=0.0)
     names = [name for name, size in zip(places.values(), sizes, strict=True) if size > NAMED]
