@@ -45,6 +45,14 @@ def test_what_a_cost_decides_weakly_is_decided():
     assert not said(problem.replace(initial=[block.x == 0], final=[], running_cost=u**2 + 1e-3 * block.vx**2))
 
 
+def test_limits_that_are_far_away_decide_nothing():
+    """Neither of the force nor of the speed."""
+    problem, _u, block = rest_to_rest(lower=-5, upper=5)
+    for path in ([mbd.bounded(-2, block.vx, 2)], [block.x <= 7]):
+        (text,) = said(problem.replace(initial=[block.x == 0], final=[], path=path), intervals=20)
+        assert "(block.vx at the start)" in text
+
+
 def test_a_duration():
     """Without a force a block may take any time to get there, and the speed follows from it."""
     problem, _u, block = rest_to_rest(duration=(0.5, 2.0))

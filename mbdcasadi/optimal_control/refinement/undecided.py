@@ -13,8 +13,9 @@ from ...errors import warn
 from ..solved_motion import SolvedMotion
 from .saddle import Curvature
 
-#: Curvatures of the scaled cost, far below that of any quantity that counts, with which what is flat gives way.
-SOFT = (1e-6, 1e-8)
+#: Curvatures of the scaled cost, below those by which a small cost added for smoothness decides (1e-7), with which what
+#: is flat gives way; and factor by which it does so, that of both if limits far away, by their multipliers, are softer.
+SOFT, YIELD = (1e-8, 1e-9), 3.0
 #: Share of a direction from which a quantity is named.
 NAMED = 0.1
 #: Number of quantities that are named.
@@ -57,7 +58,7 @@ def undecided(solution: SolvedMotion) -> tuple[int, list[str]]:
     hard, soft = (curvature.compliance(list(places), least) for least in SOFT)
     _, directions = np.linalg.eigh(soft)
     # below one a change by the typical size costs as much as is typical, and what is left is rounding
-    gives_way = [d @ soft @ d > max(0.1 * SOFT[0] / SOFT[1] * (d @ hard @ d), 1.0) for d in directions.T]
+    gives_way = [d @ soft @ d > max(YIELD * (d @ hard @ d), 1.0) for d in directions.T]
     flat = directions[:, gives_way]
     sizes = np.max(np.abs(flat), axis=1, initial=0.0)
     names = [name for name, size in zip(places.values(), sizes, strict=True) if size > NAMED]
