@@ -4,11 +4,13 @@ import signal
 import sys
 from contextlib import contextmanager
 
+import pytest
+
 
 @contextmanager
 def full_disk(size=2048):
     """No file grows beyond a size; writing more fails as on a full disk."""
-    import resource
+    resource = pytest.importorskip("resource", reason="limits of files as on POSIX")
 
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

@@ -209,7 +209,7 @@ class Body(Immutable, HoldsSymbols, HasQuantities):
         """Origin of the shape's frame in the body frame (2,), m."""
         return -self._shape_centroid
 
-    def at(self, x: Any, y: Any = None, angle: Any = 0.0) -> Marker:
+    def at(self, x: Scalar, y: Scalar | None = None, angle: Scalar = 0.0) -> Marker:
         """Return the marker at a point of the body.
 
         Parameters
