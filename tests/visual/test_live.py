@@ -400,6 +400,124 @@ def test_it_plays_steps_and_plots(opened):
     assert tab.evaluate("mechanism.time") == 0 and len(tab.evaluate("mechanism.plot('B, N')")[""]["points"]) == 1
 
 
+def test_a_drag_draws_the_path_that_is_followed(opened):
+    """The pin of the crank on its circle, in pause too: no chord; the dot of the plot lies on its axes."""
+    mechanism, start, _ = adjustable()
+    crank = mechanism.bodies[0]
+    tab = opened(mechanism, initial=start, trace=[crank.at(0.05, 0)], plots={"crank, rad": crank.phi})
+    pulled(tab, "crank", (-90, -20))
+    tab.mouse.up()
+    (drawn,) = tab.evaluate("mechanism.traced()")
+    points = np.array(drawn["points"])
+    np.testing.assert_allclose(np.hypot(*points.T), 0.1, atol=1e-9)
+    assert np.max(np.hypot(*np.diff(points, axis=0).T)) < 0.1 * 0.07 and np.ptp(points[:, 0]) > 0.03
+    low, high = tab.evaluate("mechanism.range('crank, rad')")
+    assert low < tab.evaluate("mechanism.state().q")[2] < high
+    # the whole circle is there at once, as it has one freedom
+    whole = np.array(drawn["whole"])
+    np.testing.assert_allclose([whole.min(axis=0), whole.max(axis=0)], [[-0.1, -0.1], [0.1, 0.1]], atol=2e-4)
+
+
+def test_a_slider_begins_a_new_stroke_and_the_past_is_shown_again(opened):
+    """Back over what was run, the numbers are those of then; from there another future begins."""
+    mechanism, start, _ = adjustable()
+    tab = opened(mechanism, initial=start, plots={"crank, rad": mechanism.bodies[0].phi})
+    tab.evaluate("mechanism.run(0.5)")
+    tab.evaluate("mechanism.set('torque', 1.0)")
+    tab.evaluate("mechanism.run(0.5)")
+    tab.evaluate("mechanism.seek(0.25)")
+    time = tab.evaluate("mechanism.time")
+    assert time == pytest.approx(0.25, abs=0.01) and tab.evaluate("mechanism.values().torque") == 0.0
+    agree({"t": time, **{k: np.array(v) for k, v in tab.evaluate("mechanism.state()").items()}},
+          mbd.simulate(mechanism, [0, time], initial=start, reltol=1e-11, abstol=1e-11).final)  # fmt: skip
+    tab.locator("#slider").fill("1")
+    assert tab.evaluate("mechanism.time") == 1.0 and tab.evaluate("mechanism.values().torque") == 1.0
+    tab.evaluate("mechanism.seek(0.25); mechanism.run(0.1)")
+    points = np.array(tab.evaluate("mechanism.plot('crank, rad')")[""]["points"])
+    assert points[-1, 0] == pytest.approx(time + 0.1) and np.all(np.diff(points[:, 0]) >= 0)
+
+
+def test_a_plot_over_another_quantity(opened):
+    """The rocker over the crank, in degrees."""
+    mechanism, start, _ = adjustable()
+    crank, _, rocker = mechanism.bodies
+    tab = opened(mechanism, initial=start, plots={"rocker, rad": rocker.phi})
+    tab.evaluate("mechanism.run(0.4)")
+    tab.select_option(".plot select", label="crank: phi, rad")
+    points = np.array(tab.evaluate("mechanism.plot('rocker, rad')")[""]["points"])
+    motion = mbd.simulate(mechanism, [0, 0.1, 0.2, 0.4], initial=start)
+    for angle, other in zip(motion[crank.phi], motion[rocker.phi], strict=True):
+        assert np.min(np.hypot(*(points - [angle, other]).T)) < 0.05
+    tab.click("#degrees")
+    tab.evaluate("mechanism.seek(0)")
+    assert tab.evaluate("mechanism.shown('crank')")["phi, rad"] == f"{np.degrees(0.5):.1f} °"
+
+
+def test_an_address_shows_what_is_set(opened, browser):
+    """A link leads to the same values, pose, switches and plots."""
+    mechanism, start, _ = adjustable()
+    tab = opened(mechanism, initial=start, plots={"crank, rad": mechanism.bodies[0].phi})
+    tab.evaluate("mechanism.set('torque', 0.7); mechanism.run(0.3)")
+    tab.click("#millimetres")
+    tab.wait_for_function("location.hash.includes('state=')")
+    other = browser.new_page(viewport=WINDOW)
+    other.goto(tab.url)
+    other.wait_for_function("window.mechanism")
+    assert other.evaluate("mechanism.values()") == tab.evaluate("mechanism.values()")
+    np.testing.assert_allclose(other.evaluate("mechanism.state().q"), tab.evaluate("mechanism.state().q"), atol=1e-12)
+    assert other.locator("#millimetres").get_attribute("aria-pressed") == "true"
+    assert other.evaluate("mechanism.time") == pytest.approx(0.3)
+    other.close()
+
+
+def test_keys_drag_a_body(opened):
+    """B takes the first body, the arrows move it, escape lets it go."""
+    mechanism, start, _ = adjustable()
+    tab = opened(mechanism, initial=start)
+    tab.locator("#stage").focus()
+    tab.keyboard.press("b")
+    for _ in range(5):
+        tab.keyboard.press("ArrowDown")
+    tab.keyboard.press("Escape")
+    assert tab.evaluate("mechanism.state().q")[2] < 0.3 and tab.evaluate("mechanism.time") == 0.0
+    assert tab.evaluate("mechanism.violation()") <= 1e-9
+
+
+def test_the_view_follows_what_leaves_it(opened):
+    """A ball that flies off stays in the picture, until the reader moves the view."""
+    ball = mbd.Body("ball", 1.0, 0.01, velocity=(30.0, 0, 0), shape=mbd.Rectangle(0.1, 0.1))
+    tab = opened(mbd.Mechanism([ball], forces=[]), initial=[ball.vx == 30])
+    tab.evaluate("mechanism.run(20)")
+    x, y = tab.evaluate("mechanism.place('ball')")
+    box = tab.locator("#stage").bounding_box()
+    assert 0 < x < box["width"] and 0 < y < box["height"]
+
+
+def test_a_large_load_is_written_with_its_prefix(opened):
+    """50 kN, also in the field of its slider; an arrow of it is not longer than a part of the picture."""
+    load = mbd.Input("load, N", -5e4, lower=-1e5, upper=1e5)
+    beam = mbd.Body("beam", 200.0, 40.0, pose=(0.8, 0, 0))
+    bush = mbd.Weld("bush", mbd.ground.at(0, 0), beam.at(-0.8, 0))
+    push = mbd.Force("push", beam.at(0.8, 0), (0, load))
+    tab = opened(mbd.Mechanism([beam], [bush], forces=[push], inputs=[load]))
+    assert tab.locator("#values span").text_content() == "load, kN"
+    assert tab.locator("#values input[type=number]").input_value() == "-50"
+    assert tab.evaluate("mechanism.shown('bush')")["force on beam, y, N"] == "50.0 kN"
+
+
+def test_a_small_ball_under_its_contact_is_pointed_at(opened):
+    """The smallest part at the pointer is read; a further click reads what lies under it."""
+    ball = mbd.Body("ball", 1, 1e-3, pose=(0, 2.5, 0))
+    law = mbd.HuntCrossley(1e5, damping=0.2)
+    floor = mbd.Contact("floor", mbd.Circle(ball.at(0, 0), 0.02), mbd.HalfPlane(mbd.ground.at(0, 0)), law)
+    tab = opened(mbd.Mechanism([ball], forces=[mbd.Gravity(), floor]), initial=[ball.vx == 2])
+    tab.evaluate("mechanism.run(0.712)")  # on the floor
+    corner, (x, y) = tab.locator("#stage").bounding_box(), tab.evaluate("mechanism.place('ball')")
+    for name in ("ball", "floor"):
+        tab.mouse.click(corner["x"] + x, corner["y"] + y)
+        assert tab.locator("#reading b").text_content() == name
+
+
 @pytest.mark.slow
 def test_names_velocities_and_forces_are_switched(opened):
     """Each changes the picture, and back; the scale is that of what is shown."""

@@ -134,6 +134,8 @@ def page_data(film: Film, store: Columns, forces: bool) -> dict[str, Any]:
         "items": [{"name": item.name, "kind": item.kind, "readings": _readings(tooltip, "label"),
                    **({"w": item.appearances} if item.appearances is not None else {})}
                   for item, tooltip in zip(scene.items, tooltips, strict=True)],
+        "bodies": [next(k for k, item in enumerate(scene.items) if (item.name, item.kind) == (body.name, "body"))
+                   for body in film.sample.mechanism.bodies],
         "traces": scene.traces,
         "plots": [{"label": label, "lines": _readings(lines, "name")} for label, lines in plots.items()],
         "styles": {name: asdict(STYLES[name]) for name in sorted({mark.style for mark in scene.marks})},

@@ -82,7 +82,11 @@ element("reading").addEventListener("pointerdown", event => {
 element("play").addEventListener("click", () => { setPlaying(!state.playing); });
 element("speed").addEventListener("change", () => { setSpeed(Number(element("speed").value)); });
 element("fit").addEventListener("click", () => { showWhole(); letScroll(); show(); });
-element("slider").addEventListener("input", () => { setPlaying(false); slideTo(Number(element("slider").value)); });
+element("slider").addEventListener("input", () => {
+  const share = Number(element("slider").value);              // what is shown on pausing sets it
+  setPlaying(false);
+  slideTo(share);
+});
 const SWITCHES = ["loop", "forces", "velocities", "names", "degrees", "millimetres", "theme"].filter(element);
 for (const id of SWITCHES) {
   element(id).addEventListener("click", () => { setSwitch(id, element(id).getAttribute("aria-pressed") !== "true"); });
@@ -231,7 +235,7 @@ const controls = {
   // the same as it is shown
   shown: name => {
     const texts = {};
-    for (const reading of itemOf(name).readings) texts[reading.label] = written(shownValue(reading.column), reading.d);
+    for (const reading of itemOf(name).readings) texts[reading.label] = measured(shownValue(reading.column), parted(reading.label)[1], reading.d);
     return texts;
   },
   // lines of a plot by name: the value at the time, and the points [t, value] that are drawn
@@ -240,6 +244,9 @@ const controls = {
     for (const line of plot.lines) lines[line.name] = { value: shownValue(line.column), points: series(plot.x, line.column).points };
     return lines;
   },
+  // the ends of the vertical axis of a plot; paths as they are drawn, m: what was followed, and the whole
+  range: label => { const plot = plots.find(one => one.label === label); return [plot.low, plot.high]; },
+  traced: () => paths().map(path => { return { points: path.points.map(point => point.slice(0, 2)), whole: path.whole.map(point => point.slice(0, 2)) }; }),
   // the arrow of a body's velocity as it is drawn, m
   arrow: name => {
     const number = DATA.items.findIndex(one => one.name === name);
@@ -249,8 +256,8 @@ const controls = {
   // where a mark of an item is drawn, in pixels of the drawing; null if it has none
   place: name => {
     const number = DATA.items.findIndex(one => one.name === name);
-    const marks = DATA.marks.filter(one => one.i === number && one.c && !one.g);
-    const mark = marks.filter(one => one.k === 2).pop() || marks.pop();
+    const marks = DATA.marks.filter(one => one.i === number && one.c && !one.g), shapes = DATA.marks.filter(one => one.c && !one.g && itemsOf(one).includes(number));
+    const mark = marks.filter(one => one.k === 2).pop() || marks.pop() || shapes.pop();
     if (!mark) return null;
     let x = 0, y = 0, count = 0;
     for (const place of placesOn(SHAPES[mark.p][0], mark.k, shownPose(mark.f))) { x += place[0]; y += place[1]; count++; }

@@ -11,11 +11,12 @@ function commaSeparated() {
   return [["t, s", ...data.names].map(quoted).join(","), ...data.rows.map(row => row.join(","))].join("\r\n") + "\r\n";
 }
 
-// A GIF of what the slider spans. Colours are those of the first frames, as many as it holds.
+// A GIF of what the slider spans, in the colours that it shows most.
 const GIF_FRAMES = 240, GIF_WIDTH = 640, GIF_PACE = 5;        // frames at most, pixels, hundredths of a second for a frame
-function* animated() {
-  const start = state.time, share = shareOfSlider(), span = timeSpanOfSlider(), seconds = (span[1] - span[0]) / (DATA.speed * state.factor);
-  const count = Math.max(1, Math.min(GIF_FRAMES, Math.round(100 * seconds / GIF_PACE)));
+const GIF_LOOKS = 12;                                         // frames in which colours are counted
+function* animated(most) {
+  const share = shareOfSlider(), span = timeSpanOfSlider(), seconds = (span[1] - span[0]) / (DATA.speed * state.factor);
+  const count = Math.max(1, Math.min(most, Math.round(100 * seconds / GIF_PACE)));
   const small = document.createElement("canvas"), scale = Math.min(1, GIF_WIDTH / pixels.width);
   small.width = Math.round(pixels.width * scale); small.height = Math.round(pixels.height * scale);
   const brush = small.getContext("2d", { willReadFrequently: true });
@@ -27,6 +28,12 @@ function* animated() {
       yield brush.getImageData(0, 0, small.width, small.height);
     }
   } finally { slideTo(share); }
+}
+// Colours of the pixels of an image as numbers; shades of smoothed edges are told apart by eights.
+function shades(image) {
+  const pixel = image.data, colours = new Uint32Array(pixel.length / 4), coarse = x => Math.min(255, (x + 4) >> 3 << 3);
+  for (let i = 0; i < colours.length; i++) colours[i] = coarse(pixel[4 * i]) << 16 | coarse(pixel[4 * i + 1]) << 8 | coarse(pixel[4 * i + 2]);
+  return colours;
 }
 // Compressed numbers of colours, in blocks (LZW).
 function compressed(indices) {
@@ -53,26 +60,19 @@ function compressed(indices) {
   return bytes;
 }
 function drawnAsGif() {
-  const parts = [], word = n => [n & 255, n >> 8], numbers = new Map(), palette = [];
-  const nearest = rgb => {
-    const known = numbers.get(rgb);
-    if (known !== undefined) return known;
-    if (palette.length < 256) { palette.push(rgb); numbers.set(rgb, palette.length - 1); return palette.length - 1; }
-    let best = 0, least = Infinity;
-    palette.forEach((one, k) => {
-      const apart = [16, 8, 0].reduce((sum, shift) => { const d = (one >> shift & 255) - (rgb >> shift & 255); return sum + d * d; }, 0);
-      if (apart < least) { least = apart; best = k; }
-    });
-    numbers.set(rgb, best);
-    return best;
+  const counts = new Map(), numbers = new Map(), parts = [], word = n => [n & 255, n >> 8];
+  for (const image of animated(GIF_LOOKS)) for (const colour of shades(image)) counts.set(colour, (counts.get(colour) || 0) + 1);
+  const palette = Array.from(counts.keys()).sort((a, b) => counts.get(b) - counts.get(a)).slice(0, 256);
+  palette.forEach((colour, k) => { numbers.set(colour, k); });
+  const apart = (a, b) => [16, 8, 0].reduce((sum, shift) => { const d = (a >> shift & 255) - (b >> shift & 255); return sum + d * d; }, 0);
+  const nearest = colour => {
+    if (!numbers.has(colour)) numbers.set(colour, palette.reduce((best, one, k) => apart(one, colour) < apart(palette[best], colour) ? k : best, 0));
+    return numbers.get(colour);
   };
-  const coarse = x => Math.min(255, (x + 4) >> 3 << 3);        // shades of smoothed edges are told apart by eights
   let size = null;
-  for (const image of animated()) {
-    const pixel = image.data, indices = new Uint8Array(pixel.length / 4);
-    if (!size) size = [...word(image.width), ...word(image.height)];
-    for (let i = 0; i < indices.length; i++) indices[i] = nearest(coarse(pixel[4 * i]) << 16 | coarse(pixel[4 * i + 1]) << 8 | coarse(pixel[4 * i + 2]));
-    parts.push(new Uint8Array([0x21, 0xf9, 4, 0, ...word(GIF_PACE), 0, 0, 0x2c, 0, 0, 0, 0, ...size, 0]), new Uint8Array(compressed(indices)));
+  for (const image of animated(GIF_FRAMES)) {
+    size = [...word(image.width), ...word(image.height)];
+    parts.push(new Uint8Array([0x21, 0xf9, 4, 0, ...word(GIF_PACE), 0, 0, 0x2c, 0, 0, 0, 0, ...size, 0]), new Uint8Array(compressed(Uint8Array.from(shades(image), nearest))));
   }
   const colours = Array.from({ length: 256 }, (_, k) => palette[k] || 0).flatMap(rgb => [rgb >> 16, rgb >> 8 & 255, rgb & 255]);
   const letters = text => Array.from(text, letter => letter.charCodeAt(0));

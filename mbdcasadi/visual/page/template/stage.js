@@ -261,6 +261,11 @@ function drawGrid(theme) {
   pen.fillText(unit.name, pixels.width - 24, pixels.height - 4);
 }
 
+// Items that a mark belongs to: what drew it, and the body whose shape it is.
+function itemsOf(mark) {
+  const body = mark.b === null || DATA.styles[mark.s].fill !== "body" ? null : DATA.bodies[mark.b];
+  return [mark.i, body].filter((item, k, both) => item !== null && both.indexOf(item) === k);
+}
 // Number of the item at a point, or null: of several the smallest, which others cover, and of `after` the next larger one.
 function itemAt(x, y, forces, after) {
   const found = new Map();
@@ -270,12 +275,13 @@ function itemAt(x, y, forces, after) {
     const pose = shownPose(mark.f);
     trace(mark, isArrow(mark) ? shortened(mark, pose)[0] : pose);
     pen.lineWidth = REACH;
-    if ((mark.c && DATA.styles[mark.s].fill && pen.isPointInPath(x, y)) || pen.isPointInStroke(x, y)) found.set(mark.i, -1);
+    if ((mark.c && DATA.styles[mark.s].fill && pen.isPointInPath(x, y)) || pen.isPointInStroke(x, y)) for (const item of itemsOf(mark)) found.set(item, -1);
   }
   for (const mark of DATA.marks) {
-    if (!found.has(mark.i) || mark.g || isArrow(mark)) continue;
-    const b = around(NOTHING, placesOf(mark, shownPose(mark.f)));
-    found.set(mark.i, Math.max(found.get(mark.i), Math.hypot(b[2] - b[0], b[3] - b[1])));
+    const items = mark.i === null || mark.g || isArrow(mark) ? [] : itemsOf(mark).filter(item => found.has(item));
+    if (!items.length) continue;
+    const b = around(NOTHING, placesOf(mark, shownPose(mark.f))), size = Math.hypot(b[2] - b[0], b[3] - b[1]);
+    for (const item of items) found.set(item, Math.max(found.get(item), size));
   }
   const size = item => found.get(item) < 0 ? Infinity : found.get(item);   // arrows alone come last
   const order = Array.from(found.keys()).sort((a, b) => size(a) < size(b) ? -1 : size(a) > size(b) ? 1 : b - a);
