@@ -35,7 +35,7 @@ from .robots import (
 #: Density of geoms that give neither it nor a mass, kg/m³.
 DENSITY = 1000.0
 #: Compliance of equalities, unless a file gives another one; they are as good as rigid.
-_STIFF = {"solref": "0.02 1", "solimp": "0.9 0.95 0.001 0.5 2"}
+_STIFF = {"solref": np.array([0.02, 1]), "solimp": np.array([0.9, 0.95, 0.001, 0.5, 2])}
 #: Geoms that have no mass.
 _MASSLESS = ("plane", "hfield")
 
@@ -366,18 +366,17 @@ class _Reader:
     def _read_equality(self, element: XmlElement) -> None:
         element = self._filled(element, "main", "equality")
         robot = self._robot
-        if element.get("active", "true") == "false":
+        if element.get("active", "true") == "false" or "equality" in self.off:
             return
         self._count += 1
-        name = element.get("name", f"{element.tag} {self._count}")
+        name = self._name(element, f"{element.tag} {self._count}")
         if element.tag not in ("connect", "weld", "joint"):
             raise element.refuse("is not supported; connect, weld and joint are")
         refuse_unread(element, "equality joint" if element.tag == "joint" else None)
-        for attribute, usual in _STIFF.items():
-            if element.has(attribute):
-                own, stiff = element.numbers(attribute), np.array(usual.split(), float)
-                if np.any(own != stiff[: own.size]):
-                    robot.left_out.append(f"the softness ({attribute}) of {element.tag} '{name}', which holds exactly")
+        given = {name: element.numbers(name) for name in _STIFF if element.has(name)}
+        soft = [name for name, own in given.items() if np.any(own != _STIFF[name][: own.size])]
+        if soft:
+            robot.left_out.append(f"the softness ({', '.join(soft)}) of {element.tag} '{name}', which holds exactly")
         if element.tag == "joint":
             self._read_coupling(element, name)
             return
@@ -430,9 +429,13 @@ class _Reader:
         drive = Input(name, lower=limits[0], upper=limits[1])
         gear = float(element.numbers("gear", "1")[0])
         robot.inputs.append(drive)
-        taken = any(name == other.name for link in robot.links for other in link.joints)
-        force_name = f"{name} {element.tag}" if taken else name
-        robot.forces.append(((joint,), actuator_law(force_name, drive, gear, gains_of(element))))
+        robot.forces.append(((joint,), actuator_law(self._name(element, name), drive, gear, gains_of(element))))
+
+    def _name(self, element: XmlElement, default: str) -> str:
+        """Name of an equality or actuator; its kind is added if a joint has the name too."""
+        name = element.get("name", default)
+        taken = any(name == joint.name for link in self._robot.links for joint in link.joints)
+        return f"{name} {element.tag}" if taken else name
 
 
 def _coupling(name: str, references: Sequence[float], polynomial: Sequence[float]) -> Law:

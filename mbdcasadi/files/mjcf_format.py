@@ -88,8 +88,11 @@ _ADVICE = {
     "tendon": "leave it out, and add its force to the mechanism (Rope, TranslationalSpring)",
 }
 MESH_ADVICE = "give the body an inertial, or " + _SAVED.format("masses")
-#: Forces, contacts and limits that flags turn off, and flags that change nothing else.
-FLAGS = ("gravity", "spring", "damper", "passive", "contact", "limit", "frictionloss", "clampctrl")
+#: What flags turn off, several things by some, and flags that change nothing else.
+_PARTS_OF_FLAGS = {"passive": {"spring", "damper"}, "constraint": {"equality", "contact", "limit", "frictionloss"}}
+FLAGS = (
+    "gravity", "spring", "damper", "contact", "limit", "frictionloss", "equality", "clampctrl", *_PARTS_OF_FLAGS,
+)  # fmt: skip
 _HARMLESS_FLAGS = (
     "warmstart", "filterparent", "refsafe", "sensor", "midphase", "nativeccd", "eulerdamp", "autoreset", "island",
     "multiccd", "override", "energy", "fwdinv", "invdiscrete", "sleep",
@@ -120,4 +123,4 @@ def turned_off(flags: Iterable[XmlElement]) -> set[str]:
                 (off.add if text == "disable" else off.discard)(name)
             elif name not in _HARMLESS_FLAGS and text != "enable":
                 raise flag.refuse(f"has {name} = '{text}', which is not read")
-    return off | ({"spring", "damper"} if "passive" in off else set())
+    return off.union(*(_PARTS_OF_FLAGS[flag] for flag in off & set(_PARTS_OF_FLAGS)))

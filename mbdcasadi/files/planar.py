@@ -112,7 +112,7 @@ def _triple(values: np.ndarray) -> str:
     return "(" + ", ".join(f"{value + 0.0:.4g}" for value in np.round(values, 6)) + ")"
 
 
-class Path(AlongLine, Joint):
+class FreeSlide(AlongLine, Joint):
     """Slide of a body that another joint of the file moves as well; it constrains nothing and has a coordinate.
 
     Parameters
@@ -135,7 +135,7 @@ class Path(AlongLine, Joint):
         return self.factor * ca.dot(self.a.x_axis, self.b.position - self.a.position)
 
 
-class Pivot(Joint):
+class FreeHinge(Joint):
     """Hinge of a body that slides as well; it constrains nothing and has an angle."""
 
     def __init__(self, name: str, a: Marker, b: Marker):
@@ -251,12 +251,12 @@ class PlanarBuilder:
             kind = PointOnLine if hinges else Translational
             self._keep(slides[0], kind(slides[0].name, guide, self._at(link, point, angle)))
         if hinges:
-            self._turn(link, hinges[0], point, Pivot if slides else Revolute)
+            self._turn(link, hinges[0], point, FreeHinge if slides else Revolute)
         elif len(slides) == 2:
             ends = self._at(link.parent, point), self._at(link, point)
             self.joints.append(RelativeAngle(f"{link.name} angle", *ends, 0.0))
 
-    def _turn(self, link: Link, hinge: SpatialJoint, point: np.ndarray, kind: type[Pivot | Revolute]) -> None:
+    def _turn(self, link: Link, hinge: SpatialJoint, point: np.ndarray, kind: type[FreeHinge | Revolute]) -> None:
         """Add a joint whose angle has the sense and the zero of the file."""
         assert link.parent is not None
         base, moved = self._at(link.parent, point), self._at(link, point, hinge.reference)
@@ -277,14 +277,16 @@ class PlanarBuilder:
             origin = point - slide.reference / length**2 * (dual @ self.plane.axes[:2])
             angle = float(np.arctan2(dual[1], dual[0]))
             ends = self._at(link.parent, origin, angle), self._at(link, point, angle)
-            self._keep(slide, Path(slide.name, *ends, length))
+            self._keep(slide, FreeSlide(slide.name, *ends, length))
 
-    def _keep(self, joint: SpatialJoint, element: Path | Pivot | PointOnLine | Revolute | Translational) -> None:
+    def _keep(
+        self, joint: SpatialJoint, element: FreeSlide | FreeHinge | PointOnLine | Revolute | Translational
+    ) -> None:
         """Add a joint with its coordinate, spring, damper and rotor."""
         if joint.name in self.coordinates:
             raise joint.source.refuse("has the name of another joint")
         self.joints.append(element)
-        if isinstance(element, Pivot | Revolute):
+        if isinstance(element, FreeHinge | Revolute):
             along = Coordinate(element.angle, element.angular_velocity)
         else:
             along = Coordinate(element.displacement, element.speed)

@@ -10,7 +10,7 @@ from .markup import XmlElement
 #: Attributes and elements inside by element, and by its place if it has another meaning there.
 _KNOWN = {
     "robot": ("name version", "link joint transmission material gazebo sensor ros2_control mujoco "
-              "verification_properties drake:collision_filter_group"),
+              "verification_properties frame drake:collision_filter_group"),
     "link": ("name type", "inertial visual collision verbose self_collision_checking"),
     "inertial": ("", "origin mass inertia"),
     "origin": ("xyz rpy", ""),
@@ -23,7 +23,7 @@ _KNOWN = {
     "dynamics": ("damping friction", ""),
     "limit": ("lower upper effort velocity", ""),
     "mimic": ("joint multiplier offset", ""),
-    "transmission": ("name type", "type joint actuator"),
+    "transmission": ("name type", "type joint actuator mechanicalReduction"),
     "transmission joint": ("name", "hardwareInterface role offset mechanicalReduction"),
     "transmission actuator": ("name", "hardwareInterface role mechanicalReduction"),
     "gazebo": ("reference", "material sensor visual collision mu mu1 mu2 kp kd fdir1 maxVel minDepth maxContacts "

@@ -332,11 +332,15 @@ def test_welds_that_hold_a_point_and_soft_ones(tmp_path):
     assert mbd.check(rigid).degrees_of_freedom == 0
     pinned = read(tmp_path / "m.xml", FOUR_BAR.format(free=free, more='torquescale="0" solref="0.02" solimp="0.9"'))
     assert mbd.check(pinned).degrees_of_freedom == 1
-    assert pinned.joint("C").a.position is not None
     state = mbd.assemble(pinned)
     assert state[pinned.joint("C").a.position] == pytest.approx([0.4, 0.2], abs=1e-12)
-    with pytest.warns(mbd.MechanismWarning, match=r"the softness \(solref\) of weld 'C', which holds exactly"):
-        read(tmp_path / "m.xml", FOUR_BAR.format(free=free, more='solref="-100 -5"'))
+    named = FOUR_BAR.replace('name="C"', 'name="A"')
+    with pytest.warns(
+        mbd.MechanismWarning, match=r"the softness \(solref, solimp\) of weld 'A weld', which holds exactly"
+    ):
+        read(tmp_path / "m.xml", named.format(free=free, more='solref="-100 -5" solimp="0.5"'))
+    off = FOUR_BAR.replace("<worldbody>", '<option><flag equality="disable"/></option><worldbody>')
+    assert mbd.check(read(tmp_path / "m.xml", off.format(free=free, more=""))).degrees_of_freedom == 3
 
 
 def test_what_is_left_out_of_mjcf_is_named(tmp_path):
@@ -350,8 +354,8 @@ def test_what_is_left_out_of_mjcf_is_named(tmp_path):
     ):
         read(tmp_path / "m.xml", text.format(""))
     text = text.replace(' mocap="true"', "").replace('<joint name="j"', '<joint range="0 1" frictionloss="1" name="j"')
-    flag = '<option><flag contact="disable" limit="disable" frictionloss="disable"/></option>'
-    read(tmp_path / "m.xml", text.format(flag))  # without a warning
+    for flags in ('contact="disable" limit="disable" frictionloss="disable"', 'constraint="disable"'):
+        read(tmp_path / "m.xml", text.format(f"<option><flag {flags}/></option>"))  # without a warning
 
 
 def test_files_that_include_each_other(tmp_path):
