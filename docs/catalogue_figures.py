@@ -182,6 +182,15 @@ def driver() -> mbd.Mechanism:
 
 
 @scene
+def actuator() -> mbd.Trajectory:
+    boom = bar("boom", 1.2, (0.55, 0.2, 0.3))
+    pin = mbd.Revolute("foot", mbd.ground.at(0, 0), boom.at(-0.55, 0))
+    jack = mbd.Actuator("jack", mbd.ground.at(0.35, -0.5), boom.at(0.1, 0), 0.65 + 0.3 * mbd.step(mbd.t, 0, 0, 1, 1))
+    lifts = mbd.Mechanism(bodies=[boom], joints=[pin], drivers=[jack])
+    return mbd.kinematics(lifts, np.linspace(0, 1, 21))
+
+
+@scene
 def force() -> mbd.Mechanism:
     a = bar("a", 1.2, (0.5, 0.15, 0.3))
     pin = mbd.Revolute("pin", mbd.ground.at(0, 0), a.at(-0.55, 0))

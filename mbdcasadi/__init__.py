@@ -34,7 +34,7 @@ from .kinematics.kinematics import kinematics
 from .model import expressions as _expressions
 from .model.bodies import Body, Marker, ground
 from .model.conditions import bounded
-from .model.drivers import Driver
+from .model.drivers import Actuator, Driver
 from .model.element import ConstraintElement, Element, Reaction
 from .model.events import Event
 from .model.expressions import *  # noqa: F403  (elementary functions, safe on symbols)

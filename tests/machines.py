@@ -130,6 +130,18 @@ def coupled_speeds():
     return machine([shaft, block], [bearing, guide, drive], guide.displacement, 0.2)
 
 
+def jib():
+    """A trolley on a jib that an actuator lifts."""
+    arm = mbd.Body("jib", mass=20.0, inertia=4.0, pose=(1.0, 0, 0))
+    trolley = mbd.Body("trolley", mass=5.0, inertia=0.1, pose=(0.5, 0, 0))
+    foot, guide = (
+        mbd.Revolute("foot", mbd.ground.at(0, 0), arm.at(-1, 0)),
+        mbd.Translational("guide", arm.at(-1, 0), trolley.at(0, 0)),
+    )
+    lift = mbd.Actuator("lift", mbd.ground.at(0.6, -0.8), arm.at(0, 0), 0.9 + 0.1 * mbd.t)
+    return machine([arm, trolley], [foot, guide], guide.displacement, 0.8, drivers=[lift])
+
+
 GROUND = mbd.ground
 MACHINES = {
     "Gear": lambda: second_shaft(lambda a, b: mbd.Gear("mesh", a, b, 0.2, 0.1)),
@@ -168,6 +180,7 @@ MACHINES = {
     ),
     "FieldForce": field,
     "DCMotor": motor,
+    "Actuator": jib,
     "KnifeEdge": skate,
     "NonholonomicConstraint": coupled_speeds,
 }

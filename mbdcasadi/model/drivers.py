@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 
 from ..errors import ModelError
+from .bodies import Marker, markers_on_two
 from .element import BEYOND_COORDINATES, ConstraintElement, holds_coordinates, refuse_kinds
+from .expressions import distance
 from .geometry.splines import expression_of
 from .quantities import no_relation, quantity
-from .symbols import Scalar
+from .symbols import Scalar, check_name
 from .symbols import t as time
 
 
@@ -42,14 +44,16 @@ class Driver(ConstraintElement):
     """
 
     kind = "driver"
+    #: name of the argument that holds the course, in messages
+    course: ClassVar[str] = "value"
 
     def __init__(self, name: str, expression: Scalar, value: Any, relative_to: Any = None):
-        what = f"driver '{name}'"
+        what = f"{self.kind} '{name}'"
         self.expression = ca.SX(no_relation(quantity(expression, what, "expression"), what, "expression"))
-        course = ca.SX(quantity(expression_of(time, value), what, "value"))
+        course = ca.SX(quantity(expression_of(time, value), what, self.course))
         refuse_kinds(self.expression, BEYOND_COORDINATES, what, "a driver prescribes coordinates")
         beyond = ("position", *BEYOND_COORDINATES)
-        refuse_kinds(course, beyond, what, "its value is a function of time and parameters")
+        refuse_kinds(course, beyond, what, f"its {self.course} is a function of time and parameters")
         if not holds_coordinates(self.expression):
             raise ModelError(f"{what}: the expression {expression} depends on no coordinate")
         self.value = course
@@ -62,6 +66,59 @@ class Driver(ConstraintElement):
     def effort(self) -> ca.SX:
         """Force (N) or torque (N m) that the driver supplies."""
         return -self.multipliers
+
+
+class Actuator(Driver):
+    """Linear actuator whose length is prescribed: ``Phi = |r^b - r^a| - length(t)`` (1 row, m).
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a, b : Marker
+        Its two eyes, on two bodies.
+    length : float, expression in time and parameters, or spline of SciPy
+        Prescribed distance of the eyes, twice differentiable, m; positive.
+    relative_to : State, optional
+        State from which the motion continues, as for :class:`Driver`.
+
+    Attributes
+    ----------
+    length : casadi.SX
+        Distance of the eyes, m.
+    stroke : casadi.SX
+        Part by which it is longer than its prescribed length at ``t = 0``, m.
+    force : casadi.SX
+        Its force along the line of the eyes, N: tension positive, as for :class:`TSDA`. What it pushes with is
+        :attr:`effort`, the negative; the power is ``-force * time_derivative(length)``.
+
+    Raises
+    ------
+    ModelError
+        If the two eyes are on one body, or the length is not positive.
+
+    See Also
+    --------
+    TSDA : its force is given, as `actuator`, and the length follows.
+    Cylinder : the force follows from pressures.
+    """
+
+    kind = "actuator"
+    course = "length"
+
+    def __init__(self, name: str, a: Marker, b: Marker, length: Any, relative_to: Any = None):
+        self.name = check_name(name, type(self).__name__)
+        self.a, self.b = markers_on_two(a, b, self.description)
+        self.length = distance(self.a, self.b)
+        super().__init__(name, self.length, length, relative_to)
+        self.read(self.value, "length", above=0.0)
+        self.markers = (self.a, self.b)
+        self.stroke = self.length - ca.substitute(self.value, time, ca.SX(0))
+
+    @property
+    def force(self) -> ca.SX:
+        """Force with which it pulls its eyes together, N; negative if it pushes."""
+        return self.multipliers
 
 
 def _at_state(expression: ca.SX, state: Any, what: str) -> float:

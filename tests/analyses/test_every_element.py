@@ -20,7 +20,7 @@ def test_prescribed_motion_and_its_replay(name):
     course = m.by * mbd.step(mbd.t, 0, 0, 1.0, 1)
     driver = mbd.Driver("drive", m.s, course, relative_to=start)
     times = np.linspace(0, 1.0, 401)
-    driven = m.mechanism.replace(drivers=[driver])
+    driven = m.mechanism.replace(drivers=[*m.mechanism.drivers, driver])
     moved = mbd.kinematics(driven, times)
     run = mbd.inverse_dynamics(driven, times)
     np.testing.assert_allclose(moved.q, run.q, atol=1e-9)

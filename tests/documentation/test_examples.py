@@ -261,6 +261,16 @@ def test_cam(found):
 
 
 @pytest.mark.slow
+def test_excavator(found):
+    """The work of the cylinders is that of the weights and the load; all ends at rest."""
+    run, load = found["run"], found["load"]
+    power = sum(-run[x.force] * run[mbd.time_derivative(x.length)] for x in found["excavator"].drivers)
+    power = power + run[mbd.dot(load.force, mbd.time_derivative(load.at.position))]
+    work = np.sum((power[1:] + power[:-1]) / 2 * np.diff(run.t))
+    assert work == pytest.approx(run.energy.total[-1] - run.energy.total[0], rel=1e-4)
+    assert abs(power[-1]) < 1e-3
+
+
 def test_dc_motor(found):
     """The energy budget closes to what the coil holds; the optimum takes less heat and replays."""
     run, motor = found["run"], found["motor"]

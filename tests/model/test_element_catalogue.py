@@ -309,6 +309,7 @@ TWO_BODIES = {
     "driver of a guide": (lambda a, b, C: mbd.Driver("e", mbd.Translational("p", a, b).displacement, C), along),
     "driver of PointOnLine": (lambda a, b, C: mbd.Driver("e", mbd.PointOnLine("p", a, b).displacement, C), along),
     "driver of a distance": (lambda a, b, C: mbd.Driver("e", mbd.distance(a, b), C), distance_driver),
+    "Actuator": (lambda a, b, C: mbd.Actuator("e", a, b, C), distance_driver),
     "driver of a squared distance": (
         lambda a, b, C: mbd.Driver("e", mbd.sumsqr(b.position - a.position), C**2),
         squared_distance_driver,

@@ -712,3 +712,57 @@ def test_a_drawing_fills_axes_as_wide_as_a_column(machine, forces):
         for a, b in itertools.pairwise(boxes):
             assert a.x1 < b.x0 or a.y1 < b.y0 or b.y1 < a.y0
     assert all(len(line) <= 22 for text in texts for line in text.get_text().split("\n"))
+
+
+def driven_lengths():
+    """An arm on a pin, and its eye and foot; constraints of their distance as elements and as expressions."""
+    arm = mbd.Body.from_shape("arm", mbd.Rectangle(1.2, 0.1), mass=1, pose=(0.5, 0.3, 0.5))
+    a, b = mbd.ground.at(0.7, -0.3), arm.at(0.3, 0.02)
+    course = 0.9 + 0.1 * mbd.sin(mbd.t)
+    return arm, a, b, [
+        mbd.Actuator("jack", a, b, course),
+        mbd.Driver("jack", mbd.distance(a, b), course),
+        mbd.Driver("jack", mbd.sqrt(mbd.sumsqr(b.position - a.position)), course),
+        mbd.Distance("jack", a, b, course),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("which", range(4))
+def test_a_driven_length_is_a_cylinder_between_its_eyes(which):
+    """The barrel keeps its place at one eye, the rod ends on the other, and no arrow floats."""
+    arm, a, b, elements = driven_lengths()
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), arm.at(-0.6, 0))
+    driver, joints = elements[which], [pin]
+    lists = {"drivers": [driver]} if isinstance(driver, mbd.Driver) else {"joints": [pin, driver]}
+    motion = mbd.kinematics(mbd.Mechanism([arm], **({"joints": joints} | lists)), np.linspace(0, 3, 7))
+    scene, poses, _ = scene_of(motion)
+    marks = of_item(scene, "jack")
+    assert [m.style for m in marks].count("barrel") == 1 and not any(m.style == "motion head" for m in marks)
+    rod = next(m for m in marks if m.style == "motion")
+    barrel = next(m for m in marks if m.style == "barrel")
+    for k in (0, 3, 6):
+        np.testing.assert_allclose(where(rod, poses, k)[-1], motion[b.position][k], atol=1e-9)
+        assert np.hypot(*(where(barrel, poses, k)[[0, 3]].mean(axis=0) - motion[a.position][k])) < 0.02
+
+
+def test_drivers_that_prescribe_no_length_are_arrows():
+    """Coordinates, angles, squares of distances and sums have no two eyes."""
+    from mbdcasadi.visual.symbols.springs import ends_of
+
+    p, q = mbd.Body("p", 1, 1), mbd.Body("q", 1, 1, pose=(1, 1, 0.3))
+    apart = mbd.distance(p, q)
+    for expression in (q.x, q.phi, q.x - p.x, apart**2, apart + q.phi, mbd.norm(mbd.ground.at(0, 0).position - q.x)):
+        assert ends_of(mbd.Driver("d", expression, mbd.t)) is None
+
+
+def test_the_effort_of_a_driven_length_acts_at_its_eyes():
+    """Along the line between them, not at the centre of mass."""
+    arm, _, b, (jack, *_) = driven_lengths()
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), arm.at(-0.6, 0))
+    model = mbd.Mechanism([arm], [pin], drivers=[jack], forces=[mbd.Gravity()])
+    run = mbd.inverse_dynamics(model, [0.0, 0.1])
+    scene, poses, _ = scene_of(run, forces=True)
+    (arrow,) = [m for m in of_item(scene, "jack") if m.style == "force"]
+    np.testing.assert_allclose(where(arrow, poses)[0], run[b.position][0], atol=1e-9)
+    start, end = where(arrow, poses)
+    assert (end - start) @ (run[b.position][0] - [0.7, -0.3]) > 0  # it pushes

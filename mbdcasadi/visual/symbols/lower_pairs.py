@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import casadi as ca
 import numpy as np
 
 from ...model.bodies import Marker
@@ -12,6 +13,7 @@ from ..drawing import lines, scene
 from ..drawing.outlines import local_outlines, points_on, sections
 from ..drawing.pen import Frame, Pen
 from .base import glyph
+from .springs import cylinder
 
 #: Half length and half height of a slider block without a shape, in units.
 BLOCK = 2.0, 1.2
@@ -45,8 +47,12 @@ def weld(joint: Weld, pen: Pen) -> None:
 
 @glyph.register
 def distance(joint: Distance, pen: Pen) -> None:
-    """A thin link between two small pins."""
-    pen.between(joint.a.position, joint.b.position).draw("link", lines.along([0, 1], 0), layer=scene.SLOT)
+    """A thin link between two small pins; a cylinder if its length follows the time or a parameter."""
+    frame = pen.between(joint.a.position, joint.b.position)
+    if isinstance(joint.distance, ca.SX) and not joint.distance.is_constant():
+        cylinder(pen, frame, joint.distance, 0.75, "motion")
+    else:
+        frame.draw("link", lines.along([0, 1], 0), layer=scene.SLOT)
     for marker in joint.markers:
         if marker.body.is_ground:
             pen.stand(pen.on(marker))

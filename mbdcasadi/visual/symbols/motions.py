@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ...model.bodies import Marker
-from ...model.drivers import Driver
+from ...model.drivers import Actuator, Driver
 from ...model.forces.applied import GeneralizedForce
 from ...model.joints.lower_pairs import Revolute
 from ...model.symbols import t
@@ -18,31 +18,53 @@ from ..drawing import lines, scene
 from ..drawing.loads import Load
 from ..drawing.pen import Pen
 from .base import Glyph
+from .springs import beside_others, cylinder, ends_of, tension
 
 
 class DriverGlyph(Glyph, of=Driver):
-    """An arrow along the motion that is prescribed, in its predominant direction; its effort as a force."""
+    """A cylinder if a length is prescribed, else an arrow along the motion; the effort as a force."""
+
+    @property
+    def ends(self) -> tuple[Marker, Marker] | None:
+        """The two points, if a length is prescribed."""
+        return ends_of(self.element)
 
     def draw(self) -> None:
-        """Draw the arrow."""
-        driver = self.element
+        """Draw the cylinder, or the arrow in the predominant direction of the motion."""
+        driver, ends = self.element, self.ends
+        if ends is not None:
+            cylinder(self.pen, beside_others(self.pen, driver, *ends), driver.expression, 0.75, "motion")
+            return
         motion_arrow(self.pen, driver.expression, driver.bodies, sense(self.pen, ca.jacobian(driver.value, t)))
 
     def loads(self) -> list[Load]:
-        """Return the effort, at the pin if it is a couple."""
+        """Return the effort: at both ends of a length, and at the pin if it is a couple."""
         loads = [replace(load, style="force") for load in super().loads()]
-        body = reaction_body(self.element)
+        body, ends = reaction_body(self.element), self.ends
+        if loads and ends is not None:
+            return tension(*ends, -self.element.effort)
         if loads and body is not None and effort_unit(self.element) == "N m":
             pivot = pivot_of(self.pen, body, self.element.bodies)
             loads = [replace(load, place=pivot) for load in loads]
         return loads
 
     def tooltip(self) -> dict[str, ca.SX]:
-        """Return the effort, if multipliers are known."""
+        """Return the length, if one is prescribed, and the effort, if multipliers are known."""
         driver = self.element
+        length = {"length, m": driver.expression} if self.ends is not None else {}
         if not self.pen.sample.has_multipliers or driver.multipliers.numel() != 1:
-            return {}
-        return {f"effort, {effort_unit(driver)}": driver.effort}
+            return length
+        return length | {f"effort, {effort_unit(driver)}": driver.effort}
+
+
+class ActuatorGlyph(DriverGlyph, of=Actuator):
+    """A cylinder with its stroke."""
+
+    def tooltip(self) -> dict[str, ca.SX]:
+        """Return length and stroke, and the force if multipliers are known."""
+        actuator = self.element
+        shown = {"length, m": actuator.length, "stroke, m": actuator.stroke}
+        return shown | ({"tension, N": actuator.force} if self.pen.sample.has_multipliers else {})
 
 
 class GeneralizedForceGlyph(Glyph, of=GeneralizedForce):

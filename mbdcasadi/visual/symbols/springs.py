@@ -7,7 +7,8 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from ...model.bodies import Marker
+from ...model.bodies import Marker, ground
+from ...model.drivers import Actuator, Driver
 from ...model.expressions import norm
 from ...model.forces.cylinders import Cylinder, GasSpring
 from ...model.forces.springs import RSDA, TSDA, Bushing
@@ -16,6 +17,9 @@ from ..drawing import lines, scene
 from ..drawing.loads import Load
 from ..drawing.pen import Frame, Pen
 from .base import Glyph
+
+#: Points and lengths that differ by less than this, m, in poses of the size 1 m are the same.
+SAME = 1e-9
 
 
 # --- between two points --------------------------------------------------------------------
@@ -35,7 +39,7 @@ class SpringDamperGlyph(Glyph, of=TSDA):
         spring = element.law is not None or _there(element.stiffness)
         damper = _there(element.damping)
         if not (spring or damper):
-            _cylinder(pen, frame, element.length, 0.75)
+            cylinder(pen, frame, element.length, 0.75)
         elif spring and damper:
             for side in (0.06, 0.94):
                 frame.draw("spring", lines.along([side, side], [-1.0 * u, 1.0 * u]))
@@ -49,21 +53,11 @@ class SpringDamperGlyph(Glyph, of=TSDA):
 
     def beside_others(self) -> Frame:
         """Return the frame from end to end, to the side if several elements connect the same points; with anchors."""
-        element, pen = self.element, self.pen
-        _anchors(element, pen)
-        frame = pen.between(element.a.position, element.b.position)
-        springs = [f for f in pen.sample.mechanism.forces if isinstance(f, TSDA)]
-        same = [f for f in springs if all(pen.at_one_place(*ends) for ends in ((f.a, element.a), (f.b, element.b)))]
-        height = 2.3 * pen.unit * (same.index(element) - (len(same) - 1) / 2)
-        if height:
-            for end in (0, 1):
-                frame.draw("spring", lines.along([end, end], [0, height]))
-            frame.shift = np.array([0.0, height])
-        return frame
+        return beside_others(self.pen, self.element, self.element.a, self.element.b)
 
     def loads(self) -> list[Load]:
         """Return the force on each end that is not on the ground."""
-        return _tension(self.element)
+        return tension(self.element.a, self.element.b, self.element.force)
 
 
 class RopeGlyph(Glyph, of=Rope):
@@ -74,12 +68,12 @@ class RopeGlyph(Glyph, of=Rope):
     def draw(self) -> None:
         """Draw it between its ends."""
         element, pen = self.element, self.pen
-        _anchors(element, pen)
+        _anchors(pen, element.a, element.b)
         pen.between(element.a.position, element.b.position).draw("link", lines.along([0, 1], 0))
 
     def loads(self) -> list[Load]:
         """Return the force on each end that is not on the ground."""
-        return _tension(self.element)
+        return tension(self.element.a, self.element.b, self.element.force)
 
 
 class CylinderGlyph(SpringDamperGlyph, of=Cylinder):
@@ -89,7 +83,7 @@ class CylinderGlyph(SpringDamperGlyph, of=Cylinder):
 
     def draw(self) -> None:
         """Draw it between its ends."""
-        _cylinder(self.pen, self.beside_others(), self.element.length, self.thickness)
+        cylinder(self.pen, self.beside_others(), self.element.length, self.thickness)
 
 
 class GasSpringGlyph(CylinderGlyph, of=GasSpring):
@@ -98,12 +92,60 @@ class GasSpringGlyph(CylinderGlyph, of=GasSpring):
     thickness = 0.6
 
 
-def _tension(element: TSDA | Rope) -> list[Load]:
-    """Forces on the ends that are not on the ground."""
-    span = element.b.position - element.a.position
-    tension = element.force * span / norm(span)
-    ends = ((element.a, tension), (element.b, -tension))
-    return [Load(marker, force, "force") for marker, force in ends if not marker.body.is_ground]
+def tension(a: Marker, b: Marker, force: Any) -> list[Load]:
+    """Forces on the ends that are not on the ground, of a tension between two points."""
+    span = b.position - a.position
+    pull = force * span / norm(span)
+    return [Load(marker, load, "force") for marker, load in ((a, pull), (b, -pull)) if not marker.body.is_ground]
+
+
+def beside_others(pen: Pen, element: Any, a: Marker, b: Marker) -> Frame:
+    """Frame from end to end, with anchors; to the side of springs and actuators that connect the same points."""
+    _anchors(pen, a, b)
+    frame = pen.between(a.position, b.position)
+    mechanism = pen.sample.mechanism
+    pairs = {other: (other.a, other.b) for other in mechanism.forces if isinstance(other, TSDA)}
+    pairs |= {other: ends for other in mechanism.drivers if (ends := ends_of(other)) is not None}
+    same = [other for other, (c, d) in pairs.items() if pen.at_one_place(a, c) and pen.at_one_place(b, d)]
+    height = 2.3 * pen.unit * (same.index(element) - (len(same) - 1) / 2) if element in same else 0.0
+    if height:
+        for end in (0, 1):
+            frame.draw("spring", lines.along([end, end], [0, height]))
+        frame.shift = np.array([0.0, height])
+    return frame
+
+
+def ends_of(driver: Driver) -> tuple[Marker, Marker] | None:
+    """Two points whose distance a driver prescribes; None if it prescribes something else.
+
+    Of ``E = e²/2`` with ``e = |p_b - p_a|`` the derivative by ``r_b`` is the way between the points, and the second
+    one by ``r_b`` and ``phi_b`` the arm of ``p_b`` turned by a right angle. What these points give is compared with
+    ``e`` in some poses.
+    """
+    if isinstance(driver, Actuator):
+        return driver.a, driver.b
+    bodies = [body for body in reversed(driver.bodies) if not body.is_ground]
+    if not 1 <= len(bodies) <= 2:
+        return None
+    half_square = driver.expression**2 / 2
+    *first, body = bodies
+    turned = ca.jacobian(ca.gradient(half_square, body.position), body.phi)
+    b = body.position + ca.vertcat(turned[1], -turned[0])
+    a = b - ca.gradient(half_square, body.position)
+    on = [*first, ground][0]
+    symbols = ca.symvar(ca.vertcat(driver.expression, *[part.q for part in bodies]))
+    local = ca.vertcat(*[_turned_back(point - part.position, part) for point, part in ((a, on), (b, body))])
+    function = ca.Function("ends", symbols, [local, driver.expression - ca.norm_2(b - a)])
+    poses = np.random.default_rng(1).uniform(0.5, 1.5, (3, len(symbols)))  # of size 1 m, about which nothing is special
+    places, errors = zip(*[[x.full().ravel() for x in function(*pose)] for pose in poses], strict=True)
+    if not np.isfinite(places).all() or np.ptp(places, axis=0).max() > SAME or np.max(np.abs(errors)) > SAME:
+        return None
+    return Marker(on, ca.SX(places[0][:2]), ca.SX(0)), Marker(body, ca.SX(places[0][2:]), ca.SX(0))
+
+
+def _turned_back(vector: ca.SX, body: Any) -> ca.SX:
+    c, s = ca.cos(body.phi), ca.sin(body.phi)
+    return ca.vertcat(c * vector[0] + s * vector[1], c * vector[1] - s * vector[0])
 
 
 def _inner(points: np.ndarray) -> np.ndarray:
@@ -126,7 +168,7 @@ def _damper(pen: Pen, frame: Frame, height: float, margin: float) -> None:
     )
 
 
-def _cylinder(pen: Pen, frame: Frame, length: Any, height: float) -> None:
+def cylinder(pen: Pen, frame: Frame, length: Any, height: float, rod_style: str = "link") -> None:
     """Barrel at a, rod at b: both of one size while the length changes, if the stroke leaves room for that."""
     u = pen.unit
     low, high = pen.span(length)
@@ -136,13 +178,13 @@ def _cylinder(pen: Pen, frame: Frame, length: Any, height: float) -> None:
                                           np.array([-h, -h, h, h]), np.zeros(4)]))  # fmt: skip
     rod = piston - high if high - low > 1e-9 * high else 0.35 * low - high
     ends = np.array([[rod, 1, 0, 0], [0, 1, 0, 0]])
-    frame.draw("link", ends)
-    frame.draw("link", np.array([[rod, 1, -0.8 * h, 0], [rod, 1, 0.8 * h, 0]]))
+    frame.draw(rod_style, ends)
+    frame.draw(rod_style, np.array([[rod, 1, -0.8 * h, 0], [rod, 1, 0.8 * h, 0]]))
 
 
-def _anchors(element: Any, pen: Pen) -> None:
+def _anchors(pen: Pen, a: Marker, b: Marker) -> None:
     """Points at both ends, on a wall if an end is on the ground and nothing else is drawn there."""
-    for marker, other in ((element.a, element.b), (element.b, element.a)):
+    for marker, other in ((a, b), (b, a)):
         pen.dot(pen.on(marker), 0.3)
         if marker.body.is_ground:
             _wall_behind(pen, marker, other)
