@@ -1,12 +1,15 @@
 """Names of a model harm no picture, and are shown as they are."""
 
+import itertools
 import json
 import re
 
+import machines
 import numpy as np
 import pytest
 
 import mbdcasadi as mbd
+from mbdcasadi.visual.drawing.scene import ARROW, placed
 from mbdcasadi.visual.plots.plot import overview
 
 NAMES = ["a$\\frac{x$", "cost $5 to $10", "_hidden", "<!--<script>", "a & b < c", "{brace}", "%s", "ä → 漢"]
@@ -120,3 +123,73 @@ def test_names_in_a_part_of_a_figure():
     part = Figure(layout="constrained").subfigures(1, 2)[1]
     axes = mbd.draw(mbd.library.pendulum_chain(1), part.subplots(), names=True)
     assert {"rod 1", "pin 1"} <= {text.get_text() for text in axes.texts}
+
+
+def drawn_names(model):
+    """Axes, scene and first pose of a drawing with names, and their texts and leaders in the order of the labels."""
+    from mbdcasadi.visual.drawing.compose import Options, compose
+    from mbdcasadi.visual.drawing.draw import subject
+    from mbdcasadi.visual.drawing.sample import Sample
+
+    axes = mbd.draw(model, names=True)
+    axes.figure.canvas.draw()
+    sample = Sample(subject(model))
+    scene, _ = compose(sample, Options(names=True))
+    shown = {" ".join(text.get_text().split()): text for text in axes.texts if text.get_text()}
+    texts = [shown[" ".join(label.text.split())] for label in scene.labels]
+    return axes, scene, scene.poses(sample)[0], texts
+
+
+def apart(box, points):
+    """Least distance of points (k, 2) from a box, pixels."""
+    return np.min(np.hypot(*np.maximum(np.maximum(box.min - points, points - box.max), 0).T))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", machines.MACHINES)
+def test_names_stand_at_their_parts_and_cover_nothing(name):
+    """No name lies on another one or on an arrow; each is beside its part, or a line leads from one to the other."""
+    from matplotlib.path import Path
+
+    axes, scene, pose, texts = drawn_names(machines.MACHINES[name]())
+    boxes = [text.get_window_extent() for text in texts]
+    points = axes.figure.dpi / 72
+
+    def pixels(mark):
+        loops = [placed(loop, pose[mark.frame]) for loop in mark.loops]
+        closed = [np.vstack([loop, loop[:1]]) if mark.closed else loop for loop in loops]
+        fine = [np.vstack([np.linspace(a, b, 60) for a, b in itertools.pairwise(loop)]) for loop in closed]
+        return [axes.transData.transform(loop) for loop in fine]
+
+    for one, two in itertools.combinations(boxes, 2):
+        assert not one.overlaps(two), name
+    for arrow in (mark for mark in scene.marks if mark.layer == ARROW):
+        assert all(apart(box, np.vstack(pixels(arrow))) > 0 for box in boxes), name
+    leaders = [text for text in axes.texts if getattr(text, "arrow_patch", None) is not None]
+    for label, text, box in zip(scene.labels, texts, boxes, strict=True):
+        own = [
+            mark
+            for mark in scene.marks
+            if mark.item in label.items or (label.body and mark.frame == label.frame and mark.style == "body")
+        ]
+        near = apart(box, np.vstack([loop for mark in own for loop in pixels(mark)]))
+        inside = any(Path(loop).contains_point((box.min + box.max) / 2) for m in own if m.closed for loop in pixels(m))
+        if near < 12 * points or inside:
+            continue
+        (leader,) = (one for one in leaders if np.allclose(one.xy, text.xy))
+        end = axes.transData.transform(leader.xy)
+        on = any(Path(loop).contains_point(end) for m in own if m.closed for loop in pixels(m))
+        assert on or min(np.min(np.hypot(*(loop - end).T)) for m in own for loop in pixels(m)) < 12 * points, label.text
+        assert apart(box, (end + points * np.array(leader.xyann))[None]) < 6 * points, label.text
+
+
+@pytest.mark.parametrize("name", machines.MACHINES)
+def test_names_of_bodies_are_led_to_on_the_bodies(name):
+    """Also if the centre of mass lies beside the material, as that of a bent boom."""
+    from matplotlib.path import Path
+
+    _, scene, _, _ = drawn_names(machines.MACHINES[name]())
+    for label in scene.labels:
+        loops = [loop for m in scene.marks if m.frame == label.frame and m.style == "body" for loop in m.loops]
+        for point in [label.point, *label.others] if label.body else []:
+            assert any(Path(loop).contains_point(point, radius=1e-9) for loop in loops), label.text

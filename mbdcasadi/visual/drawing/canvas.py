@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .scene import GROUND, Mark, Scene, placed
+from .scene import GROUND, PIN, Mark, Scene, placed
 from .style import BODIES_LIGHT, LIGHT, STYLES, colours_of
 
 if TYPE_CHECKING:
@@ -120,11 +120,11 @@ def _text(axes: Axes, label: Any) -> Any:
 
 
 def _leader(axes: Axes, label: Any) -> Any:
-    """A thin line from a point to its name, with a dot at the point; None if the name is next to it."""
+    """A thin line from a point of a part to its name; None if the name is next to the part."""
     if label.leader is None:
         return None
     return axes.annotate(
         "", (0, 0), xytext=label.leader, textcoords="offset points", annotation_clip=True,
         arrowprops=dict(arrowstyle="-", color=LIGHT["muted"], linewidth=0.7, shrinkA=0, shrinkB=0),
-        zorder=LOWEST + 9 * STEP - 1e-3,
+        zorder=LOWEST + STEP * PIN - 1e-3,  # it ends at the edge of a pin
     )  # fmt: skip

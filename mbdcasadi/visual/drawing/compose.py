@@ -10,14 +10,15 @@ import numpy as np
 
 from ...errors import MechanismError
 from ...model.bodies import Body, Marker, ground
+from ...model.drivers import Actuator
 from ...model.joints.gears import Gear
-from ...model.joints.lower_pairs import Translational
+from ...model.joints.lower_pairs import Distance, Translational
 from ..symbols import glyph, glyph_of
 from . import lines, scene
 from .labels import wrapped
 from .loads import draw_loads, draw_velocities
-from .outlines import on_material, points_on, shape_loops
-from .pen import Pen
+from .outlines import places_on, points_on, shape_loops
+from .pen import Frame, Pen
 from .sample import Sample
 from .scene import Label, Scene
 
@@ -175,27 +176,35 @@ def _axes(pen: Pen, body: Body) -> None:
 
 
 def _names(pen: Pen) -> None:
-    """Names of bodies beside their middles, and of joints beside their markers."""
+    """Names of bodies at their material, of joints at their markers, and of actuators at their middles."""
     u, mechanism = pen.unit, pen.sample.mechanism
     for body in mechanism.bodies:
         points = points_on(body, mechanism.joints, pen)
         middle = points.mean(axis=0) if len(points) > 1 and body.shape is None else np.zeros(2)
-        middle = on_material(pen.loops.get(body, ()), middle)
-        pen.scene.labels.append(Label(pen.of_body(body).number, tuple(middle), wrapped([body.name])))
-    named: dict[tuple, tuple[Marker, list[str]]] = {}
-    for joint in mechanism.joints:
-        markers = getattr(joint, "markers", ())
-        if isinstance(joint, Gear):
-            frame = pen.at(_mesh_point(joint, pen))
-            pen.scene.labels.append(Label(frame.number, (0.0, 0.0), wrapped([joint.name]), False))
+        number = pen.of_body(body).number
+        own = [mark for mark in pen.scene.marks if mark.frame == number and mark.style == "body"]
+        first, *others = places_on([loop for mark in own for loop in mark.loops], middle)
+        items = (pen.item_of(body),)
+        pen.scene.labels.append(Label(number, first, wrapped([body.name]), items=items, others=tuple(others)))
+    named: dict[tuple, tuple[Frame, list[Any]]] = {}
+    for element in (*mechanism.joints, *mechanism.drivers):
+        markers = getattr(element, "markers", ())
+        if isinstance(element, Gear):
+            frame = pen.at(_mesh_point(element, pen))
+        elif isinstance(element, Distance | Actuator):
+            frame = pen.at((element.a.position + element.b.position) / 2)
         elif markers:
             # a slider is named at its block, not at the start of its guide
-            marker = next((m for m in reversed(markers) if not m.body.is_ground), markers[0])
-            place = tuple(np.round(pen.first(marker.position) / u, 2))
-            named.setdefault(place, (marker, []))[1].append(joint.name)
-    for marker, names in named.values():
-        frame = pen.on(marker)
-        pen.scene.labels.append(Label(frame.number, (frame.shift[0], frame.shift[1]), wrapped(names), False))
+            frame = pen.on(next((m for m in reversed(markers) if not m.body.is_ground), markers[0]))
+        else:
+            continue
+        (place,) = scene.placed(frame.shift[None], pen.first(pen.scene.frames[frame.number].pose))
+        named.setdefault(tuple(np.round(place / u, 2)), (frame, []))[1].append(element)
+    for frame, elements in named.values():
+        # the symbol of a pair of gears are the gears, and its name belongs to the point at which they mesh
+        items = tuple(pen.item_of(element) for element in elements if not isinstance(element, Gear))
+        names = wrapped([element.name for element in elements])
+        pen.scene.labels.append(Label(frame.number, (frame.shift[0], frame.shift[1]), names, False, items))
 
 
 def _mesh_point(joint: Gear, pen: Pen) -> ca.SX:

@@ -13,6 +13,8 @@ from .pen import Pen
 
 #: Half the width of a link, in units.
 HALF_WIDTH = 0.95
+#: Cuts across a body, at whose middles its name may be led to.
+CUTS = 7
 
 
 def outlines_of(body: Body) -> list[np.ndarray]:
@@ -54,13 +56,37 @@ def _crossings(loop: np.ndarray, x: float) -> list[float]:
     return list(p[:, 1] + (x - p[:, 0]) / (q[:, 0] - p[:, 0]) * (q[:, 1] - p[:, 1]))
 
 
-def on_material(loops: Sequence[np.ndarray], point: np.ndarray) -> np.ndarray:
-    """Return a point of a body, or, if it lies in the hole of a ring, one on the rim above it (2,)."""
-    heights = sorted(h for loop in loops if len(loop) > 2 for h in _crossings(loop, float(point[0])))
-    around = [sum(h > point[1] for h in _crossings(loop, float(point[0]))) % 2 for loop in loops if len(loop) > 2]
-    if sum(around) < 2 or sum(around) % 2:  # not inside both a rim and its hole
-        return point
-    return np.array([point[0], (heights[-1] + heights[-2]) / 2])
+def places_on(loops: Sequence[np.ndarray], middle: np.ndarray) -> list[tuple[float, float]]:
+    """Points on the material of a body, from the one nearest to a point on: in the middle of cuts across it.
+
+    Parameters
+    ----------
+    loops : sequence of numpy.ndarray
+        Outlines (k, 2) of the body, in its frame, m; those of a hole too.
+    middle : numpy.ndarray
+        The point (2,), m.
+    """
+    loops = [loop for loop in loops if len(loop) > 2 and loop.shape[1] == 2]
+    if not loops:
+        return [(float(middle[0]), float(middle[1]))]
+    points = np.vstack(loops)
+    spread = points - points.mean(axis=0)
+    x, y = np.linalg.eigh(spread.T @ spread)[1][:, -1]  # along it
+    angle = float(np.arctan2(y, x))
+    turned, (centre,) = [lines.turned(loop, -angle) for loop in loops], lines.turned(middle[None], -angle)
+    low, high = (float(f(np.vstack(turned)[:, 0])) for f in (np.min, np.max))
+    found = []
+    for at in [centre[0], *np.linspace(low, high, CUTS + 2)[1:-1]]:
+        heights = sorted(h for loop in turned for h in _crossings(loop, at))
+        pieces = list(zip(heights[::2], heights[1::2], strict=False))
+        if any(bottom <= centre[1] <= top for bottom, top in pieces) and at == centre[0]:
+            found.append([at, centre[1]])
+        elif pieces:
+            bottom, top = max(pieces, key=lambda piece: piece[1] - piece[0])
+            found.append([at, (bottom + top) / 2])
+    places = lines.turned(np.array(found), angle)
+    nearest = np.argsort(np.hypot(*(places - middle).T), kind="stable")
+    return [(float(x), float(y)) for x, y in places[nearest]]
 
 
 def points_on(body: Body, elements: Sequence[Any], pen: Pen) -> np.ndarray:

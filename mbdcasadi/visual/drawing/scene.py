@@ -60,6 +60,10 @@ class Label:
         The name, of one line or more.
     body : bool
         True if a body is named.
+    items : tuple of int
+        Numbers of what is named.
+    others : tuple of tuple of float
+        Other points of the part, at which a line to the name may begin, m; placement makes one of them the point.
     shift : tuple of float
         Middle of the text from the point, points of the paper.
     leader : tuple of float or None
@@ -70,6 +74,8 @@ class Label:
     point: tuple[float, float]
     text: str
     body: bool = True
+    items: tuple[int, ...] = ()
+    others: tuple[tuple[float, float], ...] = ()
     shift: tuple[float, float] = (0.0, 0.0)
     leader: tuple[float, float] | None = None
 
