@@ -184,8 +184,8 @@ def _names(pen: Pen) -> None:
         number = pen.of_body(body).number
         own = [mark for mark in pen.scene.marks if mark.frame == number and mark.style == "body"]
         first, *others = places_on([loop for mark in own for loop in mark.loops], middle)
-        items = (pen.item_of(body),)
-        pen.scene.labels.append(Label(number, first, wrapped([body.name]), items=items, others=tuple(others)))
+        name = Label(number, first, wrapped([body.name]), items=(pen.item_of(body),), others=tuple(others))
+        pen.scene.labels.append(name)
     named: dict[tuple, tuple[Frame, list[Any]]] = {}
     for element in (*mechanism.joints, *mechanism.drivers):
         markers = getattr(element, "markers", ())
