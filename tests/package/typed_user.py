@@ -34,6 +34,7 @@ def joints(a: mbd.Marker, b: mbd.Marker) -> list[mbd.ConstraintElement]:
         mbd.AbsoluteX("x", b, 1.0), mbd.AbsoluteY("y", b, 0), mbd.AbsoluteAngle("level", b),
         mbd.AbsoluteDistance("tether", b, (0, 0), k), mbd.Constraint("own", b.x - 1), mbd.KnifeEdge("blade", b),
         mbd.NonholonomicConstraint("skate", b.body.vx - 2 * b.body.vy), mbd.Driver("drive", b.body.phi, 2 * mbd.t),
+        mbd.Actuator("jack", a, b, 0.5 + 0.1 * mbd.t),
     ]  # fmt: skip
     return [*pairs, *rows]
 

@@ -4,8 +4,8 @@ import itertools
 import json
 import re
 
-import machines
 import numpy as np
+import pictured
 import pytest
 
 import mbdcasadi as mbd
@@ -146,12 +146,12 @@ def apart(box, points):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", machines.MACHINES)
+@pytest.mark.parametrize("name", pictured.MACHINES)
 def test_names_stand_at_their_parts_and_cover_nothing(name):
     """No name lies on another one or on an arrow; each is beside its part, or a line leads from one to the other."""
     from matplotlib.path import Path
 
-    axes, scene, pose, texts = drawn_names(machines.MACHINES[name]())
+    axes, scene, pose, texts = drawn_names(pictured.MACHINES[name]())
     boxes = [text.get_window_extent() for text in texts]
     points = axes.figure.dpi / 72
 
@@ -183,12 +183,12 @@ def test_names_stand_at_their_parts_and_cover_nothing(name):
         assert apart(box, (end + points * np.array(leader.xyann))[None]) < 6 * points, label.text
 
 
-@pytest.mark.parametrize("name", machines.MACHINES)
+@pytest.mark.parametrize("name", pictured.MACHINES)
 def test_names_of_bodies_are_led_to_on_the_bodies(name):
     """Also if the centre of mass lies beside the material, as that of a bent boom."""
     from matplotlib.path import Path
 
-    _, scene, _, _ = drawn_names(machines.MACHINES[name]())
+    _, scene, _, _ = drawn_names(pictured.MACHINES[name]())
     for label in scene.labels:
         loops = [loop for m in scene.marks if m.frame == label.frame and m.style == "body" for loop in m.loops]
         for point in [label.point, *label.others] if label.body else []:
