@@ -152,7 +152,7 @@ class _Reader:
                 name, above, element = waiting.pop()
                 defaults = self.classes[name] = _extended(above, element)
                 waiting += [(child.get("class"), defaults, child) for child in element.all("default")]
-        self._sites: dict[str, tuple[Link, np.ndarray, np.ndarray]] = {}
+        self._sites: dict[str, tuple[XmlElement, Link]] = {}
         self._has_contacts = False
         self._count = 0
 
@@ -247,9 +247,7 @@ class _Reader:
                 elif child.tag == "inertial":
                     masses.append((child, frame))
                 elif child.tag == "site" and child.has("name"):
-                    site = self._filled(child, childclass)
-                    point = frame.position + frame.rotation @ site.numbers("pos", "0 0 0", (3,))
-                    self._sites[site.get("name")] = frame, point, frame.rotation @ self._rotation(site)
+                    self._sites[child.get("name")] = self._filled(child, childclass), frame
         self._read_masses(link, masses)
         return bodies
 
@@ -395,10 +393,14 @@ class _Reader:
         robot.loops.append(Loop(element, name, a, b, point, is_rigid))
 
     def _site(self, element: XmlElement, key: str) -> tuple[Link, np.ndarray, np.ndarray]:
+        """Link, place and rotation of a site that an element names."""
         name = element.get(key)
         if name not in self._sites:
             raise element.refuse(f"names the site '{name}', which does not exist")
-        return self._sites[name]
+        site, link = self._sites[name]
+        refuse_unread(site)
+        point = link.position + link.rotation @ site.numbers("pos", "0 0 0", (3,))
+        return link, point, link.rotation @ self._rotation(site)
 
     def _read_coupling(self, element: XmlElement, name: str) -> None:
         robot = self._robot

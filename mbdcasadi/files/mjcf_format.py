@@ -25,6 +25,7 @@ _ATTRIBUTES = {
     "freejoint": "name group align",
     "geom": f"name class type size fromto mass density contype conaffinity condim group priority friction solmix "
     f"solref solimp margin gap rgba material user mesh hfield fitscale fluidshape fluidcoef {_FRAME}",
+    "site": f"name class type group pos size material rgba user mesh {_FRAME}",
     "connect": f"{_CONSTRAINT} body1 body2 anchor site1 site2",
     "weld": f"{_CONSTRAINT} body1 body2 anchor site1 site2 torquescale",
     "equality joint": f"{_CONSTRAINT} joint1 joint2 polycoef",

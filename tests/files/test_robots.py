@@ -343,6 +343,19 @@ def test_welds_that_hold_a_point_and_soft_ones(tmp_path):
     assert mbd.check(read(tmp_path / "m.xml", off.format(free=free, more=""))).degrees_of_freedom == 3
 
 
+def test_sites_that_are_connected(tmp_path):
+    """A loop by sites, one of them in a frame; a site between two points has no place that is read."""
+    sites = '<frame pos="0 0 0.1"><site name="s" pos="0 0 0.1"/></frame></body></worldbody>'
+    text = FOUR_BAR.format(free='contype="0" conaffinity="0"', more="").replace("</body></worldbody>", sites)
+    text = text.replace("<worldbody>", '<worldbody><site name="w" pos=".4 0 .2"/>')
+    text = text.replace(
+        '<weld name="C" body1="coupler" body2="rocker" anchor="0 0 .2" ', '<connect site1="s" site2="w"'
+    )
+    assert mbd.check(read(tmp_path / "m.xml", text)).degrees_of_freedom == 2
+    with pytest.raises(mbd.FileError, match="site 's' has fromto = '0 0 0 0 0 .2', which is not read"):
+        read(tmp_path / "m.xml", text.replace('pos="0 0 0.1"/>', 'fromto="0 0 0 0 0 .2"/>'))
+
+
 def test_what_is_left_out_of_mjcf_is_named(tmp_path):
     """Contact pairs without contacts of their geoms, bodies that programs move; nothing that a flag turns off."""
     text = MJCF.format(

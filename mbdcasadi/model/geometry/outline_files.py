@@ -94,7 +94,7 @@ def _paints(shape: Any, kind: str) -> bool:
 
 
 def _is_zero(text: Any) -> bool:
-    return text is not None and re.fullmatch(r"\s*0*\.?0*%?\s*", str(text)) is not None
+    return text is not None and re.fullmatch(r"\s*(0+\.?0*|\.0+)%?\s*", str(text)) is not None
 
 
 def _check_clip(points: Loop, clipped: Any, drawing: Any, document: Any, library: Any, path: Any) -> None:
