@@ -120,19 +120,19 @@ class FreeSlide(AlongLine, Joint):
     name : str
         Its name.
     a, b : Marker
-        Origin and direction of the path, and the point that moves.
-    factor : float
-        Of the displacement to the distance along the direction, for two slides that are not perpendicular.
+        Origin of the path, and the point that moves.
+    dual : numpy.ndarray
+        Vector in the axes of a (2,), whose product with a place is the displacement.
     """
 
-    def __init__(self, name: str, a: Marker, b: Marker, factor: float):
-        self.factor = factor
+    def __init__(self, name: str, a: Marker, b: Marker, dual: np.ndarray):
+        self.dual = tuple(float(x) for x in dual)
         super().__init__(name, a, b, ca.SX(0, 1))
 
     @cached_property
     def displacement(self) -> ca.SX:
         """Displacement, m."""
-        return self.factor * ca.dot(self.a.x_axis, self.b.position - self.a.position)
+        return ca.dot(ca.DM(self.dual), self.a.axes.T @ (self.b.position - self.a.position))
 
 
 class FreeHinge(Joint):
@@ -273,11 +273,9 @@ class PlanarBuilder:
             raise slides[1].source.refuse("slides along the axis of the other slide")
         # a place is the sum of the slides times their directions: each slide is measured along the dual direction
         for slide, dual in zip(slides, np.linalg.inv(directions).T, strict=True):
-            length = float(np.linalg.norm(dual))
-            origin = point - slide.reference / length**2 * (dual @ self.plane.axes[:2])
-            angle = float(np.arctan2(dual[1], dual[0]))
-            ends = self._at(link.parent, origin, angle), self._at(link, point, angle)
-            self._keep(slide, FreeSlide(slide.name, *ends, length))
+            origin = point - slide.reference / (dual @ dual) * (dual @ self.plane.axes[:2])
+            ends = self._at(link.parent, origin), self._at(link, point)
+            self._keep(slide, FreeSlide(slide.name, *ends, dual))
 
     def _keep(
         self, joint: SpatialJoint, element: FreeSlide | FreeHinge | PointOnLine | Revolute | Translational
