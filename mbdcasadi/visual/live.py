@@ -26,6 +26,7 @@ from .film import Film, with_names
 from .page.columns import Column, Columns
 from .page.live_model import LiveModel
 from .page.page import filled, page_data
+from .page.widget import page_widget
 
 #: Seconds of motion by which the picture and its arrows are sized, and poses that are looked at.
 PREVIEW, POSES = 3.0, 61
@@ -80,6 +81,24 @@ class LiveAnimation(Animation):
                 "simulate"
             )
         return text
+
+    def widget(self) -> Any:
+        """Return the page as a widget of a notebook, with which values are exchanged.
+
+        It takes the extra ``notebook``; without it a notebook shows the page by itself.
+
+        Returns
+        -------
+        anywidget.AnyWidget
+            ``values``: of the sliders by name, to be read and set; ``playing``: True while it runs, to be read and set;
+            ``time`` (s), ``q`` and ``v``: the present state. ``widget.observe(f, "values")`` calls ``f`` at changes.
+
+        Raises
+        ------
+        MechanismError
+            Without anywidget; later for a value of no slider, and for one beyond its limits.
+        """
+        return page_widget(self.html, self._model.sliders, self._height)
 
     def __repr__(self) -> str:
         sliders = ", ".join(f"'{slider.name}'" for slider in self._model.sliders)
