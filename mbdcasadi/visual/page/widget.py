@@ -27,7 +27,7 @@ def page_widget(html: str, sliders: Sequence[Slider], height: int) -> Any:
     traitlets = optional_package("traitlets", "widget", "notebook")
     limits = {slider.name: (slider.low, slider.high) for slider in sliders}
 
-    class PageWidget(anywidget.AnyWidget):  # type: ignore[misc, name-defined]
+    class PageWidget(anywidget.AnyWidget):  # type: ignore[name-defined]
         _esm = (files(__package__) / "template" / "live" / "widget.js").read_text(encoding="utf-8")
         html = traitlets.Unicode().tag(sync=True)
         height = traitlets.Int().tag(sync=True)
