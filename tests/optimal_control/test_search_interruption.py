@@ -132,8 +132,8 @@ def test_at_every_instant(monkeypatch, settings):
 
 
 def test_before_anything_is_solved(monkeypatch):
-    """An Interrupted without a partial result, also where a problem is prepared."""
-    problem, *_ = rest_to_rest()
+    """An Interrupted without a partial result, also where a problem is prepared, one that no other test has stated."""
+    problem, *_ = rest_to_rest(1.739)
 
     def pressing(*_arguments):
         signal.raise_signal(signal.SIGINT)
