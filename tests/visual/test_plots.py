@@ -53,7 +53,16 @@ def test_figures_are_written(motion, arm, tmp_path):
 def test_overview_shows_bodies_reactions_and_energy(motion):
     """Panels that have something to show, and no others."""
     labels = [axes.get_ylabel() for axes in overview(motion).axes]
-    assert labels == ["x, m", "y, m", "phi, rad", "reaction, N", "energy, J"]
+    assert labels == ["x, m", "y, m", "phi, rad", "reaction, N", "energy, J", "y, m"]
+
+
+def test_overview_shows_the_mechanism_beside_the_curves(motion, arm):
+    """With the name of its body, at equal scales, left of everything else."""
+    figure = overview(motion)
+    figure.draw_without_rendering()
+    *curves, drawing = figure.axes
+    assert arm.name in [text.get_text() for text in drawing.texts] and drawing.get_aspect() == 1
+    assert drawing.get_window_extent().x1 < min(axes.get_window_extent().x0 for axes in curves)
 
 
 def test_overview_of_a_driven_mechanism(motion, arm):
@@ -65,7 +74,7 @@ def test_overview_of_a_driven_mechanism(motion, arm):
     labels = [axes.get_ylabel() for axes in overview(mbd.inverse_dynamics(free, TIMES)).axes]
     assert "driver effort, N" in labels and "phi, N m" in labels
     kinematic = mbd.kinematics(free, TIMES)
-    assert [axes.get_ylabel() for axes in overview(kinematic).axes][3:] == ["energy, J"]
+    assert [axes.get_ylabel() for axes in overview(kinematic).axes][3:-1] == ["energy, J"]
 
 
 def test_a_quantity_that_rests_does_not_show_its_rounding(motion, arm):

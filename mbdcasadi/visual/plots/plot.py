@@ -20,7 +20,7 @@ from ...results.columns import (
 )
 from ...results.trajectory import Trajectory
 from ..axes import dress, legend, over_time, readable, stacked
-from ..drawing.draw import motion_of
+from ..drawing.draw import draw, motion_of
 from ..drawing.style import SERIES_LIGHT, series_colour
 
 if TYPE_CHECKING:
@@ -72,8 +72,8 @@ def plot(motion: Any, expressions: Mapping[str, Any]) -> Figure:
 def overview(motion: Trajectory) -> Figure:
     """Plot an overview of a motion.
 
-    Coordinates of all bodies on the left; on the right the sizes of the joint
-    reactions, the efforts of drivers, the inputs, and the energy.
+    The mechanism as it starts; beside it the coordinates of all bodies, and on the right the
+    sizes of the joint reactions, the efforts of drivers, the inputs, and the energy.
 
     Parameters
     ----------
@@ -91,9 +91,9 @@ def overview(motion: Trajectory) -> Figure:
     drawn = motion.with_jumps
     left, right = _coordinates(drawn), _loads(drawn)
     rows = len(left) * len(right)
-    figure = Figure(figsize=(11.0, 7.6), layout="constrained")
-    grid = figure.add_gridspec(rows, 2)
-    for side, panels in enumerate((left, right)):
+    figure = Figure(figsize=(15.0, 7.6), layout="constrained")
+    grid = figure.add_gridspec(rows, 3)
+    for side, panels in enumerate((left, right), start=1):
         height = rows // len(panels)
         stack: list[Axes] = []
         for k, (label, lines) in enumerate(panels.items()):
@@ -103,6 +103,7 @@ def overview(motion: Trajectory) -> Figure:
             stack[-1].tick_params(labelbottom=k == len(panels) - 1)
         _mark_events(stack, motion)
         over_time(figure, stack)
+    draw(motion, figure.add_subplot(grid[:, 0]), names=True)
     readable(figure.suptitle(motion.mechanism.name or "motion", fontweight="bold"), name=True)
     return figure
 
