@@ -29,7 +29,7 @@ RUN_PAGE = "import sys, pathlib, documentation_blocks as d; d.run_page(pathlib.P
 #: Pages of the documentation that show pages for the browser, which their code writes.
 SHOWING = ("pictures.md", "play.md")
 
-#: Width of a picture, pixels, and its colours.
+#: Width of a picture, pixels, and colours of the film on the front page.
 WIDTH, COLOURS = 1100, 96
 
 #: From the first pendulum to designs; every script is in one of the groups.
@@ -100,13 +100,13 @@ def write(path: Path, text: str) -> None:
 
 
 def keep(picture: Path, target: Path) -> None:
-    """Keep a picture, no wider than the page and in few colours: drawings need no more."""
+    """Keep a picture in all its colours, no wider than the page: in few, two curves may become one."""
     from PIL import Image
 
     image = Image.open(picture).convert("RGB")
     if image.width > WIDTH:
         image = image.resize((WIDTH, round(image.height * WIDTH / image.width)), Image.Resampling.LANCZOS)
-    image.quantize(COLOURS, dither=Image.Dither.NONE).save(target, optimize=True)
+    image.save(target, optimize=True)
 
 
 #: Shows the page that an example writes.

@@ -15,6 +15,17 @@ import mbdcasadi as mbd
 
 OUTPUT = Path(__file__).parent / "output"
 
+
+class Sling(mbd.Distance):
+    """A rope that stays taut."""
+
+
+@mbd.glyph.register
+def _(sling: Sling, pen):
+    """As a line: a length that is a parameter would be drawn as a cylinder."""
+    pen.between(sling.a.position, sling.b.position).draw("belt", [[0, 0, 0, 0], [0, 1, 0, 0]])
+
+
 LONG, SHORT, HANG, HEIGHT = 6.0, 1.5, 1.2, 5.0  # m
 BEAM, WEIGHT, BALL = 200.0, 3000.0, 30.0  # kg
 
@@ -32,7 +43,7 @@ ball = mbd.Body("ball", mass=BALL, inertia=0.5, pose=(tip[0] + np.sqrt(25 - tip[
 end, hook = beam.at((LONG + SHORT) / 2, 0), mbd.ground.at(0, HEIGHT)
 pivot = mbd.Revolute("pivot", hook, beam.at(-(LONG - SHORT) / 2, 0))
 hang = mbd.Revolute("hang", beam.at(-(LONG + SHORT) / 2, 0), weight.at(0, HANG))
-sling = mbd.Distance("sling", end, ball.at(0, 0), length)
+sling = Sling("sling", end, ball.at(0, 0), length)
 trough = mbd.AbsoluteY("trough", ball.at(0, 0), 0.0)
 sliding = mbd.Mechanism(
     bodies=[beam, weight, ball],

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ..errors import MechanismError
+from ..model.bodies import Body
 from ..model.mechanism import Mechanism
 from ..model.quantities import yes_or_no
 from ..numerics.writing import writable
 from .animation import Animation, check_ending
-from .drawing.draw import trace_options
+from .drawing.draw import centroids_of, trace_options
 from .film import film
 from .live import LiveAnimation, stage
 from .page.live_model import LiveModel
@@ -27,7 +29,7 @@ def animate(
     speed: float | None = None,
     forces: bool = False,
     names: bool = False,
-    centroids: bool = False,
+    centroids: bool | Sequence[Body] = False,
     title: str | None = None,
     live: bool = False,
     initial: Any = (),
@@ -57,8 +59,10 @@ def animate(
     forces : bool, default False
         True if reactions (green), applied forces (red) and weights (grey) are drawn
         to scale. The page holds them in any case, to be switched on.
-    names, centroids : bool, default False
-        True if bodies and joints are named, and centres of mass drawn.
+    names : bool, default False
+        True if bodies and joints are named.
+    centroids : bool or sequence of Body, default False
+        True if the centres of mass of all bodies are drawn, or the bodies of which they are.
     title : str, optional
         By default the name of the mechanism.
     live : bool, default False
@@ -91,9 +95,9 @@ def animate(
         # a path that cannot be written is reported before the work
         check_ending(path, alive)
         writable(path)
-    flags = {n: yes_or_no(v, "animate", n) for n, v in (("names", names), ("centroids", centroids))}
+    named, centres = yes_or_no(names, "animate", "names"), centroids_of(centroids, "animate")
     shown = yes_or_no(forces, "animate", "forces")
-    options = trace_options(trace, forces=True, tooltips=True, **flags)
+    options = replace(trace_options(trace, forces=True, tooltips=True, names=named), centroids=centres)
     if alive:
         model = LiveModel(motion, initial, parameters, inputs)
         animation: Animation = LiveAnimation(model, stage(model, options, plots, speed, title), shown)

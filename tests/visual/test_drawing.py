@@ -7,6 +7,7 @@ import sys
 import casadi as ca
 import matplotlib
 import numpy as np
+import pictured
 import pytest
 from machines import MACHINES
 
@@ -534,7 +535,7 @@ def test_a_stop_stands_where_the_gap_is_closed():
     corners = pad.loops[0]
     assert corners[:, 0].max() == pytest.approx(-0.05) and corners[:, 1].mean() == pytest.approx(0.5)
     other = mbd.Body("other", 1.0, 1.0, pose=(2, 0, 0))
-    between = mbd.EndStop("stop", other.x - arm.x - 1, law)
+    between = mbd.EndStop("stop", other.x + 0.1 * other.y - arm.x - 1, law)  # not along a line
     assert not of_item(scene_of(mbd.Mechanism([arm, other], [hinge], forces=[between]))[0], "stop")
 
 
@@ -766,3 +767,48 @@ def test_the_effort_of_a_driven_length_acts_at_its_eyes():
     np.testing.assert_allclose(where(arrow, poses)[0], run[b.position][0], atol=1e-9)
     start, end = where(arrow, poses)
     assert (end - start) @ (run[b.position][0] - [0.7, -0.3]) > 0  # it pushes
+
+
+def test_a_stop_between_two_bodies_hangs_on_one_and_meets_the_other():
+    """The pad touches the edge when the gap is closed, moves with its body, and stands beside the springs."""
+    model = pictured.suspension()
+    body, wheel, stop = model.bodies[1], model.bodies[0], model.forces[-1]
+    start = mbd.assemble(model)
+    scene, poses, _ = scene_of(start)
+    marks = of_item(scene, "bump stop")
+    (pad,) = [m for m in marks if m.style == "rubber"]
+    arms = [m for m in marks if m.style == "body line"]
+    top, edge = where(pad, poses)[:, 1].max(), start[body.y] - 0.1
+    assert edge - top == pytest.approx(start[stop.gap], abs=1e-9)
+    carrier = scene.items[next(m.item for m in scene.marks if m.body == pad.body and m.layer == BODY)]
+    assert pad.body == 0 and carrier.name in (wheel.name, "rail of the wheel") and len(arms) == 2
+    springs = [where(m, poses) for name in ("strut", "tyre") for m in of_item(scene, name)]
+    assert np.abs(np.vstack(springs)[:, 0]).max() < np.abs(where(pad, poses)[:, 0]).min()
+
+
+def test_a_pin_beside_the_outline_of_its_body_is_held_by_an_arm():
+    """From the outline to the pin; there is none to a pin on the material."""
+    block = mbd.Body.from_shape("block", mbd.Rectangle(0.4, 0.4), mass=1, pose=(0, -1, 0))
+    for height, count in ((1.0, 1), (0.1, 0)):
+        hinge = mbd.Revolute("hinge", mbd.ground.at(0, height - 1), block.at(0, height))
+        scene, poses, _ = scene_of(mbd.Mechanism([block], [hinge]))
+        arms = [m for m in of_item(scene, "block") if m.style == "body line"]
+        assert len(arms) == count
+        for arm in arms:
+            np.testing.assert_allclose(where(arm, poses), [[0, 0], [0, -0.8]], atol=1e-9)
+
+
+def test_the_centre_of_mass_of_one_body():
+    """Those asked for, and no others."""
+    model = mbd.library.four_bar().mechanism
+    crank = model.bodies[0]
+    counts = []
+    for asked in (True, [crank], False):
+        axes = mbd.draw(model, centroids=asked)
+        plain = mbd.draw(model)
+        counts.append(len(axes.patches) - len(plain.patches))
+    assert counts == [9, 3, 0]
+    with pytest.raises(mbd.MechanismError, match="list of bodies, got 'crank' in it"):
+        mbd.draw(model, centroids=["crank"])
+    with pytest.raises(mbd.MechanismError, match="centroids= names body 'stranger', which is not in the mechanism"):
+        mbd.draw(model, centroids=[mbd.Body("stranger", 1, 1)])

@@ -32,8 +32,10 @@ class Options:
 
     Attributes
     ----------
-    forces, names, frames, centroids : bool
-        Reactions and all forces, names of bodies and joints, axes of bodies, centres of mass.
+    forces, names, frames : bool
+        Reactions and all forces, names of bodies and joints, axes of bodies.
+    centroids : bool or tuple of Body
+        Centres of mass of all bodies, or of some.
     trace : tuple of Marker or casadi.SX
         Points whose path is drawn.
     tooltips : bool
@@ -45,7 +47,7 @@ class Options:
     forces: bool = False
     names: bool = False
     frames: bool = False
-    centroids: bool = False
+    centroids: bool | tuple[Body, ...] = False
     trace: tuple[Marker | ca.SX, ...] = ()
     tooltips: bool = False
     velocities: bool = False
@@ -73,6 +75,10 @@ def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
         The scene, and the scale of forces (N per m) and couples (N m per m) if there are arrows.
     """
     mechanism = sample.mechanism
+    asked = options.centroids or () if options.centroids is not True else mechanism.bodies
+    strange = [body.name for body in asked if body not in mechanism.bodies]
+    if strange:
+        raise MechanismError(f"centroids= names body '{strange[0]}', which is not in the mechanism")
     unit, hanging = _measures(sample)
     traced = [place for place in options.trace if isinstance(place, Marker)]
     pen = Pen(sample, Scene(unit), hanging, traced)
@@ -87,7 +93,7 @@ def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
         draw(element)
     for body in mechanism.bodies:
         draw(body)
-        if options.centroids:
+        if body in asked:
             _centroid(pen, body)
         if options.frames:
             _axes(pen, body)

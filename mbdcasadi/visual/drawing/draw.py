@@ -49,7 +49,7 @@ def draw(
     forces: bool = False,
     names: bool = False,
     frames: bool = False,
-    centroids: bool = False,
+    centroids: bool | Sequence[Body] = False,
     trace: Any = (),
     poses: int | None = None,
 ) -> Axes:
@@ -65,8 +65,10 @@ def draw(
     forces : bool, default False
         True if reactions (green), all applied forces (red) and weights (grey) are
         drawn, to scale; forces of :class:`Force` elements always are.
-    names, frames, centroids : bool, default False
-        True if bodies and joints are named, and the axes of bodies and their centres of mass drawn.
+    names, frames : bool, default False
+        True if bodies and joints are named, and the axes of bodies drawn.
+    centroids : bool or sequence of Body, default False
+        True if the centres of mass of all bodies are drawn, or the bodies of which they are.
     trace : sequence of Marker, Body or expression (2,)
         Points whose path is drawn, of a motion.
     poses : int, optional
@@ -93,8 +95,9 @@ def draw(
     pictured = subject(source)
     if not isinstance(pictured, Trajectory) and poses is not None:
         raise MechanismError("draw: poses= is for motions; this is one state")
-    flags = {"forces": forces, "names": names, "frames": frames, "centroids": centroids}
+    flags = {"forces": forces, "names": names, "frames": frames}
     options = trace_options(trace, **{name: yes_or_no(value, "draw", name) for name, value in flags.items()})
+    options = replace(options, centroids=centroids_of(centroids, "draw"))
     if options.trace and not isinstance(pictured, Trajectory):
         raise MechanismError("draw: a trace is the path of a point over a motion; this is one state")
     count = 1 if poses is None else whole(poses, "draw", "poses", 1)
@@ -177,6 +180,16 @@ def motion_of(source: Any, what: str) -> Trajectory:
     if not isinstance(motion, Trajectory) or not len(motion):
         raise MechanismError(f"{what}: takes a motion, as simulate and kinematics return it, got {source!r}")
     return motion
+
+
+def centroids_of(value: Any, what: str) -> bool | tuple[Body, ...]:
+    """True or False, or bodies whose centres of mass are drawn."""
+    if not isinstance(value, Sequence) or isinstance(value, str):
+        return yes_or_no(value, what, "centroids")
+    strange = [body for body in value if not isinstance(body, Body)]
+    if strange:
+        raise MechanismError(f"{what}: centroids= takes True, False or a list of bodies, got {strange[0]!r} in it")
+    return tuple(value)
 
 
 def trace_options(trace: Any, **more: bool) -> Options:

@@ -89,6 +89,19 @@ def places_on(loops: Sequence[np.ndarray], middle: np.ndarray) -> list[tuple[flo
     return [(float(x), float(y)) for x, y in places[nearest]]
 
 
+def is_inside(loops: Sequence[np.ndarray], point: np.ndarray) -> bool:
+    """Return True if a point (2,) lies within outlines, but in their holes."""
+    return sum(h > point[1] for loop in loops for h in _crossings(loop, float(point[0]))) % 2 == 1
+
+
+def nearest_on(line: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Point (2,) of a line through points (k, 2) that is nearest to a point (2,)."""
+    start, way = line[:-1], np.diff(line, axis=0)
+    length = np.maximum(np.sum(way**2, axis=1), 1e-300)
+    feet = start + np.clip(np.sum((point - start) * way, axis=1) / length, 0, 1)[:, None] * way
+    return feet[np.argmin(np.hypot(*(feet - point).T))]
+
+
 def points_on(body: Body, elements: Sequence[Any], pen: Pen) -> np.ndarray:
     """Different places of elements on a body (k, 2), in its frame, m."""
     return np.array(list(apart(markers_on(body, elements), pen).values())).reshape(-1, 2)

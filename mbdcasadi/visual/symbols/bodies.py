@@ -9,9 +9,25 @@ from typing import ClassVar
 import numpy as np
 
 from ...model.bodies import Body, Marker
-from ..drawing import lines
-from ..drawing.outlines import HALF_WIDTH, apart, markers_on, outlines_of, points_on, shape_loops
+from ...model.drivers import Actuator
+from ...model.forces.springs import TSDA, Bushing
+from ...model.forces.stops import Rope
+from ...model.joints.lower_pairs import Distance, Revolute, Weld
+from ..drawing import lines, scene
+from ..drawing.outlines import (
+    HALF_WIDTH,
+    apart,
+    is_inside,
+    markers_on,
+    nearest_on,
+    outlines_of,
+    points_on,
+    shape_loops,
+)  # fmt: skip
 from .base import Glyph
+
+#: Elements that hold a body at a point of it.
+HELD = (Revolute, Weld, Distance, TSDA, Rope, Bushing, Actuator)
 
 
 class BodyGlyph(Glyph, of=Body):
@@ -35,6 +51,7 @@ class BodyGlyph(Glyph, of=Body):
         if body.shape is not None:
             if not pen.covers(body):
                 frame.area("body", *self._shape(points_on(body, [*mechanism.joints, traced], pen)))
+                self._arms()
             return
         elements = [*mechanism.joints, *mechanism.forces, traced]
         markers = markers_on(body, elements)
@@ -50,6 +67,16 @@ class BodyGlyph(Glyph, of=Body):
             frame.area("body", lines.plate(points, HALF_WIDTH * u))
         elif not drawn:
             frame.area("body", lines.circle((0, 0), 1.5 * u))
+
+    def _arms(self) -> None:
+        """Arms from the outline to pins, springs and actuators that sit beside it."""
+        body, pen, mechanism = self.element, self.pen, self.pen.sample.mechanism
+        elements = [e for e in (*mechanism.joints, *mechanism.drivers, *mechanism.forces) if isinstance(e, HELD)]
+        loops = [np.vstack([loop, loop[:1]]) for loop in pen.loops.get(body, ())]
+        for place in points_on(body, elements, pen):
+            nearest = min((nearest_on(loop, place) for loop in loops), key=lambda q: float(np.hypot(*(q - place))))
+            if not is_inside(loops, place) and np.hypot(*(nearest - place)) > pen.unit:
+                pen.of_body(body).draw("body line", [place, nearest], layer=scene.GUIDE)
 
     def _bars(self, places: list[Marker]) -> None:
         """Bars between places that move in the body, one after the other."""
