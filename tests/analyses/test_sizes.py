@@ -95,6 +95,7 @@ def test_pins_with_dry_friction(units):
     assert np.max(np.abs(courses[1] - courses[0])) < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("units", [MICRO, GIANT, Units(1e-6, 1e-12, 1.0)])
 def test_a_block_that_sticks_and_slips(units):
     """A block under a force that comes and goes sticks a while at each turn."""
@@ -221,6 +222,7 @@ def beams_and_weight(units, light):
     return mbd.Mechanism(bodies, joints, forces=[units.gravity(), spring], inputs=[pull]), weight, pull
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("light", [0.0, 0.2])
 def test_reactions_that_are_not_unique_are_the_same_in_all_analyses_and_units(light):
     """Forces and moments of least norm: at rest, as states are assembled, simulated, and for a given motion."""
@@ -248,6 +250,7 @@ def test_reactions_that_are_not_unique_are_the_same_in_all_analyses_and_units(li
         assert value == pytest.approx(found[k % of_one], abs=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("light", [0.0, 1e-9])
 def test_poses_are_met_beside_light_parts_in_any_units(light):
     """A row in metres has a slope, though in micrometres it is small beside those in radians of a massless plate."""
@@ -259,6 +262,7 @@ def test_poses_are_met_beside_light_parts_in_any_units(light):
             assert state[weight.vy] == pytest.approx(0.3 * units.speed, rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("light", [0.0, 0.2])
 def test_reactions_that_are_not_unique_are_those_of_the_simulation_where_drivers_move_the_mechanism(light):
     """Inverse dynamics by drivers beside the simulation and a numpy solution of least norm, in any units."""

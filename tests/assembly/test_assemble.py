@@ -292,6 +292,7 @@ def test_parts_without_mass_follow_those_that_have_some(mass, share):
     assert (state[block.x], state[block.vx]) == pytest.approx((0.3, 3.0), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [four_bar, slider_crank], ids=["four-bar", "slider-crank"])
 def test_linkages_close_from_estimates_that_are_far_off(make):
     """Each coordinate off by up to 1 m and 1 rad: at least 49 of 50 assemble."""
@@ -644,6 +645,7 @@ def test_the_least_norm_beside_parts_without_mass_knows_no_axes(turn, order):
     assert state.lam == pytest.approx(least, abs=1e-6 * np.max(np.abs(least)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("links", "light", "turn", "size"), [(30, 0.0, 0.0, 1.0), (60, 1.0, 0.7, 1.0), (60, 1.0, 2.0, 1e-3)]
 )
@@ -697,6 +699,7 @@ def test_an_arm_on_three_pins_that_are_close(mass, gap):
     assert forces[:, 0] / slope == pytest.approx(0, abs=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("light", [0.0, 1e-9])
 def test_the_least_norm_of_forces_and_moments_beside_light_parts_knows_no_units(light):
     """Welds at both ends and in between: forces, and moments over the mean lever, in metres as in other lengths."""

@@ -416,6 +416,7 @@ class CamPin(mbd.model.element.ConstraintElement):
         self.coordinates = (s,)
 
 
+@pytest.mark.slow
 def test_coordinates_without_inertia_follow_the_bodies():
     """``q`` ends with them, their mass is zero, and the pin follows ``y = x²/2``."""
     bead = mbd.Body("bead", mass=1.5, inertia=0.2, pose=(0.3, 0, 0), velocity=(1, 0, 0))

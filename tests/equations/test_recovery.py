@@ -20,6 +20,7 @@ def chain(links, root, *, pinned):
     return bodies, joints
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("links", "pinned"), [(60, False), (60, True), (100, False)])
 def test_a_cantilever_that_is_turned_comes_back(links, pinned):
     """No pose but the straight one at rest meets the constraints: a step on the way there bends it smoothly."""
@@ -34,6 +35,7 @@ def test_a_cantilever_that_is_turned_comes_back(links, pinned):
     assert v == pytest.approx(0, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("links", [40, 100])
 def test_between_outputs_a_long_chain_turns_with_its_wheel(links):
     """A driven wheel on a cart that bounces carries welded links: all turn by the angle of the driver."""

@@ -322,6 +322,7 @@ def test_switches_in_time(tmp_path):
 
 
 # --- parameters, restarts, rollback ------------------------------------------------------------------
+@pytest.mark.slow
 def test_start_is_assembled_anew(unit, linkage):
     """A length that is changed before the start gives the start of ``assemble`` with that length."""
     for version in (2, 3):

@@ -54,6 +54,7 @@ def test_a_stiff_system_with_states_and_samples_is_solved_to_the_tolerance(toler
     assert np.max(np.abs(motion[body.y] - exact[body.y])) > 1e-4 * tolerance  # it is the tolerance that decides
 
 
+@pytest.mark.slow
 def test_slopes_with_loops_are_those_of_the_equations():
     """With forces beside the loops, and an input that depends on the state."""
     u = mbd.Input("u")

@@ -79,6 +79,7 @@ def test_slides_and_stops():
     assert any("abstol" in note for note in motion.statistics.notes) is False
 
 
+@pytest.mark.slow
 def test_bristles_hold_without_creep():
     """LuGre on the incline: rest for good, displaced by the bristles that carry the weight."""
     slope, stiffness = np.radians(15), 1e5

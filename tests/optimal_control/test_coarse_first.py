@@ -23,6 +23,7 @@ def counts(monkeypatch):
     return seen
 
 
+@pytest.mark.slow
 def test_the_optimum_is_that_of_the_fine_mesh(counts, monkeypatch):
     """Costs, torques and costates are those from the guess itself: both meet the same conditions of optimality."""
     problem, torque, crank = four_bar()
@@ -50,6 +51,7 @@ def test_the_closed_form_in_two_segments(counts):
     assert solution.meshes[0].counts == (40, 160)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stage", ["COARSE_ITERATIONS", "FINE_ITERATIONS"])
 def test_without_success_the_guess_is_taken(stage, counts, monkeypatch):
     """Too many iterations on either mesh: the fine one is solved from the guess, and all iterations are counted."""
@@ -70,6 +72,7 @@ def test_the_mesh_of_a_share():
     assert Mesh.instant().resized(0.2).count == 0
 
 
+@pytest.mark.slow
 def test_a_search_takes_place_on_the_coarse_mesh(counts, monkeypatch):
     """If neither mesh leads to a solution at once, stages of a search on the fine one would take far longer."""
     problem, *_ = four_bar()

@@ -101,6 +101,7 @@ def test_another_problem_shares_nothing(nothing_kept, monkeypatch, change):
     assert np.array_equal(changed.trajectory.q, alone.trajectory.q)
 
 
+@pytest.mark.slow
 def test_starts_and_parameters_of_a_solve_are_its_own(nothing_kept):
     """A start in place of the stated one, and values of parameters, against problems that state them."""
     solved(stated())
