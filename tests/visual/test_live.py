@@ -680,3 +680,16 @@ def test_arguments_are_checked(tmp_path):
         with pytest.raises(mbd.MechanismError, match=message):
             wrong()
     assert not page.exists()
+
+
+def test_a_live_page_shows_an_actuator_with_its_stroke():
+    """The cylinder, its length and its stroke, with a slider for the course."""
+    arm = mbd.Body("arm", mass=12, inertia=0.9, pose=(0.8, 0, 0))
+    out = mbd.Parameter("out", 0.1, lower=0.0, upper=0.3)
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), arm.at(-0.8, 0))
+    jack = mbd.Actuator("jack", mbd.ground.at(0, -0.6), arm.at(0, 0), 0.9 + out * (1 - mbd.cos(mbd.t)))
+    lift = mbd.Mechanism([arm], [pin], drivers=[jack], forces=[mbd.Gravity()], parameters=[out])
+    page = mbd.animate(lift, live=True, plots={"push, N": -jack.force})
+    styles = [mark.style for mark in page.film.scene.marks]
+    (item,) = [item for item in page.film.scene.items if item.name == "jack"]
+    assert styles.count("barrel") == 1 and "stroke, m" in item.tooltip and "stroke" in page.html
