@@ -427,9 +427,11 @@ def test_every_number_is_that_of_the_motion(browser, tmp_path, example):
         state = exact.state(k)
         for item, texts in zip(items, shown, strict=True):
             for label, expression in item.tooltip.items():
-                mantissa, _, power = texts[label].replace("\u2212", "-").partition("e")
-                last_digit = 10.0 ** (int(power or 0) - len(mantissa.partition(".")[2]))
-                error = abs(float(texts[label].replace("\u2212", "-")) - state[expression])
+                number, _, unit = texts[label].replace("\u2212", "-").partition(" ")
+                mantissa, _, power = number.partition("e")
+                size = {"k": 1e3, "M": 1e6}.get(unit.removesuffix(label.rpartition(", ")[2]), 1.0)
+                last_digit = size * 10.0 ** (int(power or 0) - len(mantissa.partition(".")[2]))
+                error = abs(size * float(number) - state[expression])
                 # a number may lie between two that can be shown, and the page be off by a tenth of a digit
                 assert error <= 0.62 * last_digit or error < 1e-9, (item.name, label, texts[label], state[expression])
                 off, compared = off + (error > 0.5 * last_digit * (1 + 1e-9)), compared + 1
@@ -473,3 +475,33 @@ def test_the_ball_is_drawn_where_it_is(browser, tmp_path):
     np.testing.assert_allclose(base + slope * places[:, 1], heights, atol=1e-4)
     assert np.ptp(heights) > 0.4
     opened.close()
+
+
+def test_small_numbers_have_three_digits(browser, tmp_path):
+    """The gap of a ball that is about to touch the floor, a hundredth of the height from which it fell."""
+    motion, _ = bouncing()
+    mbd.animate(motion, tmp_path / "page.html")
+    opened = browser.new_page(viewport=DESKTOP)
+    opened.goto((tmp_path / "page.html").as_uri())
+    opened.wait_for_function("window.mechanism")
+    gap = motion.mechanism.forces[1].gap
+    time = next(t for t, value in zip(motion.t, motion[gap], strict=True) if 0.002 < value < 0.01)
+    opened.evaluate(f"mechanism.seek({time})")
+    shown = opened.evaluate("mechanism.shown('floor')")["gap, m"]
+    assert shown == f"{motion.at(time).initial[gap]:#.3g} m"
+    opened.close()
+
+
+def test_a_gif_is_saved_by_the_page(page):
+    """All of the motion, in the colours of the drawing."""
+    image = pytest.importorskip("PIL.Image")
+    page.locator("summary").click()
+    page.select_option("#speed", "4")
+    with page.expect_download() as begun:
+        page.click("#gif")
+    with image.open(begun.value.path()) as film:
+        assert film.n_frames == 20 and film.size[0] == 640  # a second, at twenty frames
+        film.seek(7)
+        colours = {colour for _, colour in film.convert("RGB").getcolors(1 << 20)}
+    blue = np.array([168, 196, 232])  # of the first body, #a9c4e8 or near
+    assert min(np.abs(np.array(colour) - blue).max() for colour in colours) <= 8

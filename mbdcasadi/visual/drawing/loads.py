@@ -80,7 +80,7 @@ def draw_loads(pen: Pen, loads: Sequence[tuple[Any, Load]]) -> dict[str, float]:
                 element, load = loads[int(k)]
                 pen.item = pen.item_of(element)
                 group = "" if load.always else "loads"
-                (_couple if couple[k] else _arrow)(pen, load, 1 / scale[kind], group)
+                (_couple if couple[k] else _arrow)(pen, load, 1 / scale[kind], kind, group)
     return scale
 
 
@@ -99,7 +99,7 @@ def draw_velocities(pen: Pen) -> dict[str, float]:
     scale = (largest if largest > NOISE * diagonal else diagonal) / (ARROW * diagonal)
     for body in bodies:
         pen.item = pen.item_of(body)
-        _arrow(pen, Load(body.at(0, 0), body.velocity, "velocity"), 1 / scale, "velocities")
+        _arrow(pen, Load(body.at(0, 0), body.velocity, "velocity"), 1 / scale, "m/s", "velocities")
     return {"m/s": scale}
 
 
@@ -127,15 +127,15 @@ def _usual_largest(sizes: np.ndarray) -> float:
     return float(min(peaks.max(), 3 * np.quantile(peaks, 0.75)) or peaks.max())
 
 
-def _arrow(pen: Pen, load: Load, scale: float, group: str) -> None:
-    frame = pen.vector(load.place, load.value, scale)
+def _arrow(pen: Pen, load: Load, scale: float, unit: str, group: str) -> None:
+    frame = pen.vector(load.place, load.value, scale, unit)
     frame.draw(load.style, lines.stretched([[0, 0], [0.84, 0]]), layer=scene.ARROW, group=group)
     head = lines.stretched([[1, 0], [0.8, 0.075], [0.8, -0.075]])
     frame.area(f"{load.style} head", head, layer=scene.ARROW, group=group)
 
 
-def _couple(pen: Pen, load: Load, scale: float, group: str) -> None:
-    frame = pen.scaled(load.place, load.value, scale)
+def _couple(pen: Pen, load: Load, scale: float, unit: str, group: str) -> None:
+    frame = pen.scaled(load.place, load.value, scale, unit)
     shaft, head = lines.arc_arrow(1.0, 0.42)
     frame.draw(load.style, lines.stretched(shaft), layer=scene.ARROW, group=group)
     frame.area(f"{load.style} head", lines.stretched(head), layer=scene.ARROW, group=group)

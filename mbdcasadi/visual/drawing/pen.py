@@ -197,15 +197,15 @@ class Pen:
         position, anchor = self._origin(place)
         return self._added(MovingFrame(position, anchor=anchor))
 
-    def vector(self, place: Any, vector: Any, scale: float) -> Frame:
+    def vector(self, place: Any, vector: Any, scale: float, unit: str = "") -> Frame:
         """Frame at a marker or a point along a vector, as long as the vector times a scale."""
         position, anchor = self._origin(place)
-        return self._added(MovingFrame(position, vector=ca.vec(ca.SX(vector)), scale=scale, anchor=anchor))
+        return self._added(MovingFrame(position, vector=ca.vec(ca.SX(vector)), scale=scale, anchor=anchor, unit=unit))
 
-    def scaled(self, place: Any, value: Any, scale: float) -> Frame:
+    def scaled(self, place: Any, value: Any, scale: float, unit: str = "") -> Frame:
         """Frame at a marker or a point, as long as a scalar times a scale, and mirrored if that is negative."""
         position, anchor = self._origin(place)
-        return self._added(MovingFrame(position, length=scale * ca.SX(value), anchor=anchor))
+        return self._added(MovingFrame(position, length=scale * ca.SX(value), anchor=anchor, unit=unit))
 
     def _added(self, moving: MovingFrame, body: Body | None = None) -> Frame:
         return Frame(self, self.scene.add(moving), body=body)

@@ -120,6 +120,8 @@ class MovingFrame:
         Length of the frame for the size 1 of the vector; 0 for a frame of the length 1 m.
     anchor : tuple or None
         Number of another frame in which the position is fixed, and the place there, m.
+    unit : str
+        Unit of an arrow to scale, "N", "N m" or "m/s"; "" for a frame that is no arrow.
     """
 
     position: ca.SX
@@ -128,6 +130,7 @@ class MovingFrame:
     vector: ca.SX | None = None
     scale: float = 0.0
     anchor: tuple[int, float, float] | None = None
+    unit: str = ""
 
     @property
     def pose(self) -> ca.SX:
@@ -174,9 +177,7 @@ class Scene:
     @property
     def arrow_units(self) -> set[str]:
         """Units of the arrows to scale that are always shown: those of forces and of torques."""
-        units = {"force": "N", "motion": "N m"}
-        shown = [m for m in self.marks if not m.group and m.layer == ARROW and m.loops[0].shape[1] == 4]
-        return {units[mark.style] for mark in shown if mark.style in units}
+        return {unit for mark in self.marks if not mark.group and (unit := self.frames[mark.frame].unit)}
 
     def poses(self, sample: Any) -> np.ndarray:
         """Poses (n_t, frames, 4) over the times of a sample: x, y (m), angle (rad), length (m)."""

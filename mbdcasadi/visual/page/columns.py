@@ -16,7 +16,7 @@ from .packing import Packer
 
 #: Levels of precision: digits of the largest value of a quantity that are right, the tolerance of the drawing,
 #: relative to the picture, and the most values that a page holds.
-LEVELS = ((2, 5e-4, np.inf), (3, 1e-4, 600_000), (4, 2e-5, 60_000), (5, 1e-5, 40_000))
+LEVELS = ((2, 5e-4, np.inf), (3, 1e-4, 600_000), (4, 2e-5, 60_000), (5, 1e-5, 40_000), (6, 1e-5, 40_000))
 #: Knots of one digit more for each knot: of smooth motions, with polynomials of degree five.
 MORE_KNOTS = 10 ** (1 / 6)
 #: Tolerance of a number, in units of its last digit.

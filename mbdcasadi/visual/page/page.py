@@ -165,7 +165,7 @@ def _frames(film: Film, store: Columns) -> list[dict[str, Any]]:
     frames = []
     for number, frame in enumerate(film.scene.frames):
         group = "item", items.get(number)
-        described: dict[str, Any] = {"c": []}
+        described: dict[str, Any] = {"c": []} | ({"u": frame.unit} if frame.unit else {})
         if frame.anchor is None:
             described["c"] += [store.drawn(group, x, "the pose of a part") for x in ca.vertsplit(frame.position)]
         else:

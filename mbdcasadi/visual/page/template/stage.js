@@ -35,7 +35,7 @@ const NOTHING = [Infinity, Infinity, -Infinity, -Infinity];
 function bodyBoxes(valueOf) {
   const boxes = new Map();
   for (const mark of DATA.marks) {
-    if (mark.b === null || mark.i === null || mark.g || ARROWS[mark.s]) continue;
+    if (mark.b === null || mark.i === null || isArrow(mark)) continue;
     boxes.set(mark.i, around(boxes.get(mark.i) || NOTHING, placesOf(mark, poseOf(mark.f, valueOf))));
   }
   return boxes;
@@ -86,10 +86,9 @@ function trace(mark, pose) {
 }
 
 // --- arrows: to scale, up to a part of the picture; longer ones are broken off and carry their number ---
-const ARROWS = Object.fromEntries(["force", "reaction", "weight", "velocity", "motion"].flatMap(name => [[name, 1], [name + " head", 2]]));
 const LONGEST = 0.3, LARGEST_RADIUS = 0.09, HEAD = 13;        // parts of the picture, and pixels
 const REACH = window.matchMedia("(pointer: coarse)").matches ? 24 : 12;     // pixels about a line at which it is pointed at
-const isArrow = mark => Boolean(ARROWS[mark.s]) && mark.k === 4;
+const isArrow = mark => DATA.frames[mark.f].u !== undefined;
 const isStraight = mark => DATA.frames[mark.f].v !== undefined;
 // The pose of an arrow as it is drawn; the size that was left out, or 0.
 function shortened(mark, pose) {
@@ -97,7 +96,7 @@ function shortened(mark, pose) {
   return size > most ? [[pose[0], pose[1], pose[2], pose[3], Math.sign(pose[4]) * most], size] : [pose, 0];
 }
 function drawArrow(mark, pose, theme, broken) {
-  const unit = !isStraight(mark) ? "N m" : mark.s.startsWith("velocity") ? "m/s" : "N", straight = isStraight(mark);
+  const unit = DATA.frames[mark.f].u, straight = isStraight(mark);
   const size = Math.abs(pose[4]) * pixels.scale * view.zoom, from = toScreen(pose[0], pose[1]), along = [pose[2], -pose[3]];
   const to = straight ? [from[0] + size * along[0], from[1] + size * along[1]] : [from[0], from[1] - size];
   if (size < 2) return;
@@ -140,13 +139,15 @@ function drawStage(time, options) {
     pen.globalAlpha = mark.i === null ? 1 : strengthOf(DATA.items[mark.i].w, time);
     const style = DATA.styles[mark.s], pair = colours(mark, options.dark), arrow = isArrow(mark);
     const [pose, broken] = arrow ? shortened(mark, poses[mark.f]) : [poses[mark.f], 0];
-    pen.lineWidth = style.width * 1.2 * (mark.i !== null && mark.i === options.item ? 1.9 : 1);
-    if (arrow && ARROWS[mark.s] === 1) { pen.strokeStyle = pair[1]; drawArrow(mark, pose, theme, broken); pen.lineWidth = style.width * 1.2; }
+    const width = style.width * 1.2 * (mark.i !== null && mark.i === options.item ? 1.9 : 1);
+    pen.lineWidth = width;
+    pen.strokeStyle = pair[1] || theme.ink;
+    if (arrow && !mark.c) drawArrow(mark, pose, theme, broken);  // a straight one with its head
+    pen.lineWidth = width;
     if (arrow && isStraight(mark)) continue;
     trace(mark, pose);
     if (mark.c && pair[0]) { pen.fillStyle = pair[0]; pen.fill(); }
     if (pair[1] && style.width) {
-      pen.strokeStyle = pair[1];
       pen.setLineDash(style.dash);
       pen.stroke();
       pen.setLineDash([]);

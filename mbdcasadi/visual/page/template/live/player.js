@@ -181,7 +181,10 @@ function drawHint() {
   pen.lineWidth = 2;
   for (const radius of [9, 14]) { pen.beginPath(); pen.arc(x, y, radius, 0, 7); pen.stroke(); }
   pen.font = "600 13px system-ui, sans-serif";
-  drawText("drag me", x + 20, y - 14, theme, theme.motion);
+  const beside = x > pixels.width - 90;                       // where there is room
+  pen.textAlign = beside ? "right" : "left";
+  drawText("drag me", x + (beside ? -20 : 20), y - 14, theme, theme.motion);
+  pen.textAlign = "left";
 }
 
 function single(seconds) {
