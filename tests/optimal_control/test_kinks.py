@@ -2,12 +2,12 @@
 
 import time
 from dataclasses import replace
+from functools import cache
 
 import casadi as ca
 import numpy as np
 import pytest
 from keyboard import interrupted_in
-from scipy.integrate import quad_vec
 from scipy.linalg import expm
 from scipy.optimize import minimize
 
@@ -69,12 +69,15 @@ def against_buffer(limit):
     return mbd.OptimalControlProblem(model, 1.0, **ends, running_cost=force**2)
 
 
+@cache
 def least_effort():
     """The same by the least effort of two linear systems, least over the instant and the speed between them."""
     b = np.array([0.0, 1.0 / MASS])
 
     def effort(rates, start, end, duration):
-        gramian = quad_vec(lambda s: np.outer(expm(rates * s) @ b, expm(rates * s) @ b), 0, duration)[0]
+        # both exponentials of Van Loan's block matrix, whose product is the integral of expm(A s) b bᵀ expm(Aᵀ s)
+        blocks = expm(duration * np.block([[-rates, np.outer(b, b)], [np.zeros((2, 2)), rates.T]]))
+        gramian = blocks[2:, 2:].T @ blocks[:2, 2:]
         missing = end - expm(rates * duration) @ start
         return float(missing @ np.linalg.solve(gramian, missing))
 
@@ -87,6 +90,7 @@ def least_effort():
     return float(minimize(both, [0.7, 3.0], method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-10}).fun)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [np.inf, 20.0])
 def test_a_mesh_point_at_the_kink(limit):
     """On 40 intervals the optimum has a stage at which the spring is just touched: no smooth solver ends there."""
@@ -167,6 +171,7 @@ def test_ctrl_c_keeps_the_solution_with_the_narrowest_kinks(monkeypatch, number,
     assert caught.partial.statistics.rounding == rounding
 
 
+@pytest.mark.slow
 def test_a_slack_rope_has_no_slope_at_first():
     """A cart tows a sled by an elastic rope, which is slack in the guess: no demand comes nearer by any small step.
 

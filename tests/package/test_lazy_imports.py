@@ -27,6 +27,7 @@ def test_import_alone_takes_what_a_simulation_needs():
     assert not {"matplotlib", "scipy", "pandas"} & loaded
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "dop853"])
 def test_a_first_run_imports_nothing_slow(method):
     """Sets and medians of NumPy import its masked arrays, a sixth of the first run of a four-bar."""
@@ -38,6 +39,7 @@ def test_a_first_run_imports_nothing_slow(method):
     assert not {"numpy.ma", "scipy.linalg", "matplotlib", "pandas"} & loaded
 
 
+@pytest.mark.slow
 def test_a_name_imports_its_room():
     loaded = loaded_by("from mbdcasadi import sweep\nimport mbdcasadi as mbd\nmbd.library.four_bar")
     assert {"mbdcasadi.sweeping.sweep", "mbdcasadi.library"} <= loaded

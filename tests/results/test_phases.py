@@ -72,6 +72,7 @@ def test_a_symbol_of_no_phase_is_refused(found):
         motion.state(len(motion))
 
 
+@pytest.mark.slow
 def test_pictures_keep_bodies_where_they_were_last_seen(found, tmp_path):
     hand, ball, *_, motion = found
     shown = motion.with_absent_bodies()

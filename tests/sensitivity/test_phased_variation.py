@@ -227,6 +227,7 @@ def test_change_where_a_force_jumps(method, size):
     assert found[body.alpha][after] == pytest.approx(0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "erk", "dop853"])
 def test_end_where_friction_stops_a_body(method):
     body, pin = turning_about_origin()
