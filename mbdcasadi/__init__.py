@@ -24,6 +24,7 @@ from .errors import (
     MechanismError,
     MechanismWarning,
     ModelError,
+    OptimizationError,
     SimulationError,
     SingularityError,
 )
@@ -93,14 +94,13 @@ if _typing.TYPE_CHECKING:
     from .identification.identify import identify
     from .linear.linearize import linearize
     from .linear.model import LinearModel
-    from .optimal_control.checks.failure import OptimizationError
+    from .optimal_control.motion.return_map import Stability
     from .optimal_control.optimize import optimize
-    from .optimal_control.phase import Phase, Waypoint
-    from .optimal_control.placeholders import absolute, at_end, at_start, integral, positive_part
     from .optimal_control.problem import OptimalControlProblem
-    from .optimal_control.return_map import Stability
     from .optimal_control.solution import Solution, read_solution
     from .optimal_control.stability import stability
+    from .optimal_control.statement.phase import Phase, Waypoint
+    from .optimal_control.statement.placeholders import absolute, at_end, at_start, integral, positive_part
     from .optimal_control.transcription import GaussLegendre, HermiteSimpson, Transcription
     from .optimal_control.transcription.points import CollocationPoint
     from .sensitivity.cost import CostFunction, cost_function
@@ -133,12 +133,11 @@ _LATER = {
     "identification.identify": "identify",
     "linear.linearize": "linearize",
     "linear.model": "LinearModel",
-    "optimal_control.checks.failure": "OptimizationError",
     "optimal_control.optimize": "optimize",
-    "optimal_control.phase": "Phase Waypoint",
-    "optimal_control.placeholders": "absolute at_end at_start integral positive_part",
+    "optimal_control.statement.phase": "Phase Waypoint",
+    "optimal_control.statement.placeholders": "absolute at_end at_start integral positive_part",
     "optimal_control.problem": "OptimalControlProblem",
-    "optimal_control.return_map": "Stability",
+    "optimal_control.motion.return_map": "Stability",
     "optimal_control.solution": "Solution read_solution",
     "optimal_control.stability": "stability",
     "optimal_control.transcription": "GaussLegendre HermiteSimpson Transcription",

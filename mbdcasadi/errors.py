@@ -11,6 +11,7 @@ import functools
 import sys
 import threading
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,33 @@ class AssemblyError(MechanismError):
     def __init__(self, message: str, *, residuals: dict[str, float] | None = None, **more: Any):
         super().__init__(message, **more)
         self.residuals = residuals or {}
+
+
+class OptimizationError(MechanismError):
+    """An optimum was not found.
+
+    Attributes
+    ----------
+    largest_violations : list of Violation
+        Equations that are not met, each with ``.label``, ``.violation``, ``.time``; the largest first.
+    partial : Solution or None
+        The last iterate; it is not a solution. None if a place is out of reach, and nothing was solved.
+    reached : Solution or None
+        The last solution of a continuation, or of a refinement of the mesh, that did not reach its end.
+    conflict : tuple of Violation
+        Demands that cannot be met together. First limits, with the amounts by which they would have to be wider for all
+        conditions to be met; then other demands, by how much they are violated where all violations together are least.
+        Empty if the problem does not seem infeasible.
+    """
+
+    reached: Any = None
+    conflict: tuple[Any, ...] = ()
+
+    def __init__(
+        self, message: str, *, partial: Any, largest_violations: Sequence[Any] = (), time: float | None = None
+    ):
+        super().__init__(message, time=time, partial=partial)
+        self.largest_violations = list(largest_violations)
 
 
 class UnmetConditionsError(AssemblyError, ConditionError):

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.nlp.solvers.ipopt import SolverCallback
+from mbdcasadi.optimal_control.solve.solvers.ipopt import SolverCallback
 
 
 def interrupted(

@@ -28,19 +28,19 @@ from ..numerics.symbolic import LOCK
 from ..results.state import Conditions
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity, validity_conditions
-from .checks.closings import warn_of_closings
-from .guess.parameter_continuation import read_continuation
-from .nlp.best_so_far import BestSoFar
-from .nlp.held_limits import warn_of_passed_limits
-from .nlp.setup import Settings
+from .measures.closings import warn_of_closings
+from .measures.cost_error import warn_of_false_cost
+from .measures.local_error import warn_of_coarse_mesh, warn_of_growth
+from .measures.singularity import warn_of_folding_poses
+from .motion.held_limits import warn_of_passed_limits
 from .problem import OptimalControlProblem
-from .refinement.cost_error import warn_of_false_cost
-from .refinement.local_error import warn_of_coarse_mesh, warn_of_growth
-from .refinement.saddle import warn_of_saddle
-from .refinement.singularity import warn_of_folding_poses
-from .refinement.undecided import warn_of_undecided
-from .search import Search
+from .program.setup import Settings
+from .search.parameter_continuation import read_continuation
+from .search.saddle import warn_of_saddle
+from .search.search import Search
+from .search.undecided import warn_of_undecided
 from .solution import Shifted, Solution
+from .solve.best_so_far import BestSoFar
 from .transcription import Transcription
 
 

@@ -16,12 +16,12 @@ from ..model.quantities import listed, listed_by_name, refuse_twice, refuse_unkn
 from ..model.symbols import Parameter, describe, role_of, symbols_of
 from ..numerics.symbolic import symbolic
 from ..results.state import State
-from .checks.consistency import check_conditions
-from .cost_parts import CostParts, parameter_parts, split_along_path
-from .nlp.compiled import CompiledProblem
-from .phase import Phase, Waypoint, read_cost, span_text, time_span
-from .placeholders import PARTS, placeholders_in, with_values
-from .statement import ProblemStatement
+from .poses.consistency import check_conditions
+from .statement.compiled import CompiledProblem
+from .statement.cost_parts import CostParts, parameter_parts, split_along_path
+from .statement.phase import Phase, Waypoint, read_cost, span_text, time_span
+from .statement.placeholders import PARTS, placeholders_in, with_values
+from .statement.statement import ProblemStatement
 
 
 class OptimalControlProblem(ProblemStatement):

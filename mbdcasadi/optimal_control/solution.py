@@ -18,15 +18,15 @@ from ..results.notebook import html_table
 from ..results.state import State
 from ..results.trajectory import Trajectory
 from ..simulation.simulate import simulate
-from .guess.guess import Guess, PhaseGuess
-from .nlp.limits import ActiveLimit, active_limits, costates, limit_excess
+from .measures.cost_error import error_of_mesh
+from .motion.guess import Guess, PhaseGuess
+from .motion.limits import ActiveLimit, active_limits, costates, limit_excess
+from .motion.return_map import ReturnMap, Stability
+from .motion.solved_motion import SolvedMotion
+from .motion.storage import restored, save
+from .motion.verification import Replay, Verification
 from .problem import OptimalControlProblem
-from .refinement.cost_error import error_of_mesh
-from .refinement.mesh import interval_count
-from .refinement.verification import Replay, Verification
-from .return_map import ReturnMap, Stability
-from .solved_motion import SolvedMotion
-from .storage import restored, save
+from .transcription.mesh import interval_count
 
 #: Relative difference of costs below which solutions are the same.
 SAME_COST = 1e-6

@@ -21,9 +21,9 @@ from ..results.trajectory import Trajectory
 from ..sensitivity.phase_flow import Directions, VariedMotion
 from ..sensitivity.phased_variation import phased_variation, start_directions
 from ..simulation.changes.events import read_events
-from .placeholders import placeholders_in, with_symbols
-from .return_map import Stability, next_start, warn_of_a_clock
+from .motion.return_map import Stability, next_start, warn_of_a_clock
 from .solution import Solution
+from .statement.placeholders import placeholders_in, with_symbols
 
 #: Amount by which a simulated motion may miss the boundary conditions without a warning.
 PERIODIC_TOLERANCE = 1e-6

@@ -11,9 +11,9 @@ from motions import crank_rocker, half_turn
 
 import mbdcasadi as mbd
 from mbdcasadi.equations.numeric import NumericEquations
-from mbdcasadi.optimal_control.checks.branch import branch_jump, changes_sign, refuse_branch_jump
-from mbdcasadi.optimal_control.refinement import coarse_mesh, second_try
-from mbdcasadi.optimal_control.refinement.singularity import close_to_singular
+from mbdcasadi.optimal_control.measures.branch import branch_jump, changes_sign, refuse_branch_jump
+from mbdcasadi.optimal_control.measures.singularity import close_to_singular
+from mbdcasadi.optimal_control.search import coarse_mesh, second_try
 from mbdcasadi.optimal_control.solution import Solution
 
 

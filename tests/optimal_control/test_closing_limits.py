@@ -6,9 +6,9 @@ import pytest
 from motions import crank_rocker, half_turn, pendulum, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control import search
-from mbdcasadi.optimal_control.guess import closing_limits
-from mbdcasadi.optimal_control.nlp.problem_solver import ProblemSolver
+from mbdcasadi.optimal_control.search import search
+from mbdcasadi.optimal_control.search.search import closing_limits
+from mbdcasadi.optimal_control.solve.problem_solver import ProblemSolver
 
 
 def cart_pole(limit, rail):

@@ -8,7 +8,7 @@ import pytest
 import mbdcasadi as mbd
 from mbdcasadi.model import contents
 from mbdcasadi.model.cache import Cache
-from mbdcasadi.optimal_control.nlp import collocation_program
+from mbdcasadi.optimal_control.program import collocation_program
 from mbdcasadi.optimal_control.transcription.gauss_legendre import GaussLegendre
 
 

@@ -8,8 +8,9 @@ from motions import pendulum, rest_to_rest
 from scipy.optimize import brentq
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.nlp import held_limits, problem_solver
-from mbdcasadi.optimal_control.nlp.held_limits import passed_limits
+from mbdcasadi.optimal_control.motion import held_limits
+from mbdcasadi.optimal_control.motion.held_limits import passed_limits
+from mbdcasadi.optimal_control.solve import problem_solver
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ import pytest
 from motions import crank_rocker, half_turn, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.checks.expressions import kinks_in
+from mbdcasadi.optimal_control.solve.expressions import kinks_in
 
 
 def failed(problem, **settings):
@@ -230,7 +230,7 @@ def interrupt_when(ready):
 @pytest.mark.parametrize("settings", [dict(), dict(tolerance=1e-9), dict(starts=3)])
 def test_ctrl_c_keeps_the_last_iterate(monkeypatch, settings):
     """Sent in the middle of a solve: Interrupted, a KeyboardInterrupt, with the iterate in .partial."""
-    from mbdcasadi.optimal_control.nlp.solvers.ipopt import SolverCallback
+    from mbdcasadi.optimal_control.solve.solvers.ipopt import SolverCallback
 
     ready, seen, original = threading.Event(), [], SolverCallback.eval_buffer
 
@@ -258,7 +258,7 @@ def test_ctrl_c_keeps_the_last_iterate(monkeypatch, settings):
 
 def test_a_solve_after_ctrl_c_runs(monkeypatch):
     """Nothing of the interruption is left in what was compiled."""
-    from mbdcasadi.optimal_control.nlp.solvers.ipopt import SolverCallback
+    from mbdcasadi.optimal_control.solve.solvers.ipopt import SolverCallback
 
     problem, *_ = rest_to_rest(3.0, 2.0)
     ready, original = threading.Event(), SolverCallback.eval_buffer

@@ -9,7 +9,7 @@ import pytest
 from motions import crank_rocker, guided_block, half_turn, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.nlp.solvers.fatrop import WatchedGradient
+from mbdcasadi.optimal_control.solve.solvers.fatrop import WatchedGradient
 
 
 def both(problem, **options):

@@ -8,8 +8,8 @@ import pytest
 from motions import crank_rocker, half_turn, pendulum
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.phase_solution import PhaseSolution
-from mbdcasadi.optimal_control.refinement.local_error import REPLAY_ERROR, ReplayErrors, replay_error
+from mbdcasadi.optimal_control.measures.local_error import REPLAY_ERROR, ReplayErrors, replay_error
+from mbdcasadi.optimal_control.motion.phase_solution import PhaseSolution
 
 
 def held(duration, inertia=0.0):

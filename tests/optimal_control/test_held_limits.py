@@ -7,7 +7,7 @@ import pytest
 from motions import crank_rocker, half_turn, rest_to_rest
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.nlp.held_limits import size_of
+from mbdcasadi.optimal_control.motion.held_limits import size_of
 from mbdcasadi.optimal_control.transcription.controls import input_basis
 
 

@@ -12,9 +12,9 @@ from scipy.linalg import expm
 from scipy.optimize import minimize
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.nlp.rounded_program import _borders, _rounded
-from mbdcasadi.optimal_control.nlp.solvers.ipopt import Ipopt
-from mbdcasadi.optimal_control.nlp.sparse_program import MappedBlock
+from mbdcasadi.optimal_control.program.sparse_program import MappedBlock
+from mbdcasadi.optimal_control.solve.rounded_program import _borders, _rounded
+from mbdcasadi.optimal_control.solve.solvers.ipopt import Ipopt
 
 STIFFNESS, BUFFER, MASS = 50.0, 0.5, 1.0
 

@@ -9,15 +9,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mbdcasadi.optimal_control.search.search.driven.random_motions import best_motion
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.nlp.driven import run as run_module
-from mbdcasadi.optimal_control.nlp.driven.motions import DrivenMotions
-from mbdcasadi.optimal_control.nlp.driven.random_motions import best_motion
-from mbdcasadi.optimal_control.nlp.driven.spline import MotionSpline
-from mbdcasadi.optimal_control.nlp.problem_solver import ProblemSolver
-from mbdcasadi.optimal_control.nlp.setup import Settings
-from mbdcasadi.optimal_control.nlp.solvers.ipopt import Ipopt
+from mbdcasadi.optimal_control.program.setup import Settings
+from mbdcasadi.optimal_control.solve.driven import run as run_module
+from mbdcasadi.optimal_control.solve.driven.motions import DrivenMotions
+from mbdcasadi.optimal_control.solve.driven.spline import MotionSpline
+from mbdcasadi.optimal_control.solve.problem_solver import ProblemSolver
+from mbdcasadi.optimal_control.solve.solvers.ipopt import Ipopt
 
 
 def arm(links=3, duration=1.0, limit=np.inf, weights=None):

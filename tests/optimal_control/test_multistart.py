@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mbdcasadi.optimal_control.search.search.detours import LATENESS, SWINGS, swings
+from mbdcasadi.optimal_control.search.search.multistart import at_rest
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.guess.detours import LATENESS, SWINGS, swings
-from mbdcasadi.optimal_control.guess.multistart import at_rest
-from mbdcasadi.optimal_control.nlp.problem_solver import ProblemSolver
-from mbdcasadi.optimal_control.nlp.setup import Settings
-from mbdcasadi.optimal_control.nlp.solvers.base import GIVEN_UP
-from mbdcasadi.optimal_control.nlp.statistics import Attempt
-from mbdcasadi.optimal_control.refinement.mesh import Mesh
+from mbdcasadi.optimal_control.program.setup import Settings
+from mbdcasadi.optimal_control.program.statistics import Attempt
+from mbdcasadi.optimal_control.solve.problem_solver import ProblemSolver
+from mbdcasadi.optimal_control.solve.solvers.base import GIVEN_UP
+from mbdcasadi.optimal_control.transcription.mesh import Mesh
 
 
 def two_links(driven, duration, length=1.0, inertia=0.083, *, is_reversed=False, **changes):
@@ -199,7 +199,7 @@ def test_a_solve_is_given_up_if_its_cost_stays_above_a_ceiling():
 
 def test_another_start_is_given_up_once_one_has_succeeded(monkeypatch):
     """Once the poses at rest have led to a solution, the other starts have the iterations that are left to them."""
-    monkeypatch.setattr("mbdcasadi.optimal_control.search.FURTHER_ITERATIONS", 3)
+    monkeypatch.setattr("mbdcasadi.optimal_control.search.search.FURTHER_ITERATIONS", 3)
     at_rest, *others = mbd.optimize(two_links("shoulder", 2.5)[0], intervals=80).statistics.starts
     assert at_rest.iterations > 3 and at_rest.cost > 0
     assert len(others) == len(SWINGS)

@@ -5,8 +5,8 @@ import pytest
 from motions import crank_rocker, half_turn, rest_to_rest, sprung_block
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.nlp.solvers.ipopt import WARM_START, Ipopt
-from mbdcasadi.optimal_control.search import FIRST_ITERATIONS
+from mbdcasadi.optimal_control.search.search import FIRST_ITERATIONS
+from mbdcasadi.optimal_control.solve.solvers.ipopt import WARM_START, Ipopt
 
 
 @pytest.fixture

@@ -5,11 +5,11 @@ import pytest
 from motions import crank_rocker, guided_block, half_turn, rest_to_rest
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.nlp.collocation_program import CollocationProgram
-from mbdcasadi.optimal_control.nlp.problem_solver import ProblemSolver
-from mbdcasadi.optimal_control.nlp.setup import Settings
-from mbdcasadi.optimal_control.phase import Phase
-from mbdcasadi.optimal_control.refinement.mesh import Mesh
+from mbdcasadi.optimal_control.program.collocation_program import CollocationProgram
+from mbdcasadi.optimal_control.program.setup import Settings
+from mbdcasadi.optimal_control.solve.problem_solver import ProblemSolver
+from mbdcasadi.optimal_control.statement.phase import Phase
+from mbdcasadi.optimal_control.transcription.mesh import Mesh
 
 
 def test_what_a_problem_states_hangs_on_its_phase():

@@ -7,8 +7,8 @@ import pytest
 from motions import guided_block, pendulum
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.nlp.problem_setup import ProblemSetup
-from mbdcasadi.optimal_control.nlp.setup import Settings
+from mbdcasadi.optimal_control.program.problem_setup import ProblemSetup
+from mbdcasadi.optimal_control.program.setup import Settings
 
 SCHEMES = ["gauss-legendre", "hermite-simpson"]
 

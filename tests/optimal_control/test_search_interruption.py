@@ -11,7 +11,7 @@ from keyboard import interrupted_in
 from motions import crank_rocker, guided_block, half_turn, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.nlp.problem_solver import ProblemSolver
+from mbdcasadi.optimal_control.solve.problem_solver import ProblemSolver
 
 PACKAGE = str(Path(mbd.__file__).parent)
 
@@ -138,7 +138,7 @@ def test_before_anything_is_solved(monkeypatch):
     def pressing(*_arguments):
         signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr("mbdcasadi.optimal_control.nlp.setup.kinematic_path", pressing)
+    monkeypatch.setattr("mbdcasadi.optimal_control.program.setup.kinematic_path", pressing)
     with pytest.raises(mbd.Interrupted, match="no solution was found yet") as caught:
         mbd.optimize(problem, intervals=4)
     assert caught.value.partial is None

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.nlp.sparse_program import MappedBlock, SparseProgram
+from mbdcasadi.optimal_control.program.sparse_program import MappedBlock, SparseProgram
 
 
 def small_program(copies=6, *, with_states=False):

@@ -9,7 +9,7 @@ import pytest
 from motions import guided_block
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.nlp.statistics import Attempt, SolveStatistics
+from mbdcasadi.optimal_control.program.statistics import Attempt, SolveStatistics
 
 
 def attempt(description: str, iterations: int) -> Attempt:

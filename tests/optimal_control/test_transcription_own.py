@@ -143,7 +143,7 @@ class Padded(Midpoint):
         return super().interval_variables | {"spare": (1, np.array([np.nan]))}
 
     def equations(self, interval, scales):
-        from mbdcasadi.optimal_control.nlp.rows import Rows
+        from mbdcasadi.optimal_control.transcription.rows import Rows
 
         spare = self.split_interval(interval.inner)["spare"]
         return [*super().equations(interval, scales), Rows(spare, ("spare",), 0.5, np.ones(1), ("",))]

@@ -27,7 +27,7 @@ HEIGHT = {room: -level for level, rooms in enumerate(layers.LAYERS) for room in 
 INNER = {
     "integrators": ("native", "dop853 bdf"),
     "model": ("geometry", "joints", "forces"),
-    "optimal_control": ("transcription",),
+    "optimal_control": ("statement", "transcription", "poses", "program", "motion", "solve", "measures", "search"),
     "equations": ("switching",),
     "simulation": ("contact", "checks", "formulations", "changes", "singular", "stepping"),
     "visual": ("drawing", "plots"),

@@ -21,11 +21,11 @@ from ...equations.reduced import ReducedEquations
 from ...errors import ModelError
 from ...numerics.evaluation import Evaluator
 from ...numerics.lazy import cached_property
-from ..nlp.rows import Rows
-from ..nlp.scaling import Scales
 from .constraints import MotionConstraints
 from .controls import InputBasis
 from .points import CollocationPoint, Interval
+from .rows import Rows
+from .scaling import Scales
 
 Scheme = TypeVar("Scheme", bound="Transcription")
 

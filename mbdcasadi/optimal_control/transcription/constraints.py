@@ -14,8 +14,8 @@ from ...model.cache import Cache
 from ...model.conditions import Condition, stacked
 from ...numerics.evaluation import Evaluator
 from ...numerics.lazy import cached_property
-from ..nlp.rows import Rows
-from ..nlp.scaling import Scales
+from .rows import Rows
+from .scaling import Scales
 
 
 class MotionConstraints:

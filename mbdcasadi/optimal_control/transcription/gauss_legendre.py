@@ -8,10 +8,10 @@ import casadi as ca
 import numpy as np
 
 from ...numerics.collocation import gauss
-from ..nlp.rows import Rows
-from ..nlp.scaling import Scales
 from .base import Transcription
 from .points import CollocationPoint, Interval
+from .rows import Rows
+from .scaling import Scales
 
 
 class GaussLegendre(Transcription):

@@ -14,7 +14,7 @@ from ...model.symbols import Parameter
 from ...numerics.lazy import cached_property
 from ...numerics.symbolic import symbolic
 from ...results.trajectory import Statistics, Trajectory
-from ..phase import Phase
+from ..statement.phase import Phase
 from .base import Transcription
 
 

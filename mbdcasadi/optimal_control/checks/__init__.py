@@ -1,1 +1,0 @@
-"""Checks of problems before they are solved, of solutions, and of failures."""

@@ -1,1 +1,0 @@
-"""Initial guesses: key poses, motions between them, and several starts."""

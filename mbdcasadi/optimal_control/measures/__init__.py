@@ -1,0 +1,1 @@
+"""Errors of a solved motion, by which its mesh is refined."""

@@ -1,0 +1,39 @@
+"""Limits that a motion passes between the points at which they are held, as errors of the mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..motion.held_limits import passed_limits, size_of
+from ..motion.phase_solution import PhaseSolution
+from .measure import Measure
+
+
+class PassedLimits(Measure):
+    """Largest shares of their sizes by which limits are passed in each interval."""
+
+    falsifies_cost = True
+
+    def of(self, part: PhaseSolution) -> np.ndarray:
+        """Shares of the intervals of a phase (N,)."""
+        shares = np.zeros(part.mesh.count)
+        for limit, intervals, times, values in part.excess_of_motion:
+            most = np.argmax(values, axis=1)[:, None]
+            amounts, at = (np.take_along_axis(x, most, axis=1).ravel() for x in (values, times))
+            passed = [a / size_of(part, limit, float(t)) if a > 0 else 0.0 for a, t in zip(amounts, at, strict=True)]
+            shares[intervals] = np.maximum(shares[intervals], passed)
+        return shares
+
+    def order(self, part: PhaseSolution) -> int:
+        """Two: where a limit begins to hold a motion back the slopes jump, and it is passed on the way to a stage."""
+        return 2
+
+    @property
+    def loss(self) -> float:
+        """Largest share by which a limit is passed."""
+        return self.largest if self.largest > self.tolerance else 0.0
+
+    def sentences(self) -> list[str]:
+        """Limits with the amounts by which they are passed."""
+        passed = passed_limits(self.solution, self.tolerance)
+        return [f"the limit {x.label}, which is passed by {x.amount:.3g} at t = {x.time:.6g} s" for x in passed]

@@ -1,0 +1,1 @@
+"""A solved program as a motion: guesses, limits along it, verification, files."""

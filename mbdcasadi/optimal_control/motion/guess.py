@@ -1,0 +1,192 @@
+"""First guesses of a motion: through poses, from trajectories, from other solutions."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from ...errors import ModelError
+from ...results.interpolation import hermite, linear
+from ...results.state import State
+from ...results.trajectory import Trajectory
+from ..poses.kinematic_guess import KinematicPath
+from ..poses.least_squares_loads import LeastSquaresLoads
+from ..program.collocation_program import CollocationProgram
+from ..program.phase_program import PhaseProgram
+from ..statement.phase import Phase
+from ..transcription.controls import InputBasis
+from ..transcription.mesh import Mesh
+
+#: Values by name (``q, v, z, a, lam, u, rate``), each (k, size), at given times.
+Sampler = Callable[[np.ndarray], dict[str, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """Variables and multipliers of a program, scaled, on one mesh."""
+
+    program: CollocationProgram
+    meshes: Sequence[Mesh]
+    x: np.ndarray
+    lam_x: np.ndarray
+    lam_g: np.ndarray
+
+    def belongs_to(self, program: CollocationProgram, meshes: Sequence[Mesh]) -> bool:
+        """Return True if it is an iterate of a program on a mesh."""
+        return self.program is program and all(map(Mesh.is_same, self.meshes, meshes))
+
+
+@dataclass(frozen=True)
+class PhaseGuess:
+    """A motion to start from, of one phase."""
+
+    #: times (k,) to values by name
+    sample: Sampler
+    #: of start, waypoints and end, s
+    segment_times: np.ndarray
+
+    def fill(self, x: np.ndarray, program: PhaseProgram, mesh: Mesh) -> None:
+        """Put the variables of the phase, in physical units, into those of the whole program."""
+        scheme, times = program.scheme, mesh.times(self.segment_times)
+        inner = {
+            name: scheme.inputs.taus if name == "u" else taus
+            for name, (size, taus) in scheme.interval_variables.items()
+            if size and taus.size and np.all(np.isfinite(taus))
+        }
+        points = {taus.tobytes(): times[:-1, None] + np.diff(times)[:, None] * taus for taus in inner.values()}
+        sampled = self.sample(np.concatenate([times, *(wanted.ravel() for wanted in points.values())]))
+        ends = np.cumsum([times.size, *(wanted.size for wanted in points.values())])
+        within = {key: slice(*pair) for key, pair in zip(points, itertools.pairwise(ends), strict=True)}
+
+        names = [name for name, size in scheme.point_variables.items() if size]
+        values = np.hstack([scheme.unknown_columns(name, sampled[name][: times.size]) for name in names])
+        x[program.point_index(np.arange(times.size)[:, None])[:, : values.shape[1]]] = values
+        intervals = np.arange(times.size - 1)[:, None]
+        for name, taus in inner.items():
+            if name not in sampled:  # a variable of the scheme alone begins with zero
+                continue
+            part = within[taus.tobytes()]
+            values = sampled[name][part]
+            if name == "u":
+                values = _input_unknowns(scheme.inputs, values)
+            elif name == "lam" and scheme.redundant:
+                place = points[taus.tobytes()].reshape(-1, 1), sampled["q"][part]
+                values = scheme.constraints.independent.rows(*place, values, program.setup.numeric.p)[0]
+            columns = scheme.unknown_columns(name, values).reshape(intervals.size, -1)
+            x[program.inner_index(intervals)[:, scheme.interval_slice(name)]] = columns
+        x[program.time_index] = times[mesh.knots][: program.time_count]
+
+
+def _input_unknowns(basis: InputBasis, values: np.ndarray) -> np.ndarray:
+    """Unknowns of the inputs that belong to the intervals alone (N k, n_u), from values at points of the intervals."""
+    unknowns = basis.unknowns(values.reshape(-1, basis.taus.size, values.shape[1]))
+    inner = unknowns[:, 1:-1] if basis.joined else unknowns
+    return inner.reshape(-1, values.shape[1])
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A motion to start from."""
+
+    phases: tuple[PhaseGuess, ...]
+    parameters: np.ndarray
+    #: origin, in words
+    description: str
+    #: variables and multipliers of a solution of the same program
+    iterate: Iterate | None = None
+
+    @property
+    def segment_times(self) -> list[np.ndarray]:
+        """Times of start, waypoints and end by phase, s."""
+        return [phase.segment_times for phase in self.phases]
+
+    def variables(self, program: CollocationProgram, meshes: Sequence[Mesh]) -> np.ndarray:
+        """Variables of a program, scaled."""
+        x = np.zeros(program.size)
+        for guess, phase, mesh in zip(self.phases, program.phases, meshes, strict=True):
+            if not phase.phase.is_instant:
+                guess.fill(x, phase, mesh)
+        for change, guess in zip(program.changes, self.phases, strict=False):
+            change.fill(x, float(guess.segment_times[-1]))
+        x[program.parameter_index] = self.parameters
+        return x / program.scale
+
+
+def guess_at_rest(loads: LeastSquaresLoads, start: State, path: KinematicPath) -> PhaseGuess:
+    """Poses without velocities, accelerations, loads and inputs."""
+    sample_moving = kinematic_guess(loads, start, path).sample
+
+    def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
+        values = sample_moving(wanted)
+        return {name: x if name in ("q", "z") else 0 * x for name, x in values.items()}
+
+    return PhaseGuess(sample, path.segment_times)
+
+
+def kinematic_guess(loads: LeastSquaresLoads, start: State, path: KinematicPath) -> PhaseGuess:
+    """A motion through poses, with the velocities and accelerations, loads and inputs that belong to it."""
+    times, poses = path.times, path.poses
+    velocities = np.gradient(poses, times, axis=0)
+    accelerations = np.gradient(velocities, times, axis=0)
+
+    def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
+        z = np.tile(start.z, (wanted.size, 1))
+        q, v = hermite(times, poses, velocities, accelerations, wanted)
+        a = linear(times, accelerations, wanted)
+        q, v, a = loads.states(wanted, q, v, a, z)
+        lam, u = loads.loads(wanted, q, v, a, z)
+        return {"q": q, "v": v, "a": a, "z": z, "rate": 0 * z, "lam": lam, "u": u}
+
+    return PhaseGuess(sample, path.segment_times)
+
+
+def _stretched(motion: Trajectory, segment_times: np.ndarray) -> tuple[float, Callable[[np.ndarray], Trajectory]]:
+    """Factor by which a motion is to take longer, and the motion at times of the longer one."""
+    begin, end = motion.t[0], motion.t[-1]
+    stretch = (segment_times[-1] - segment_times[0]) / (end - begin)
+    return stretch, lambda wanted: motion.at(np.clip(begin + (wanted - segment_times[0]) / stretch, begin, end))
+
+
+def guess_from_motion(motion: Trajectory, segment_times: np.ndarray) -> PhaseGuess:
+    """A motion of the same mechanism, stretched to the times of a problem."""
+    stretch, motion_at = _stretched(motion, segment_times)
+
+    def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
+        at = motion_at(wanted)
+        rates = at._state_rates if at.z.shape[1] else at.z
+        return {
+            "q": at.q, "v": at.v / stretch, "a": at.a / stretch**2, "z": at.z,
+            "rate": rates / stretch, "lam": np.nan_to_num(at.lam), "u": np.nan_to_num(at.inputs),
+        }  # fmt: skip
+
+    return PhaseGuess(sample, segment_times)
+
+
+def guess_from_other(
+    phase: Phase, loads: LeastSquaresLoads, motion: Trajectory, segment_times: np.ndarray
+) -> PhaseGuess:
+    """A motion of the same bodies in another mechanism, such as one with drivers in place of inputs.
+
+    Multipliers and inputs are those that come nearest to the equations of motion: for an inverse dynamics the effort of
+    the driver. A mechanism that lacks a coordinate is refused.
+    """
+    eom, other = phase.equations, motion.equations
+    place = {s.element_hash(): k for k, s in enumerate(ca.vertsplit(other.q))}
+    missing = [s.name() for s in ca.vertsplit(eom.q) if s.element_hash() not in place]
+    if missing:
+        raise ModelError(f"optimize: the trajectory given as guess has no coordinate {missing[0]}")
+    columns = [place[s.element_hash()] for s in ca.vertsplit(eom.q)]
+    stretch, motion_at = _stretched(motion, segment_times)
+
+    def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
+        at = motion_at(wanted)
+        q, v, a = at.q[:, columns], at.v[:, columns] / stretch, at.a[:, columns] / stretch**2
+        z = np.tile(eom.estimate[2], (wanted.size, 1))
+        lam, u = loads.loads(wanted, q, v, a, z)
+        return {"q": q, "v": v, "a": a, "z": z, "rate": 0 * z, "lam": lam, "u": u}
+
+    return PhaseGuess(sample, segment_times)

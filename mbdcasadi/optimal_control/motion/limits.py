@@ -1,0 +1,185 @@
+"""Limits that a solution touches, when it does, and what they cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...model.conditions import stacked
+from ...numerics.real import stretches
+from ...results.state import State
+from ..program.limit_sides import Side, sides_of
+from ..statement.phase import BEYOND_STATES, with_rates
+from .limit_excess import POINTS
+from .solved_motion import SolvedMotion
+
+
+@dataclass(frozen=True)
+class ActiveLimit:
+    """A limit that is active.
+
+    Attributes
+    ----------
+    label : str
+        The limit.
+    spans : tuple of (float, float)
+        Times between which it is touched, s.
+    costate : float
+        Largest decrease of the cost for one unit by which the limit is
+        loosened over one second; for a condition at a place, for one unit.
+    """
+
+    label: str
+    spans: tuple[tuple[float, float], ...]
+    costate: float
+
+    def __repr__(self) -> str:
+        spans = ", ".join(f"{a:.4g} … {b:.4g} s" if b > a else f"{a:.4g} s" for a, b in self.spans)
+        return f"{self.label}: active at {spans}, costate up to {self.costate:.4g}"
+
+
+def label_of(solution: SolvedMotion, phase: int, label: str) -> str:
+    """Return the label of a row, with its phase if another one may have the same."""
+    everywhere = len(solution.phases) == 1 or phase < 0
+    if everywhere or label.startswith(("boundary: ", "initial: ")) or "phase '" in label:
+        return label
+    return f"{label} in phase '{solution.phases[phase].phase.name}'"
+
+
+def _pulls(solution: SolvedMotion) -> np.ndarray:
+    """Scaled multipliers of the rows and then of the variables."""
+    return np.r_[solution.answer.lam_g, solution.answer.lam_x]
+
+
+def _slacks(solution: SolvedMotion) -> Callable[[Side], float]:
+    """Scaled distances from the bound, by side."""
+    values = np.r_[solution.answer.rows, solution.variables / solution.program.scale]
+    return lambda side: side.sign * (side.bound - values[side.place])
+
+
+def costates(solution: SolvedMotion) -> dict[str, np.ndarray | float]:
+    """Costates by label, see :attr:`Solution.costates`.
+
+    Path equalities that prescribe the motion are constraints and have none.
+    """
+    program, pulls = solution.program, _pulls(solution)
+    result: dict[str, Any] = {}
+    for side in sides_of(program):
+        pull = pulls[side.place] * program.cost_scale / side.size
+        value = pull if side.equality else max(side.sign * pull, 0.0)
+        label = label_of(solution, side.phase, side.label)
+        if not side.repeated:
+            result[label] = float(-value if side.equality else value)
+            continue
+        lengths = np.diff(solution.phases[side.phase].mesh_times)
+        by_interval = result.setdefault(label, np.zeros(lengths.size))
+        for i in side.intervals:
+            by_interval[i] += value / len(side.intervals) / lengths[i]
+    return result | _of_start(solution)
+
+
+def _of_start(solution: SolvedMotion) -> dict[str, float]:
+    """Costates of initial conditions that decide the whole first state: those of its bounds, led back to them."""
+    part = solution.phases[0]
+    program, initial = part.program, solution.initial
+    if program.initial is not None or isinstance(initial, State):
+        return {}
+    eom = program.scheme.eom
+    conditions = [c for c in initial if c.equality]
+    x = ca.vertcat(eom.q, eom.v, eom.z)
+    prescribed = with_rates(program.scheme.constraints.path_constraints)
+    rows = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu, *eom.of(stacked([*prescribed, *conditions])))
+    first = part.trajectory
+    at = (first.t[0], first.q[0], first.v[0], first.a[0], first.z[0], first.lam[0], first.inputs[0], first.parameters)
+    slopes = part.phase.equations.function(ca.jacobian(rows, x))(*at).full()
+    size = program.point_scale[: x.numel()]
+    pull = -solution.answer.lam_x[: x.numel()] * solution.program.cost_scale / size
+    # the rows span all states: the pull on the state is a sum of pulls on the rows
+    weight = np.maximum(np.linalg.norm(slopes * size, axis=1), 1e-300)
+    scaled = slopes * size / weight[:, None]
+    pulls = np.linalg.lstsq(scaled.T, pull * size, rcond=1e-10)[0] / weight
+    return {f"initial: {c.label}": float(v) for c, v in zip(conditions, pulls[-len(conditions) :], strict=True)}
+
+
+def activity(solution: SolvedMotion, slack: float = 0.0, *, inside: bool = False) -> dict[tuple[int, str], np.ndarray]:
+    """Shares of the points of each interval at which a limit is active (N,), by phase and label.
+
+    A limit is active if its multiplier outweighs its slack, both scaled, or if the slack is below `slack`. With
+    `inside`, mesh points are left out for limits that cannot jump there.
+    """
+    program, pulls, slack_of = solution.program, _pulls(solution), _slacks(solution)
+    counts: dict[tuple[int, str], np.ndarray] = {}
+    steady = {
+        (k, limit.label)
+        for k, part in enumerate(solution.phases)
+        for limit in part.program.limits_at_points
+        if inside and not limit.depends_on(*BEYOND_STATES)
+    }
+    for side in sides_of(program):
+        key = side.phase, side.label
+        at_mesh_point = side.is_row and side.tau in (0.0, 1.0) and key in steady
+        if side.repeated and not side.equality and not at_mesh_point:
+            active = max(side.sign * pulls[side.place], slack) > slack_of(side)
+            seen = counts.setdefault(key, np.zeros((2, solution.phases[side.phase].mesh.count)))
+            for i in side.intervals:
+                seen[:, i] += active, 1
+    return {key: active / np.maximum(seen, 1) for key, (active, seen) in counts.items()}
+
+
+def active_limits(solution: SolvedMotion, costates: Mapping[str, np.ndarray | float]) -> list[ActiveLimit]:
+    """Limits that are active, the costliest first, by phase; `costates` as :func:`costates` returns them."""
+    pulls, slack_of, limits = _pulls(solution), _slacks(solution), []
+    for side in sides_of(solution.program):
+        if not side.repeated and not side.equality and side.sign * pulls[side.place] > slack_of(side):
+            label, time = (
+                label_of(solution, side.phase, side.label),
+                solution.phases[side.phase].time_at(side.intervals[0], side.tau),
+            )
+            limits.append(ActiveLimit(label, ((time, time),), float(costates[label])))
+    for (phase, own), shares in activity(solution).items():
+        if np.any(shares):
+            label = label_of(solution, phase, own)
+            times = solution.phases[phase].mesh_times
+            spans = tuple((float(times[run.start]), float(times[run.stop])) for run in stretches(shares > 0))
+            limits.append(ActiveLimit(label, spans, float(np.max(costates[label]))))
+    return sorted([*limits, *_global_limits(solution)], key=lambda limit: -limit.costate)
+
+
+def _global_limits(solution: SolvedMotion) -> list[ActiveLimit]:
+    """Bounds of free parameters, of the duration and of the times of waypoints that are touched."""
+    program, limits = solution.program, []
+    bounded = [
+        (place, p.label, (p.lower, p.upper))
+        for place, p in zip(program.parameter_index, solution.problem.free_parameters, strict=True)
+    ]
+    for part in solution.phases:
+        phase, index = part.phase, part.program.stated_time_index
+        names = [f"the time of waypoint {k}" for k in range(1, len(phase.waypoints) + 1)]
+        if index.size > 1:  # a phase of no duration has one time
+            bounded += zip(index[1:], [*names, "the duration"], phase.time_spans[1:], strict=True)
+    for place, name, (low, high) in bounded:
+        pull, size = solution.answer.lam_x[place], program.scale[place]
+        for sign, bound, symbol in ((-1, low, ">="), (1, high, "<=")):
+            slack = sign * (bound - solution.variables[place]) / size
+            if low < high and sign * pull > slack:
+                costate = float(sign * pull * program.cost_scale / size)
+                limits.append(ActiveLimit(f"{name} {symbol} {bound:g}", ((0.0, solution.duration),), costate))
+    return limits
+
+
+def limit_excess(solution: SolvedMotion) -> dict[str, float]:
+    """Amounts by which limits are passed between the points at which they are held, by label."""
+    excess: dict[str, float] = {}
+    for part in solution.phases:
+        if not part.limits:
+            continue
+        times = part.mesh_times[:-1, None] + np.diff(part.mesh_times)[:, None] * np.linspace(0, 1, POINTS)
+        motion = part.trajectory.at(np.unique(times.ravel()))
+        for limit in part.limits:
+            here = max(float(np.max(motion[limit.expression])), 0.0)
+            excess[limit.label] = max(here, excess.get(limit.label, 0.0))
+    return excess

@@ -1,1 +1,0 @@
-"""The nonlinear program of a problem: rows, limits, scales, and its solver."""

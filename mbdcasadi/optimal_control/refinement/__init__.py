@@ -1,1 +1,0 @@
-"""Refinement of meshes to a tolerance, and verification of solutions by simulation."""

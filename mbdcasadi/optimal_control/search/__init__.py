@@ -1,0 +1,1 @@
+"""The search for a solution: guesses, variants of the program, meshes."""

@@ -1,0 +1,99 @@
+"""Meshes of which no tolerance is asked: refined if they are too coarse for the motion that was found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..measures.local_error import COARSE_ERROR, Coarseness, ReplayErrors, StateCoarseness
+from ..measures.measure import split
+from ..measures.singularity import close_to_singular
+from ..motion.held_limits import passed_limits
+from ..solution import Solution
+from ..solve.problem_solver import ProblemSolver
+from ..transcription.mesh import Mesh, interval_count
+
+#: What is measured on such a mesh.
+COARSE_MEASURES: tuple[type[Coarseness], ...] = (Coarseness, StateCoarseness, ReplayErrors)
+#: Largest number of passes, of iterations of each (most take less than 130, a few up to 584), and of intervals of a
+#: mesh that is halved.
+COARSE_PASSES, COARSE_ITERATIONS, HALVED_INTERVALS = 4, 600, 200
+#: Error after these, in the best solution of all starts, up to which as many passes more are made.
+NEAR_ERROR = 10 * COARSE_ERROR
+#: Local error, in rad or sizes of the mechanism, velocities times the duration, from which a solution is not a motion.
+LOST_ERROR = 3.0
+#: Ratio of these errors, of a solution on a finer mesh and the one from which it came, from which it leads elsewhere.
+ASTRAY = 2.0
+
+
+def refine_further(solver: ProblemSolver, solution: Solution) -> tuple[Solution, bool]:
+    """Refine a solution once more if its mesh is not far from fine; as :func:`refine_if_coarse`."""
+    error = Coarseness(solution).largest
+    near = COARSE_ERROR < error <= NEAR_ERROR
+    return refine_if_coarse(solver, solution) if near else (solution, error <= COARSE_ERROR)
+
+
+def is_lost(solution: Solution) -> bool:
+    """Return True if the mesh is so coarse that a solution is not a motion at all."""
+    return Coarseness(solution).largest > LOST_ERROR
+
+
+def refine_if_coarse(solver: ProblemSolver, solution: Solution) -> tuple[Solution, bool]:
+    """Solve again with intervals split that are too coarse for the motion, or in which it passes a limit.
+
+    A few times at most. If the largest error does not fall, since a fast motion moved on to the next coarse interval,
+    or no motion is found on the finer mesh, all intervals are halved; unless free parameters lead to a singular pose
+    there, which no mesh resolves.
+
+    Returns
+    -------
+    Solution, bool
+        The last solution, and whether its mesh is fine enough.
+    """
+    measures, stalled = [measure(solution) for measure in COARSE_MEASURES], False
+    error = max(measure.largest for measure in measures)
+    for _ in range(COARSE_PASSES):
+        if stalled and _tends_to_lock(measures[0]):
+            break
+        can_halve = interval_count(solution.meshes) <= HALVED_INTERVALS
+        if stalled and can_halve:
+            meshes = [mesh.split(2) for mesh in solution.meshes]
+        else:
+            meshes = _split_where_coarse(solution, measures, solver.limit_tolerance)
+        if interval_count(meshes) == interval_count(solution.meshes):
+            break
+        finer = solver.solve_further(solution, meshes, limit=COARSE_ITERATIONS)
+        if finer is None or _went_astray(finer, solution):
+            if stalled or not can_halve:
+                break
+            stalled = True
+            continue
+        solution, measures, before = finer, [measure(finer) for measure in COARSE_MEASURES], error
+        error = max(measure.largest for measure in measures)
+        stalled = not error < max(COARSE_ERROR, before / 2)  # infinite if an interval cannot be integrated
+    return solution, all(m.largest <= COARSE_ERROR for m in measures if m.falsifies_cost)
+
+
+def _went_astray(finer: Solution, solution: Solution) -> bool:
+    """True if a solution on a finer mesh is no motion, and further from one than the solution from which it came."""
+    return is_lost(finer) and Coarseness(finer).largest > ASTRAY * Coarseness(solution).largest
+
+
+def _tends_to_lock(measure: Coarseness) -> bool:
+    """True if dimensions are free and the linkage is close to a singular pose where the mesh is coarsest."""
+    parts = (
+        zip(measure.solution.phases, measure.errors, strict=True) if measure.solution.problem.free_parameters else ()
+    )
+    return any(errors.size and close_to_singular(part, int(np.argmax(errors))) for part, errors in parts)
+
+
+def _split_where_coarse(solution: Solution, measures: Sequence[Coarseness], tolerance: float) -> list[Mesh]:
+    """Meshes with intervals split that are too coarse, and with those halved in which limits are passed."""
+    meshes, passed = [], passed_limits(solution, tolerance)
+    for number, part in enumerate(solution.phases):
+        times = [limit.time for limit in passed if limit.phase == number]
+        least = np.ones(part.mesh.count, int)
+        least[np.clip(np.searchsorted(part.mesh_times, times) - 1, 0, part.mesh.count - 1)] = 2
+        meshes.append(split(part, measures, least))
+    return meshes

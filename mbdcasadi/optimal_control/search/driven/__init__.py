@@ -1,0 +1,1 @@
+"""Random motions of mechanisms with an input for each coordinate."""

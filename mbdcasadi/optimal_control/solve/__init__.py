@@ -1,0 +1,1 @@
+"""One solve of a program: solvers, records, explanations of failures."""

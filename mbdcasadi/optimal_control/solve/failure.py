@@ -1,0 +1,341 @@
+"""Errors for an optimum that was not found: which demand is not met, where, at what time."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import OptimizationError
+from ...model.conditions import Condition
+from ..motion.limits import label_of
+from ..program.limit_sides import LimitSides, Side
+from ..solution import Solution
+from ..transcription.rows import violations
+from .expressions import kinks_in_costs, kinks_in_path, not_finite
+from .solvers.base import REFUSED, UNBOUNDED_COST
+
+#: Violation of a scaled row from which it is reported.
+VIOLATION_TOLERANCE = 1e-7
+
+#: Share of the largest violation below which others are not reported as in conflict.
+SMALL_SHARE = 1e-3
+
+_MESSAGES = {
+    "Infeasible_Problem_Detected": "no motion that meets all demands was found near the guess (starts= tries others)",
+    "Restoration_Failed": "no motion that meets all demands was found: the solver could not reduce their violation",
+    "Maximum_Iterations_Exceeded": "the solver ran out of iterations (options={'ipopt.max_iter': …})",
+    "Invalid_Option": "the solver refuses an option, or lacks what it names (another linear solver?)",
+    "Maximum_CpuTime_Exceeded": "the solver ran out of time",
+    "Maximum_WallTime_Exceeded": "the solver ran out of time",
+    REFUSED: "there are more independent demands than unknowns: leave one of them out, or leave a part of the start, a "
+    "duration or a parameter free",
+    "Invalid_Number_Detected": "an expression or its slope is not finite (a division by zero, a root or norm at zero?)",
+    "Search_Direction_Becomes_Too_Small": "the solver got stuck: demands that contradict each other, or poor scaling",
+    "Diverging_Iterates": "the iterates diverge: something that is free should be bounded",
+    "Error_In_Step_Computation": "the solver could not compute a step (a condition that is met at an extremum, such as "
+    "a height at its top, has no slope there: state the coordinate instead)",
+    "User_Requested_Stop": "its cost stayed far above that of another start",
+    "Solved_To_Acceptable_Level": "the solver stopped short of the tolerance (options={'ipopt.tol': …})",
+}
+#: The same without the usual cause, if another one is known.
+_PLAIN = {"Error_In_Step_Computation": "the solver could not compute a step"}
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A row that is not met.
+
+    Attributes
+    ----------
+    label : str
+        Equation and element.
+    violation : float
+        Amount, in the unit.
+    unit : str
+        Unit of the row.
+    time : float
+        Time, s.
+    interval : int or None
+        Interval of the mesh; None for conditions at one place.
+    tau : float
+        Point of that interval, 0 to 1.
+    scaled : float
+        Amount relative to the typical size.
+    """
+
+    label: str
+    violation: float
+    unit: str
+    time: float
+    interval: int | None
+    tau: float
+    scaled: float
+
+    @property
+    def share(self) -> float:
+        """Former name of :attr:`tau`."""
+        return self.tau
+
+    def __str__(self) -> str:
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.label} by {self.violation:.3g}{unit} at t = {self.time:.6g} s"
+
+
+def explain_failure(solution: Solution, status: str) -> OptimizationError:
+    """Return the error for a solve that did not succeed, from its last iterate and the message of the solver."""
+    violations = violations_of(solution)
+    if is_unbounded(solution):
+        return OptimizationError(
+            f"the cost seems to have no lower bound: it is {solution.cost:.3g} at the last iterate, "
+            f"after {solution.statistics.iterations} iterations, and falls on; limit the inputs, or add a cost for "
+            "what grows",
+            largest_violations=violations,
+            partial=solution,
+        )
+    message = _MESSAGES.get(status, f"the solver stopped: {status}")
+    if status == REFUSED:
+        worst = ""
+    elif status == "Solved_To_Acceptable_Level" or not violations:
+        worst = "; all demands are met at the last iterate" if not violations else ""
+    else:
+        worst = f"; least met is: {violations[0]}"
+    kinks = kinks_in_costs(solution.problem) or kinks_in_path(solution.problem)
+    wrong = not_finite(solution) if status in ("Invalid_Number_Detected", "Error_In_Step_Computation") else None
+    if wrong is not None:
+        iterations = solution.statistics.iterations
+        message, worst = f"{wrong[0]}, {'in the guess' if not iterations else 'in the last iterate'}", ""
+    elif status == "Invalid_Number_Detected":
+        message += f": running costs and path conditions are finite, so look at {_further_places(solution)}"
+        worst = worst if violations else ""
+    elif kinks and not violations:
+        message = _PLAIN.get(status, message)
+    if kinks:
+        worst += f" ({kinks})"
+    elif not violations and status == "Maximum_Iterations_Exceeded":
+        worst += " (inputs that chatter unseen may be the cause)"
+    if violations and not kinks and status in ("Maximum_Iterations_Exceeded", "Search_Direction_Becomes_Too_Small"):
+        worst += " (the problem may be infeasible)"
+    return OptimizationError(
+        f"{message}{worst}; {_left(solution)}",
+        largest_violations=violations,
+        partial=solution,
+        time=wrong[1] if wrong else violations[0].time if violations else None,
+    )
+
+
+def _further_places(solution: Solution) -> str:
+    """Where else an expression may not be finite, in words."""
+    problem = solution.problem
+    stated = {
+        "terminal_cost": not problem.terminal_cost.is_zero(),
+        "boundary": bool(problem.boundary),
+        "waypoints": any(phase.waypoints for phase in problem.phases),
+        "forces": True,
+    }
+    return f"{', '.join(name for name, there in stated.items() if there)}; guess= or limits may keep away from zero"
+
+
+def _left(solution: Solution) -> str:
+    """What is left of a search that failed, in words."""
+    return f"after {solution.statistics.iterations} iterations, the last iterate is in .partial"
+
+
+def is_unbounded(solution: Solution) -> bool:
+    """Return True if the cost of a last iterate that is no solution is so low that it seems to have no lower bound."""
+    return solution.cost < UNBOUNDED_COST * solution.program.cost_scale
+
+
+#: A motion, and scaled amounts by which it violates demands, by label.
+Violated = tuple[Solution, dict[str, float]]
+
+
+def infeasible(
+    failure: OptimizationError, least: Violated, widened: Violated | None, reason: str, tolerance: float
+) -> OptimizationError:
+    """Return the error for a problem that seems to have no solution, for a reason.
+
+    `failure` is that with which the search began, `least` the motion of the least violation, and `widened` one that
+    violates limits alone, if there is one; a demand counts as violated from the scaled `tolerance` on.
+    """
+    together = _conflicts(*least, tolerance)
+    limits = [] if widened is None else _conflicts(*widened, tolerance)
+    text = (
+        f"the problem seems infeasible: {_wider(limits)}{reason}; violated then: "
+        f"{_listed(list(map(str, together)), 3)}; {_last_iterate(failure)}"
+    )
+    error = _instead_of(failure, text)
+    named = {violation.label for violation in limits}
+    error.conflict = (*limits, *(violation for violation in together if violation.label not in named))
+    error.time = error.conflict[0].time if error.conflict else failure.time
+    return error
+
+
+def out_of_reach(place: str, missed: Sequence[Violation], held_by: Sequence[str], starts: int) -> OptimizationError:
+    """Return the error for a place that the linkage seems not to reach, before anything was solved.
+
+    `missed` are the conditions that are not met in the pose that comes nearest to the place, of those found from so
+    many starts, and `held_by` the joints and limits that keep it from going on.
+    """
+    held = f", held back by {_listed(held_by)}" if held_by else ""
+    error = OptimizationError(
+        f"the problem seems infeasible: {place} is out of reach; in the pose that comes nearest, of those found from "
+        f"{starts} starts, violated are: {_listed(list(map(str, missed)))}{held}; change the target, dimensions or "
+        "limits (nothing was solved yet)",
+        largest_violations=missed,
+        partial=None,
+        time=missed[0].time,
+    )
+    error.conflict = tuple(missed)
+    return error
+
+
+#: What separates a place from the start, and a remedy.
+_SEPARATED = {
+    "branch": (
+        "is on another branch of the linkage: its pose can be assembled, but is one of another assembly configuration, "
+        "to which no continuous motion leads from the start",
+        "assemble the start on that branch, by the poses of the bodies, or change the target",
+    ),
+    "turn": (
+        "asks for a turn that the linkage cannot make: its pose is on the branch of the start, but no motion reaches "
+        "it with as many turns",
+        "change the angles of the target by whole turns",
+    ),
+    "blocked": (
+        "cannot be reached within the path limits: every motion of the linkage from the start to there breaks {limits}",
+        "widen these limits or change the target",
+    ),
+    "missed": ("is out of reach: no pose on the branch of the start meets its conditions", "change the target"),
+}
+
+
+@dataclass(frozen=True)
+class Separated:
+    """A place to which no continuous motion leads.
+
+    Attributes
+    ----------
+    kind : {"branch", "turn", "blocked", "missed"}
+        The pose is that of another assembly configuration; one that is reached, but not with as many turns; one behind
+        poses that break a path limit; or none was found.
+    misses : dict of int to float
+        Amounts by which conditions are missed in the pose that comes nearest, by their place in the list.
+    limits : tuple of Condition
+        Path limits that block the way.
+    """
+
+    kind: str
+    misses: dict[int, float]
+    limits: tuple[Condition, ...] = ()
+
+
+def not_connected(place: str, separated: Separated, missed: Sequence[Violation]) -> OptimizationError:
+    """Return the error for a place to which no continuous motion of the linkage leads from the start.
+
+    `missed` are the conditions that are not met in the pose that comes nearest, of those to which one leads.
+    """
+    reason, remedy = _SEPARATED[separated.kind]
+    limits = " or ".join(dict.fromkeys(limit.label for limit in separated.limits))
+    nearest = "within them" if separated.limits else "on the branch of the start"
+    error = OptimizationError(
+        f"the problem seems infeasible: {place} {reason.format(limits=limits)}; in the pose {nearest} that comes "
+        f"nearest, violated are: {_listed(list(map(str, missed)))}; {remedy} (nothing was solved yet)",
+        largest_violations=missed,
+        partial=None,
+        time=missed[0].time,
+    )
+    error.conflict = tuple(missed)
+    return error
+
+
+def _listed(names: Sequence[str], most: int = 4) -> str:
+    """Names in a row, of many the first ones."""
+    return ", ".join(names[:most]) + ("" if len(names) <= most else f" and {len(names) - most} more")
+
+
+def not_found(
+    failure: OptimizationError, stages: list[str], widened: Violated | None, tolerance: float
+) -> OptimizationError:
+    """Return the error for a problem whose solution was not found, though it may have one.
+
+    `widened` is a motion that violates limits alone, if there is one.
+    """
+    limits = [] if widened is None else _conflicts(*widened, tolerance)
+    text = (
+        f"no solution was found, and the problem may still have one (tried: {_tried(stages)}); {_wider(limits)}"
+        f"starts= and guess= look elsewhere; {_without_message(failure)}"
+    )
+    return _instead_of(failure, text)
+
+
+def _tried(stages: list[str]) -> str:
+    """Stages of a search in the order in which they came first, each once and without the amounts that were left."""
+    counted = Counter(re.sub(r", [^,]* in all$", "", stage) for stage in stages)
+    return "; ".join(stage if times == 1 else f"{stage} ({times} times)" for stage, times in counted.items())
+
+
+def _wider(limits: Sequence[Violation]) -> str:
+    """Limits that would have to be wider, in words."""
+    listed = _listed(list(map(str, limits)), 3)
+    return f"all conditions could be met with wider limits: {listed}; " if limits else ""
+
+
+def _instead_of(failure: OptimizationError, text: str) -> OptimizationError:
+    """The same failure with another message."""
+    return OptimizationError(
+        text, largest_violations=failure.largest_violations, partial=failure.partial, time=failure.time
+    )
+
+
+def _last_iterate(failure: OptimizationError) -> str:
+    """Report of a failure without its demands that are not met, which say little beside the least violation."""
+    problem = failure.partial.problem
+    kinks = kinks_in_costs(problem) or kinks_in_path(problem)
+    return f"{kinks}; {_left(failure.partial)}" if kinks else _left(failure.partial)
+
+
+def _without_message(failure: OptimizationError) -> str:
+    """Report of a failure without the message of the solver: from the least met demand on."""
+    text = str(failure)
+    status = _MESSAGES.get(failure.partial.statistics.status, "")
+    return text.removeprefix(status).removeprefix("; ").removeprefix(" ")
+
+
+def _conflicts(solution: Solution, slacks: dict[str, float], tolerance: float) -> list[Violation]:
+    """Violations by label, the largest first, each where it is largest; those beside which they are small left out."""
+    least = max(tolerance, SMALL_SHARE * max(slacks.values(), default=0.0))
+    slacks = {label: slack for label, slack in slacks.items() if slack > least}
+    sides = LimitSides(solution.program, conditions=True).sides
+    values = np.r_[solution.answer.rows, solution.variables / solution.program.scale]
+    violations = []
+    for label, slack in slacks.items():
+
+        def excess(side: Side) -> float:
+            amount = values[side.place] - side.bound
+            return float(abs(amount) if side.equality else side.sign * amount)
+
+        side = max(sides[label], key=excess)
+        time = solution.phases[side.phase].time_at(side.intervals[0], side.tau)
+        interval = side.intervals[0] if side.repeated else None
+        name = label_of(solution, side.phase, label)
+        violations.append(Violation(name, slack * side.size, side.unit, time, interval, side.tau, slack))
+    # both sides of a limit are often violated by the same amount, but for rounding
+    return sorted(violations, key=lambda v: -float(f"{v.scaled:.5g}"))
+
+
+def violations_of(solution: Solution) -> list[Violation]:
+    """Return the rows that are not met, the largest violation first."""
+    program, rows = solution.program, solution.answer.rows
+    amounts = violations(rows, program.lower)
+    result = []
+    for k in np.flatnonzero(~(amounts <= VIOLATION_TOLERANCE)):
+        row, scaled = program.rows[k], float(amounts[k])
+        interval = row.interval if row.repeated else None
+        label = label_of(solution, row.phase, row.side(rows[k]))
+        time = solution.phases[row.phase].time_at(row.interval, row.tau)
+        result.append(Violation(label, scaled * row.size, row.unit, time, interval, row.tau, scaled))
+    return sorted(result, key=lambda v: -v.scaled)

@@ -1,0 +1,370 @@
+"""One problem, one mesh, one solve: program, guess, run of a solver, solution."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ...errors import OptimizationError
+from ...numerics.lazy import cached_property
+from ...results.state import State
+from ..motion.guess import Guess
+from ..motion.held_limits import LIMIT_TOLERANCE, ROUNDS, largest_share, points_to_hold
+from ..problem import OptimalControlProblem
+from ..program.collocation_program import Bounds, CollocationProgram, Held
+from ..program.elastic_program import ElasticProgram
+from ..program.limit_sides import LimitSides
+from ..program.problem_setup import ProblemSetup
+from ..program.setup import Settings
+from ..program.statistics import Answer
+from ..solution import Solution
+from ..transcription.mesh import Mesh, interval_count
+from .best_so_far import BestSoFar
+from .driven.motions import DrivenMotions
+from .driven.run import run_among_motions
+from .expressions import kinks_in_costs
+from .failure import explain_failure
+from .rounded_program import RoundedProgram
+from .solvers import make_solver
+from .solvers.base import Beginning, Elsewhere, Result
+
+#: Miss of an implied condition from which a solution is refused, as a share of the window that is left to it.
+BRANCH_TOLERANCE = 1e-3
+#: Largest number of iterations if a cost has a kink: at one that matters the solver does not converge.
+KINKED_ITERATIONS = 200
+#: Message of the solver where no small step comes nearer to the demands, which is no accident of the iterations.
+INFEASIBLE = "Infeasible_Problem_Detected"
+#: Iterations after which a solve may have stopped at a kink of the equations, and messages of the solver then; and
+#: iterations with sharp kinks from a solution with rounded ones.
+SHARP_ITERATIONS, PAST_ITERATIONS = 60, 30
+AT_KINKS = (
+    "Maximum_Iterations_Exceeded",
+    "Search_Direction_Becomes_Too_Small",
+    "Restoration_Failed",
+    "Error_In_Step_Computation",
+    INFEASIBLE,
+)
+#: Share of the limits of speeds and accelerations below which these do not count.
+BELOW = 0.99
+#: Largest scaled violation of a guess with which a solver is started as warm.
+WARM_VIOLATION = 1e-2
+
+
+class ProblemSolver(ProblemSetup):
+    """A problem with its parameters and its start, ready to be solved on meshes.
+
+    Arguments are those of :class:`ProblemSetup`; `best` records the solutions.
+    """
+
+    def __init__(
+        self,
+        problem: OptimalControlProblem,
+        settings: Settings,
+        parameters: Any = None,
+        initial: Any = None,
+        best: BestSoFar | None = None,
+    ):
+        self._nlp_solver = make_solver(settings)
+        #: points at which path limits are held besides stages and mesh points
+        self.held: Held = ()
+        #: share of its size by which a path limit may be passed between them
+        self.limit_tolerance = LIMIT_TOLERANCE
+        #: largest speeds and accelerations of the coordinates by phase (2, n), see :mod:`slow_first`
+        self.pace: list[np.ndarray] | None = None
+        #: whether limits do not count: no solution of the problem, but perhaps a guess for one
+        self.is_unlimited = False
+        #: whether solutions are optima of their programs to the tolerance of the solver
+        self.is_exact = False
+        #: cost above which a solve by IPOPT is given up after a while
+        self.ceiling = np.inf
+        self.best = BestSoFar() if best is None else best
+        super().__init__(problem, settings, parameters, initial)
+
+    def on(self, elsewhere: Elsewhere) -> ProblemSolver:
+        """Return the same solver with its runs on an executor; several of these work beside each other."""
+        other = copy(self)
+        other._nlp_solver = make_solver(self.settings, elsewhere)
+        return other
+
+    def raise_cost(self, solution: Solution) -> float:
+        """Scale the cost by its size in a solution, if that is far smaller than its typical size.
+
+        The solver finds it to its tolerance as a share of that size; the typical one may be far larger, as that of the
+        work of a motor whose voltage stays far below its limits. Returned is the factor by which the cost is raised.
+        """
+        size = solution.cost_size
+        factor = self._nlp_solver.cost_factor(solution.program.cost_scale / size) if size > 0 else 1.0
+        if factor != 1.0:
+            self._nlp_solver = self._nlp_solver.with_cost_factor(factor)
+        return factor
+
+    # --- one mesh -------------------------------------------------------------------------
+    def solve(self, meshes: Sequence[Mesh], guess: Guess, *, warm: bool = False, limit: int | None = None) -> Solution:
+        """Solve on a mesh, and again if the solution passes path limits between the points at which they are held.
+
+        `warm` if the guess is a solution of nearly the same problem; at most `limit` iterations. An
+        :class:`OptimizationError` is raised if the solver does not succeed, or the solution lies on another branch of
+        the linkage, and ``Interrupted`` after Ctrl-C.
+        """
+        if guess.iterate is not None:
+            self.held = tuple(sorted({*self.held, *guess.iterate.program.held}))
+        if kinks_in_costs(self.problem):
+            limit = KINKED_ITERATIONS if limit is None else min(limit, KINKED_ITERATIONS)
+        solution = self._past_pinned(self._solve(meshes, guess, warm=warm, limit=limit), limit)
+        passed = largest_share(solution)
+        for _ in range(ROUNDS):
+            more = points_to_hold(solution, self.limit_tolerance) if passed > self.limit_tolerance else set()
+            if not more:
+                break
+            before, self.held = self.held, tuple(sorted({*self.held, *more}))
+            held = _further(solution, partial(self._solve, solution.meshes, solution.as_guess(self.problem), warm=True))
+            share = np.inf if held is None else largest_share(held)
+            if held is None or share > 0.8 * passed:  # what is passed is the error of the mesh: more points do not help
+                self.held = before
+                break
+            solution, passed = held, share
+        return solution
+
+    def _past_pinned(self, solution: Solution, limit: int | None) -> Solution:
+        """The solution past mesh points that keep their times, if these stop its waypoints or ends and it costs less.
+
+        On equal intervals, since those beside such a point have shrunk to almost nothing.
+        """
+        stopped = [np.any(part.stopped) for part in solution.phases]
+        if not any(stopped):
+            return solution
+        meshes = [mesh.resized(1.0) if at else mesh for mesh, at in zip(solution.meshes, stopped, strict=True)]
+        past = _further(solution, partial(self._solve, meshes, self.motion_of(solution), warm=True, limit=limit))
+        return solution if past is None or past.cost >= solution.cost else past
+
+    @property
+    def driven(self) -> DrivenMotions | None:
+        """The motions among which that of least effort is looked for; None for problems with more demands."""
+        return self._motions if self._motions is not None and (self.is_unlimited or not self._is_limited) else None
+
+    @cached_property
+    def _motions(self) -> DrivenMotions | None:
+        """The motions without limits."""
+        return DrivenMotions.of(self.problem, self.setups[0], self.start) if len(self.setups) == 1 else None
+
+    @cached_property
+    def _is_limited(self) -> bool:
+        phase = self.problem.phases[0]
+        return bool(phase.path) or any(np.isfinite([u.lower, u.upper]).any() for u in phase.mechanism.inputs)
+
+    def _run_among_motions(self, begin: Beginning, warmth: str) -> Result | None:
+        """The end of :func:`run_among_motions`; None for other problems, and for exact solutions near a guess."""
+        others = self.pace is not None or self._has_own_limit or (self.is_exact and warmth != "cold")
+        if self.driven is None or others or begin.program.nlp.is_kinked:
+            return None
+        return run_among_motions(
+            self.driven, self._nlp_solver, begin, is_near=warmth != "cold", must_be_exact=self.is_exact
+        )
+
+    def _run(self, begin: Beginning, warmth: str, limit: int | None) -> Result:
+        """Run the solver; with rounded kinks if it does not get past one, and else with all its iterations."""
+        among_motions = self._run_among_motions(begin, warmth)
+        if among_motions is not None:
+            return among_motions
+        run = partial(self._nlp_solver.run, begin, begin.bounds, warmth, begin.iterate)
+        most = SHARP_ITERATIONS if limit is None else min(limit, SHARP_ITERATIONS)
+        if not begin.program.nlp.is_kinked or kinks_in_costs(self.problem) or self._has_own_limit:
+            return run(limit)
+        sharp = run(most)
+        if sharp.interrupted or sharp.statistics.status not in AT_KINKS:
+            return sharp
+        again = begin.again()
+        rounded = RoundedProgram(begin.program, begin.x, begin.data).solve(self._nlp_solver, again)
+        if rounded is None:
+            if most == limit or sharp.statistics.status == INFEASIBLE:
+                return sharp
+            return self._nlp_solver.run(begin.again(), begin.bounds, warmth, begin.iterate, limit).after(sharp)
+        result, width = rounded
+        result = replace(result, statistics=replace(result.statistics, rounding=width, at_saddle=False)).after(sharp)
+        if result.interrupted:
+            return result
+        exact = self._nlp_solver.run(begin.again(x=result.answer["x"]), begin.bounds, "warm", limit=PAST_ITERATIONS)
+        return exact.after(result) if exact.succeeded else replace(result.after(exact), interrupted=exact.interrupted)
+
+    @property
+    def _has_own_limit(self) -> bool:
+        """True if the user limits the iterations."""
+        return f"{self._nlp_solver.name}.max_iter" in self.settings.options
+
+    def solve_further(
+        self, solution: Solution, meshes: Sequence[Mesh], guess: Guess | None = None, limit: int | None = None
+    ) -> Solution | None:
+        """Solve on other meshes, as a new stage, from a guess or from the solution itself; None if that fails."""
+        self.best.new_stage()
+        near = solution.as_guess(self.problem) if guess is None else guess
+        return _further(solution, partial(self.solve, meshes, near, warm=guess is None, limit=limit))
+
+    def _solve(self, meshes: Sequence[Mesh], guess: Guess, *, warm: bool, limit: int | None = None) -> Solution:
+        """Solve on a mesh; raises as :meth:`solve` does."""
+        begin = self._beginning(meshes, guess)
+        program, iterate = begin.program, begin.iterate
+        warmth = ("hot" if iterate else "warm") if warm else "cold"
+        x0 = np.clip(begin.x, begin.bounds.lower, begin.bounds.upper)
+        if warmth == "warm" and program.violation(program.rows_at(x0, begin.data)) > WARM_VIOLATION:
+            warmth = "cold"
+        result = self._run(begin, warmth, limit)
+        self.best.work += result.statistics.iterations * interval_count(meshes)
+        solution, status = self._solution(begin, result), result.statistics.status
+        error = self._other_branch(solution) if result.succeeded else explain_failure(solution, status)
+        if error is None and self.pace is None and not self.is_unlimited:
+            self.best.add(solution)
+        else:
+            self.best.iterate = solution
+        if result.interrupted:
+            raise self.best.interrupted()
+        if error is not None:
+            raise error
+        return solution
+
+    # --- limits that yield ------------------------------------------------------------------
+    def solve_unlimited(self, meshes: Sequence[Mesh], guess: Guess, limit: int) -> tuple[Solution, bool]:
+        """Solve without limits: no solution of the problem, but perhaps a guess for one.
+
+        The motion is no faster than the guess: a least time without limits has forces without end. Returned are the
+        last iterate, and whether the solver succeeded.
+        """
+        begin = self.unlimited()._beginning(meshes, guess)
+        warmth = "cold" if begin.iterate is None else "warm"
+        result = self._nlp_solver.run(begin, begin.bounds, warmth, limit=limit)
+        return self._kept(begin, result), result.succeeded
+
+    def close_in(self, free: Solution, limit: int | None) -> Solution:
+        """Solve, as a new stage, with all limits from a solution without; raises as :meth:`solve` does."""
+        self.best.new_stage()
+        closed = self.solve(free.meshes, self.motion_of(free), limit=limit)
+        closed.statistics = closed.statistics.after(free.statistics)
+        return closed
+
+    def unlimited(self) -> ProblemSolver:
+        """Return the same solver for the problem without its limits."""
+        other = copy(self)
+        other.is_unlimited, other.limit_tolerance = True, np.inf
+        return other
+
+    def least_violation(
+        self,
+        meshes: Sequence[Mesh],
+        guess: Guess,
+        limit: int,
+        nearness: float,
+        cost_weight: float = 0.0,
+        *,
+        limits_alone: bool = False,
+    ) -> tuple[Solution, dict[str, float], bool]:
+        """Look for the motion that violates limits and conditions least, or limits alone and no condition.
+
+        The squared distance from the guess, which singles out one of many such motions, has the weight `nearness`, and
+        the cost of the problem itself a `cost_weight`. Returned are the last iterate, scaled amounts by which demands
+        are violated, by label, and whether the solver succeeded.
+        """
+        begin = self._beginning(meshes, guess)
+        elastic = ElasticProgram(begin.program, begin.bounds, nearness, cost_weight, limits_alone=limits_alone)
+        result, slacks = self._nlp_solver.least_violation(begin, elastic, limit)
+        return self._kept(begin, result), slacks, result.succeeded
+
+    def is_below_pace(self, solution: Solution) -> bool:
+        """Return True if a solution stays below the limits of speeds and accelerations, and is one without them too."""
+        begin = self.beginning_at(solution)
+        x, limited = begin.x, begin.bounds
+        without = begin.program.bounds(self.start, begin.meshes, begin.guess.segment_times)
+        above = (limited.upper < without.upper) & (x > BELOW * limited.upper)
+        under = (limited.lower > without.lower) & (x < BELOW * limited.lower)
+        return not np.any(above | under)
+
+    def violation(self, meshes: Sequence[Mesh], guess: Guess) -> float:
+        """Sum of the scaled amounts by which a guess violates limits and conditions, the largest one of each label."""
+        begin = self._beginning(meshes, guess)
+        sides, rows = LimitSides(begin.program, conditions=True), begin.program.rows_at(begin.x, begin.data)
+        return sum(sides.excess(begin.bounds, begin.x, rows).values())
+
+    def _kept(self, begin: Beginning, result: Result) -> Solution:
+        """The last iterate of a solve whose result is no solution; it is kept for the user who stops."""
+        self.best.iterate = solution = self._solution(begin, result)
+        if result.interrupted:
+            raise self.best.interrupted()
+        return solution
+
+    # --- before and after a run -------------------------------------------------------------
+    def motion_of(self, solution: Solution) -> Guess:
+        """Return the motion of a solution as a guess, without multipliers, which belong to other limits."""
+        return replace(solution.as_guess(self.problem), iterate=None)
+
+    def beginning_at(self, solution: Solution) -> Beginning:
+        """Return the start of a solve at a solution, with its multipliers."""
+        return self._beginning(solution.meshes, solution.as_guess(self.problem))
+
+    def _beginning(self, meshes: Sequence[Mesh], guess: Guess) -> Beginning:
+        began = clock.perf_counter()
+        program = self.transcribe(meshes, self.held)
+        iterate = guess.iterate if guess.iterate is not None and guess.iterate.belongs_to(program, meshes) else None
+        x = iterate.x if iterate else guess.variables(program, meshes)
+        bounds = program.bounds(self.start, meshes, guess.segment_times, self.pace)
+        if self.is_unlimited:
+            bounds = _unhurried(program, x, LimitSides(program).without(bounds))
+        data = program.data([setup.numeric.p for setup in self.setups], meshes, guess.segment_times)
+        if program.has_integrals and not iterate:
+            x = program.with_integrals(x, program.rows_at(np.clip(x, bounds.lower, bounds.upper), data))
+        return Beginning(program, meshes, guess, iterate, x, data, bounds, began, self.ceiling / program.cost_scale)
+
+    def _solution(self, begin: Beginning, result: Result) -> Solution:
+        x, f, *rest = (result.answer[name] for name in ("x", "f", "lam_x", "lam_g", "g"))
+        return Solution(
+            self.problem,
+            begin.program,
+            self.settings,
+            self.initial,
+            [setup.numeric.p for setup in self.setups],
+            begin.meshes,
+            begin.guess.segment_times,
+            x * begin.program.scale,
+            float(f[0]) * begin.program.cost_scale,
+            result.statistics,
+            Answer(*rest),
+        )
+
+    def _other_branch(self, solution: Solution) -> OptimizationError | None:
+        """The error for an optimum on another branch than the conditions ask for, if it is one."""
+        for setup, part in zip(self.setups, solution.phases, strict=True):
+            for condition, window in setup.ends.implied.items():
+                # a condition at the end may come from a state, and is then none that the user stated
+                start = self.initial if setup is self.setups[0] else setup.phase.initial
+                at_start = not isinstance(start, State) and condition in start
+                place = part.trajectory.initial if at_start else part.trajectory.final
+                amount = float(place[condition.expression])
+                if abs(amount) > BRANCH_TOLERANCE * window:
+                    return OptimizationError(
+                        f"the solution misses the condition {condition.label} by {amount:.3g}: it lies on another "
+                        "branch of the linkage; another guess, or starts=, may find the right one",
+                        partial=solution,
+                        time=place.t,
+                    )
+        return None
+
+
+def _further(solution: Solution, solve: Callable[[], Solution]) -> Solution | None:
+    """What a further solve finds, with the statistics of both; None if it fails."""
+    try:
+        found = solve()
+    except OptimizationError:
+        return None
+    found.statistics = found.statistics.after(solution.statistics)
+    return found
+
+
+def _unhurried(program: CollocationProgram, x: np.ndarray, bounds: Bounds) -> Bounds:
+    """Bounds in which phases of free duration end no earlier than in a guess."""
+    ends = [phase.stated_time_index[-1] for phase in program.phases if phase.time_count]
+    lower = bounds.lower.copy()
+    lower[ends] = np.clip(x[ends], bounds.lower[ends], bounds.upper[ends])
+    return replace(bounds, lower=lower)

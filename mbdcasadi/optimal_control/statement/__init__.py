@@ -1,0 +1,1 @@
+"""What a problem says: phases, conditions, costs, and whether they agree."""

@@ -1,0 +1,85 @@
+"""Positive parts and magnitudes in costs, split without kinks by symbols that occur in no force."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import casadi as ca
+
+from ...errors import ExpressionError
+from ...model.conditions import Condition, read_conditions
+from ...model.mechanism import Mechanism
+from ...model.symbols import Input, Parameter, Symbol
+from .placeholders import PARTS, Placeholder, integral, with_values
+
+
+class CostParts:
+    """Symbols in place of the parts in costs, and the limits below which they cannot fall.
+
+    `make` makes a symbol from its label: an input along the path, a parameter at an instant.
+    """
+
+    def __init__(self, make: Callable[[str], Symbol]):
+        self.symbols: list[Symbol] = []
+        self._make, self._limits, self._known = make, list[ca.SX](), dict[int, Symbol]()
+
+    @property
+    def limits(self) -> tuple[Condition, ...]:
+        """``s >= x``, and ``s >= 0`` or ``s >= -x``, of each symbol s."""
+        return tuple(replace(limit, definition=True) for limit in read_conditions(self._limits))
+
+    def split(self, cost: ca.SX, where: str) -> ca.SX:
+        """Return a cost with a symbol for each :func:`positive_part` and :func:`absolute`; it must grow with them."""
+        return self._refuse_falling(with_values(cost, self._value), where)
+
+    def split_integrals(self, expression: ca.SX, where: str) -> ca.SX:
+        """Return a cost, or the left side of ``<= 0``, with symbols for the parts inside its integrals."""
+
+        def value(placeholder: Placeholder) -> ca.SX:
+            if placeholder.kind != "integral" or placeholder.phase is not None:
+                return placeholder.node
+            integrand = with_values(placeholder.expression, self._value)
+            same = integrand.element_hash() == placeholder.expression.element_hash()
+            return placeholder.node if same else integral(integrand)
+
+        return self._refuse_falling(with_values(expression, value), where)
+
+    def _refuse_falling(self, expression: ca.SX, where: str) -> ca.SX:
+        if not self.symbols:
+            return expression
+        slopes = ca.densify(ca.jacobian(expression, ca.vertcat(*self.symbols)))
+        for symbol, slope in zip(self.symbols, ca.horzsplit(slopes), strict=True):
+            if slope.is_constant() and float(slope) < 0:
+                raise ExpressionError(
+                    f"{where} falls with {symbol.label}; positive_part and absolute belong in costs, and in upper "
+                    "limits of integrals, that grow with them"
+                )
+        return expression
+
+    def _value(self, part: Placeholder) -> ca.SX:
+        if part.kind not in PARTS:
+            return part.node
+        key = part.node.element_hash()
+        if key not in self._known:
+            slack = self._known[key] = self._make(part.label)
+            self.symbols.append(slack)
+            other = 0 if part.kind == "positive_part" else -part.expression
+            self._limits += [slack >= part.expression, slack >= other]
+        return self._known[key]
+
+
+def split_along_path(
+    mechanism: Mechanism, path: tuple[Condition, ...], split: Callable[[CostParts], Sequence[ca.SX]]
+) -> tuple[Mechanism, tuple[Condition, ...], Sequence[ca.SX]]:
+    """Return mechanism and path conditions with an input for each part that is split, and the expressions."""
+    parts = CostParts(Input)
+    expressions = split(parts)
+    if not parts.symbols:
+        return mechanism, path, expressions
+    return mechanism.replace(inputs=[*mechanism.inputs, *parts.symbols]), (*path, *parts.limits), expressions
+
+
+def parameter_parts() -> CostParts:
+    """Return parts of costs at an instant, each with a parameter."""
+    return CostParts(lambda label: Parameter(label, 0.0))

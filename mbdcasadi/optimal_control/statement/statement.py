@@ -1,0 +1,82 @@
+"""Statement of a problem of optimal control: phases, relations between their ends, a cost, and what is free."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+
+import casadi as ca
+
+from ...model.cache import Cache
+from ...model.conditions import Condition
+from ...model.contents import contents_of, values_of_contents
+from ...model.immutable import Immutable
+from ...model.symbols import Parameter, place_of, role_of, symbols_of
+from ...numerics.lazy import cached_property
+from ...results.state import State
+from .compiled import CompiledProblem
+from .phase import Phase, contains_any, prescribes_motion
+from .placeholders import MARKERS, Placeholder
+
+
+class ProblemStatement(Immutable):
+    """Phases, relations between their ends, cost and free parameters of a problem, with programs made for it.
+
+    Base class of :class:`OptimalControlProblem`, which reads and checks its arguments. Guesses and checks see no more.
+    """
+
+    phases: tuple[Phase, ...]
+    terminal_cost: ca.SX
+    boundary: tuple[Condition, ...]
+    free_parameters: tuple[Parameter, ...]
+    compiled: CompiledProblem
+
+    @cached_property
+    def contents(self) -> Hashable | None:
+        """Key that is equal for problems of equal contents; None if these are not known, as for several phases."""
+        phase = self.phases[0]
+        if len(self.phases) > 1 or phase.equations.contents is None:
+            return None
+        ends = [end.arguments if isinstance(end, State) else end for end in (phase.initial, phase.final)]
+        along = (phase.path, phase.running_cost, phase.waypoints, self.terminal_cost, self.boundary)
+        extra = self.extra_parameters(phase)
+        symbols = [*phase.equations.symbols, phase.input_rates, *MARKERS.values(), *extra]
+        stated = contents_of(phase.name, phase.span, *ends, *along, self.free_parameters, symbols=symbols)
+        return None if stated is None else (phase.equations.contents, stated)
+
+    @cached_property
+    def shared(self) -> Cache:
+        """What holds no symbols, numbers and compiled functions, shared with problems of equal contents."""
+        return values_of_contents(self.contents)
+
+    @property
+    def has_free_times(self) -> bool:
+        """True if the duration of a phase or the time of a waypoint is free."""
+        return any(phase.has_free_times for phase in self.phases)
+
+    def has_input_rates(self, initial: State | Sequence[Condition]) -> bool:
+        """Return True if a rate of an input occurs in the problem, or in conditions at its start."""
+        start = [] if isinstance(initial, State) else initial
+        conditions = [*start, *self.boundary, *(c for phase in self.phases for c in phase.conditions)]
+        costs = [self.terminal_cost, *(phase.running_cost for phase in self.phases)]
+        costs += [w.cost for phase in self.phases for w in phase.waypoints]
+        symbols = [*(s for c in conditions for s in c.symbols), *(s for cost in costs for s in symbols_of(cost))]
+        return any(role is not None and role.kind == "input rate" for role in map(role_of, symbols))
+
+    def extra_parameters(self, phase: Phase) -> tuple[Parameter, ...]:
+        """Return the free parameters that the mechanism of a phase does not have."""
+        known = phase.mechanism.parameters
+        return tuple(p for p in self.free_parameters if place_of(p, known) is None)
+
+    def differentiated_path_constraints(self, phase: Phase) -> list[Condition]:
+        """Return path conditions that prescribe the motion; those with free parameters hold at the stages alone."""
+        free = self.free_parameters
+        return [c for c in phase.path if prescribes_motion(c) and not contains_any(c.expression, free)]
+
+    def phases_of(self, placeholder: Placeholder) -> tuple[Phase, ...]:
+        """Return the phase that a placeholder means; for an integral over the motion, those that have its symbols."""
+        if placeholder.phase is not None:
+            return (placeholder.phase,)
+        if placeholder.kind != "integral":
+            return (self.phases[0 if placeholder.kind == "at_start" else -1],)
+        known = [phase for phase in self.phases if not phase.is_instant and phase.has(placeholder.expression)]
+        return tuple(known) or self.phases[-1:]
