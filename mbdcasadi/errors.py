@@ -45,6 +45,10 @@ class ModelError(MechanismError):
     """The model is wrong: a number, a name, a symbol, or a missing part."""
 
 
+class AbsentError(ModelError, AttributeError):
+    """A quantity that an element of this kind does not have, as the force of what acts by a couple."""
+
+
 class ConditionError(MechanismError):
     """A condition is not a relation, or contradicts another one or the constraints."""
 

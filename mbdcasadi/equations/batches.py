@@ -233,7 +233,7 @@ def batches_of(
     batches: dict[tuple[Any, ...], Batch | None] = {}
     first_alike: dict[Hashable, tuple[tuple[Any, ...], Any, Tape, list[int]]] = {}
     for number, element in enumerate(elements):
-        likeness = getattr(element, "likeness", None)
+        likeness = getattr(element, "likeness_of_expressions", None)
         if likeness is not None and likeness in first_alike:
             key, first, tape, places = first_alike[likeness]
             own_symbols = values.of_others(places, first.bodies, element.bodies)

@@ -18,6 +18,7 @@ import numpy as np
 from ..errors import ExpressionError, ModelError
 from ..model.cache import Cache, ExpressionKey
 from ..model.contents import contents_of, values_of_contents
+from ..model.joints.lower_pairs import LowerPair
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_sx, describe, role_of, symbols_of
 from ..model.symbols import t as time
@@ -242,10 +243,7 @@ class Equations:
     @property
     def why_not_unique(self) -> str:
         """Sentence on forces that depend on reactions in a mechanism with redundant rows."""
-        return (
-            f"the force of {', '.join(self.loaded_by_reactions[:3])} depends on reactions, and with redundant "
-            "constraints these are not unique: remove the redundant rows (see check), or take LoadIndependentFriction"
-        )
+        return why_not_unique(self.loaded_by_reactions)
 
     @cached_property
     def rows_of_trees(self) -> tuple[int, ...]:
@@ -437,7 +435,7 @@ def _outside_trees(constraints: Iterable[Any]) -> dict[Any, None]:
     loose = [body for body, elements in holding.items() if len(elements) == 1 and not body.is_ground]
     while loose:
         last = next(iter(holding[loose.pop()]), None)
-        if last is None or len(last.bodies) != 2 or not getattr(last, "is_lower_pair", False):
+        if last is None or len(last.bodies) != 2 or not isinstance(last, LowerPair):
             continue
         del left[last]
         for body in last.bodies:
@@ -445,3 +443,11 @@ def _outside_trees(constraints: Iterable[Any]) -> dict[Any, None]:
             if len(holding[body]) == 1 and not body.is_ground:
                 loose.append(body)
     return left
+
+
+def why_not_unique(elements: Sequence[str]) -> str:
+    """Sentence on described elements whose forces depend on reactions in a mechanism with redundant rows."""
+    return (
+        f"the force of {', '.join(elements[:3])} depends on reactions, and with redundant constraints these are not "
+        "unique: remove the redundant rows (see check), or take LoadIndependentFriction"
+    )

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ModelError, SingularityError
+from ..model.forces.friction.modes import switches
 from ..numerics.console import call_each
 from ..numerics.evaluation import Evaluator
 from ..numerics.lazy import cached_property
@@ -54,7 +55,7 @@ class NumericEquations:
 
     def __init__(self, eom: Equations, p: np.ndarray):
         for element in eom.mechanism.elements:
-            if getattr(element, "modes", ()):
+            if switches(element):
                 raise ModelError(
                     f"{element.description} switches exactly between sticking and sliding, which only simulate "
                     "can follow; take Coulomb, Stribeck or LuGre here"
@@ -341,11 +342,12 @@ class NumericEquations:
                 names += [] if np.all(np.isfinite(found.full())) else [name]
         return names
 
-    def rows_not_finite(self, t: float, q: np.ndarray) -> list[str]:
-        """Names of the position rows that have no finite value, or no finite slope, at a pose."""
-        phi, jacobian = self.position(t, q)
-        finite = np.isfinite(phi) & np.all(np.isfinite(jacobian), axis=1)
-        return [name for name, well in zip(self.eom.position_names, finite, strict=True) if not well]
+    def rows_not_finite(self, t: float, q: np.ndarray, v: np.ndarray) -> list[str]:
+        """Names of the rows that have no finite value, no finite slope or no finite ``nu`` and ``gamma`` at a state."""
+        (jacobian, nu), (_, gamma) = self.velocity(t, q), self.acceleration(t, q, v)
+        finite = np.isfinite(nu) & np.isfinite(gamma) & np.all(np.isfinite(jacobian), axis=1)
+        finite[self.eom.position_rows] &= np.isfinite(self.position(t, q)[0])
+        return [name for name, well in zip(self.eom.row_names, finite, strict=True) if not well]
 
     def refuse_missing_mass(self, t: float, q: np.ndarray) -> None:
         """Raise SingularityError for a body without mass in a motion that no joint holds at a pose."""

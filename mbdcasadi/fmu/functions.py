@@ -25,7 +25,7 @@ from ..numerics.rank import analyse_rank
 from ..results.state import State
 from ..results.validity import validity_conditions
 from ..simulation.contact.compiled_elements import repeated_elements
-from ..simulation.contact.watched_terms import WatchedTerms, watched_terms
+from ..simulation.contact.watched_terms import WatchedTerms, least_gap, watched_terms
 from ..simulation.stepping.explicit_system import compared_quantities, dynamics_of, projection_of, switching_of
 
 #: Regularisation of the rows of a start, relative to their own size: constraints and conditions may imply each other.
@@ -188,7 +188,7 @@ class Model:
     @property
     def gaps(self) -> ca.SX:
         """Gaps of contacts and stops."""
-        return ca.vertcat(ca.SX(0, 1), *[owner.gap for owner in self.terms.owners])
+        return ca.vertcat(ca.SX(0, 1), *[least_gap(owner) for owner in self.terms.owners])
 
     @property
     def _closings(self) -> list[ca.Function]:

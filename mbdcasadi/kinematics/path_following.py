@@ -200,7 +200,7 @@ class Continuation(MotionFollower):
 
     def _not_finite(self, q: np.ndarray, now: float, ahead: float, motion: DrivenMotion) -> AssemblyError | None:
         """The error for rows that have no value from now on, if that is what stops the motion."""
-        rows = self.numeric.rows_not_finite(ahead, q)
+        rows = self.numeric.rows_not_finite(ahead, q, np.zeros_like(q))
         if not rows:
             return None
         return AssemblyError(

@@ -59,12 +59,15 @@ class Element(Immutable, HoldsSymbols, HasQuantities):
     validity_conditions : tuple of ValidityCondition
         Conditions under which the element is a valid model (a cam that only presses); analyses warn if one is broken.
     smoothings : tuple of Smoothing
-        Quantities that change within a short time; a simulation warns if its steps jump over the change. If the
-        element has a scalar ``gap`` too, a simulation does not step over a short closure.
-    apart : casadi.SX, optional
-        Of an element with a gap: scalar that costs little and is positive only if the gap is open. All its forces are
-        zero then, and are not evaluated.
-    likeness : hashable, optional
+        Quantities that change within a short time; a simulation warns if its steps jump over the change.
+    watched_gaps : casadi.SX, optional
+        Gaps (k,), m, of an element with smoothings: a simulation does not step over a short closure of the least one.
+    watched_clearance : casadi.SX, optional
+        Of an element with gaps: scalar that costs little and is positive only if all are open. All its forces are zero
+        then, and are not evaluated.
+    resolved_laws : tuple of FrictionLaw
+        Friction laws by which it acts: the tolerances of a simulation resolve the widths over which they are smoothed.
+    likeness_of_expressions : hashable, optional
         Elements for which it is equal have the same expressions in the coordinates of their own :attr:`bodies`, so that
         a result for one of them holds for all. None if it is not known.
     """
@@ -83,8 +86,10 @@ class Element(Immutable, HoldsSymbols, HasQuantities):
     external: bool = False
     validity_conditions: tuple[ValidityCondition, ...] = ()
     smoothings: tuple[Smoothing, ...] = ()
-    apart: ca.SX | None = None
-    likeness: Hashable = None
+    watched_gaps: ca.SX | None = None
+    watched_clearance: ca.SX | None = None
+    resolved_laws: tuple[Any, ...] = ()
+    likeness_of_expressions: Hashable = None
 
     def __init__(self, name: str):
         self.name = check_name(name, type(self).__name__)

@@ -12,6 +12,7 @@ from ..equations import Equations
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
 from ..errors import FileError, MechanismError
+from ..model.forces.friction.modes import switching
 from .archives import Archive
 from .state import Arrays, State, six
 
@@ -110,7 +111,7 @@ def refinement(
     eom: Equations, t: np.ndarray, q: np.ndarray, parameters: np.ndarray
 ) -> Callable[..., tuple[np.ndarray, ...]] | None:
     """Return the function that brings values between the times onto the constraints, as in the run that was saved."""
-    if not t.size or any(getattr(element, "modes", ()) for element in eom.mechanism.elements):
+    if not t.size or switching(eom.mechanism):
         return None  # the constraints of exact friction change along the motion
     numeric = NumericEquations(eom, parameters)
     redundant = numeric.rank(float(t[0]), q[0]).rank < eom.lam.numel()

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..equations import Equations, equations
 from ..errors import MechanismError
+from ..model.forces.friction.modes import switches
 from ..model.immutable import HoldsSymbols
 from ..model.mechanism import Mechanism
 from ..model.symbols import Expression, as_expression
@@ -266,7 +267,7 @@ class Trajectory(HoldsSymbols):
         mechanisms the rows of each one count as long as it holds.
         """
         eom = self.equations
-        always = [k for k, element in enumerate(eom.row_elements) if not getattr(element, "modes", ())]
+        always = [k for k, element in enumerate(eom.row_elements) if not switches(element)]
         rows = self[eom.Phi], self[(eom.Phi_q @ eom.v - eom.nu)[always]]
         position, velocity = (np.max(np.abs(x.reshape(len(self), -1)), axis=1, initial=0.0) for x in rows)
         return position, velocity

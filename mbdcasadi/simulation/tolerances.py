@@ -46,10 +46,11 @@ class _Widths(NamedTuple):
 def _widths(eom: Equations) -> _Widths | None:
     """Widths over which the friction of a mechanism is smoothed, as far as they do not change along a motion."""
     offered = [
-        (ca.SX(getattr(element, name)), element, words)
+        (ca.SX(getattr(law, name)), element, words)
         for element in eom.mechanism.elements
+        for law in getattr(element, "resolved_laws", ())
         for name, words in NARROW.items()
-        if getattr(element, name, None) is not None
+        if getattr(law, name) is not None
     ]
     varying = ca.vertcat(*eom.symbols[:-1])
     known = [entry for entry in offered if not ca.depends_on(entry[0], varying)]

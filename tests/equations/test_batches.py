@@ -126,7 +126,7 @@ def test_what_differs_in_its_bodies_alone_is_looked_at_once():
     values = Values(eom)
     found = batches_of(eom, values, forces, parts_asked)
     alone = batches_of(eom, values, [Own(element) for element in forces], parts)
-    assert len(ask) == len({element.likeness for element in forces}) == 2 * 2 + 3 + 1
+    assert len(ask) == len({element.likeness_of_expressions for element in forces}) == 2 * 2 + 3 + 1
     assert [batch.numbers.tolist() for batch in found] == [batch.numbers.tolist() for batch in alone]
     for one, other in zip(found, alone, strict=True):
         np.testing.assert_array_equal(one.places, other.places)

@@ -341,6 +341,6 @@ def test_outlines_that_are_apart_do_not_touch():
     for one in first:
         for other in second:
             contact = mbd.Contact("c", one, other, law)
-            function = ca.Function("f", [a.q, b.q], [contact.apart, ca.mmin(contact.gaps)])
+            function = ca.Function("f", [a.q, b.q], [contact.watched_clearance, ca.mmin(contact.gaps)])
             apart, gap = (part.full().ravel() for part in function(q[:3], q[3:]))
             assert np.any(apart > 0) and not np.any((apart > 0) & (gap <= 0))

@@ -27,6 +27,10 @@ class _OneSided(Element):
     gap: ca.SX
     law: Any
 
+    @property
+    def watched_gaps(self) -> ca.SX:  # type: ignore[override]
+        return self.gap
+
     @cached_property
     def rate(self) -> ca.SX:
         """Rate of the gap, m/s or rad/s."""
@@ -104,8 +108,8 @@ class Rope(_OneSided):
     a, b : Marker
         Points on two bodies.
     length : float or expression in coordinates, time and parameters
-        Length L without force, m. With ``length=5 - drum.radius * drum_joint.angle`` the rope is wound up, and its
-        tension acts on the drum too.
+        Length L without force, m. The tension acts on the coordinates of an expression by ``T ∂L/∂q``: on the angle of
+        a drum by a couple alone, so that the load of its bearing lacks the tension.
     stiffness : float or expression
         k, N/m; of a wire of modulus E and cross-section A, ``E A / L``.
     damping : float or expression, default 0

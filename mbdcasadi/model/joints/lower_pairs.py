@@ -30,7 +30,11 @@ def _place(marker: Marker) -> ca.SX:
     return body.position + (first + second)
 
 
-class Revolute(Joint):
+class LowerPair(Joint):
+    """Base class of pins, slides and welds: the rows of a tree of them are regular in every pose."""
+
+
+class Revolute(LowerPair):
     """Pin joint: two points coincide.
 
     ``Phi = r_a + A_a s'_a - r_b - A_b s'_b`` (2 rows, m).
@@ -47,8 +51,6 @@ class Revolute(Joint):
     Haug 1989, section 3.3, eq. (3.3.10).
     """
 
-    is_lower_pair = True
-
     def __init__(self, name: str, a: Marker, b: Marker):
         a, b = self.pair(name, a, b)
         super().__init__(name, a, b, _place(a) - _place(b), ("x", "y"))
@@ -64,7 +66,7 @@ class Revolute(Joint):
         return time_derivative(self.angle)
 
 
-class Translational(AlongLine, Joint):
+class Translational(AlongLine, LowerPair):
     """Sliding joint: b moves along a's x axis and does not turn.
 
     ``Phi = [y_a · d, phi_b - phi_a - 2πk]`` with ``d = r^b - r^a`` (2 rows, m
@@ -86,15 +88,13 @@ class Translational(AlongLine, Joint):
     Haug 1989, section 3.3, eq. (3.3.13).
     """
 
-    is_lower_pair = True
-
     def __init__(self, name: str, a: Marker, b: Marker):
         a, b = self.pair(name, a, b)
         across = ca.dot(a.y_axis, b.position - a.position)
         super().__init__(name, a, b, ca.vertcat(across, relative_angle(a, b)), ("normal", "angle"))
 
 
-class Weld(Joint):
+class Weld(LowerPair):
     """Rigid joint: points and axes coincide (3 rows: m, m, rad).
 
     Parameters
@@ -104,8 +104,6 @@ class Weld(Joint):
     a, b : Marker
         Points with axes on two bodies.
     """
-
-    is_lower_pair = True
 
     def __init__(self, name: str, a: Marker, b: Marker):
         a, b = self.pair(name, a, b)

@@ -43,7 +43,7 @@ def cause_of_failure(outputs: Outputs, t: float, x: np.ndarray, flag: str, ahead
     for time, pose in ((t, q), (t + ahead, q + ahead * v)):
         u = outputs.inputs_at(time, pose, v, z)
         own = [f"input '{i.label}'" for i, value in zip(eom.mechanism.inputs, u, strict=True) if not np.isfinite(value)]
-        broken = own or numeric.not_finite(time, pose, v, z, u)
+        broken = own or [*numeric.rows_not_finite(time, pose, v), *numeric.not_finite(time, pose, v, z, u)]
         if broken:
             return (
                 f"{', '.join(broken)} is not finite there: a spline outside its data, a division by zero, "

@@ -23,7 +23,12 @@ SHALLOW = 1e-9
 
 def has_gap(element: Any) -> bool:
     """True if an element is a contact, a stop or a rope."""
-    return hasattr(element, "gap") and bool(getattr(element, "smoothings", ()))
+    return getattr(element, "watched_gaps", None) is not None and bool(element.smoothings)
+
+
+def least_gap(element: Any) -> ca.SX:
+    """Return the gap of an element that has one or several, m."""
+    return ca.mmin(ca.vec(ca.SX(element.watched_gaps)))
 
 
 def has_gaps(mechanism: Mechanism) -> bool:
@@ -87,7 +92,7 @@ class WatchedTerms:
     # --- the expressions of an element ------------------------------------------------------
     def _alike(self, element: Any) -> Any:
         """The first element with the same expressions, in the coordinates of its bodies."""
-        likeness = getattr(element, "likeness", None)
+        likeness = getattr(element, "likeness_of_expressions", None)
         return element if likeness is None else self._first_alike.setdefault(likeness, element)
 
     def _smoothings_of(self, element: Any) -> list[Smoothing]:
@@ -95,7 +100,7 @@ class WatchedTerms:
         return [s for s in offered if not ca.depends_on(s.expression, self._unknown)]
 
     def _has_gap(self, element: Any) -> bool:
-        return has_gap(element) and not ca.depends_on(element.gap, self._unknown)
+        return has_gap(element) and not ca.depends_on(least_gap(element), self._unknown)
 
     def _parts(self, element: Any) -> list[ca.SX]:
         """Expressions of an element, in the order of their numbers."""
@@ -106,10 +111,10 @@ class WatchedTerms:
             [ca.vec(ca.SX(f)) for _, f in element.virtual_work],
             [s.expression for s in smoothings],
             [1 if s.scale is None else s.scale for s in smoothings],
-            [element.gap] if has_gap else [],
+            [least_gap(element)] if has_gap else [],
             [c.expression for c in conditions],
             [c.reported for c in conditions],
-            [] if not has_gap or getattr(element, "apart", None) is None else [element.apart],
+            [] if not has_gap or element.watched_clearance is None else [element.watched_clearance],
         )
         return [ca.vertcat(ca.SX(0, 1), *column) for column in columns]
 

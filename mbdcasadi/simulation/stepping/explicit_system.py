@@ -183,7 +183,7 @@ def switching_of(eom: Equations, signals: Signals, *, with_gaps: bool) -> ca.Fun
 
     def make() -> ca.Function:
         unknown = ca.vertcat(eom.a, eom.lam, eom.u)
-        gaps = [ca.vec(ca.SX(getattr(e, "gaps", e.gap))) for e in eom.mechanism.elements if with_gaps and has_gap(e)]
+        gaps = [ca.vec(ca.SX(e.watched_gaps)) for e in eom.mechanism.elements if with_gaps and has_gap(e)]
         known_gaps = [gap for gap in gaps if not ca.depends_on(gap, unknown)]
         content = ca.vertcat(ca.SX(0, 1), *known_gaps, *compared_quantities(eom, signals))
         known = [eom.t, eom.q, eom.v, eom.z, eom.p]

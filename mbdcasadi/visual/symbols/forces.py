@@ -89,7 +89,7 @@ class FrictionGlyph(Glyph, of=FrictionInJoint):
 
     def tooltip(self) -> dict[str, ca.SX]:
         """Return friction along the sliding, unless it is a multiplier that is not known."""
-        if self.element.modes and not self.pen.sample.has_multipliers:
+        if self.element.law.exact and not self.pen.sample.has_multipliers:
             return {}
         turns = isinstance(self.element.joint, Revolute)
         return {"friction, N m": self.element.torque} if turns else {"friction, N": self.element.force}

@@ -114,8 +114,7 @@ class Contact(Element):
             )
         rubs = () if self.friction is None else self.friction.limits
         self.limits = (*a.limits, *b.limits, *getattr(law, "limits", ()), *rubs)
-        self.velocity_tolerance = None if self.friction is None else self.friction.velocity_tolerance
-        self.deflection_tolerance = None if self.friction is None else self.friction.deflection_tolerance
+        self.resolved_laws = () if self.friction is None else (self.friction,)
         self._places = [
             Place(touch, a.marker, b.marker, law, self.friction, name if k == 0 else f"{name}.{k}", self.description)
             for k, touch in enumerate(touches(a, b, self.description))
@@ -183,11 +182,15 @@ class Contact(Element):
         return (condition,)
 
     @cached_property
-    def likeness(self) -> Hashable:  # type: ignore[override]
+    def likeness_of_expressions(self) -> Hashable:  # type: ignore[override]
         return (*(outline.likeness for outline in (self.a, self.b)), id(self.law), id(self.friction))
 
+    @property
+    def watched_gaps(self) -> ca.SX:  # type: ignore[override]
+        return self.gaps
+
     @cached_property
-    def apart(self) -> ca.SX | None:  # type: ignore[override]
+    def watched_clearance(self) -> ca.SX | None:  # type: ignore[override]
         """Expression that is positive only if the outlines do not touch; None if there is no cheap one."""
         return bounding_distance(self.a, self.b)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import casadi as ca
 
-from ....errors import ModelError
+from ....errors import AbsentError, ModelError
 from ....numerics.lazy import cached_property
 from ...element import ConstraintElement, Element
 from ...expressions import norm
@@ -16,10 +16,6 @@ from ...joints.lower_pairs import Revolute, Translational
 from ...symbols import Scalar, register
 from ...validity import Smoothing
 from .laws import FrictionLaw, Resistance, as_law
-
-#: Modes of exact friction: at rest, sliding in the positive and in the negative direction, none, and at rest at its
-#: limit, pulled in either direction, while something else holds it.
-MODES = ("sticks", "forth", "back", "free", "pulled forth", "pulled back")
 
 
 class FrictionInJoint(Element):
@@ -31,8 +27,6 @@ class FrictionInJoint(Element):
     """
 
     kind = "friction"
-    #: modes between which exact friction switches
-    modes: tuple[str, ...] = ()
 
     def __init__(self, name: str, joint: Any, law: FrictionLaw, radius: Any = None, length: Any = None):
         super().__init__(name)
@@ -40,7 +34,7 @@ class FrictionInJoint(Element):
             raise ModelError(f"{self.description}: takes a Revolute or a Translational joint, got {joint!r}")
         self.joint, self.law = joint, as_law(law, self.description)
         self.markers = (joint.a, joint.b)
-        self.limits = (*self.limits, *law.limits)
+        self.limits, self.resolved_laws = (*self.limits, *law.limits), (law,)
         self._check_sizes(radius, length)
         self.radius = None if radius is None else self.read(radius, "radius", above=0.0)
         self.length = None if length is None else self.read(length, "length", above=0.0)
@@ -52,7 +46,6 @@ class FrictionInJoint(Element):
 
     def _switch(self) -> None:
         """Define the row that is active while it sticks; its multiplier is the friction in every mode."""
-        self.modes = MODES
         self.velocity_rows = self.sliding_speed
         self.multipliers = ca.SX.sym(f"{self.name}.lam")
         self._role = register(self.multipliers, "multiplier", f"{self.name}.multipliers", self)
@@ -60,7 +53,7 @@ class FrictionInJoint(Element):
     @property
     def row_names(self) -> tuple[str, ...]:
         """Name of the row that is active while it sticks."""
-        return (self.name,) if self.modes else ()
+        return (self.name,) if self.law.exact else ()
 
     def work_of(self, force: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ...]:
         """Return the virtual work of a force between the surfaces."""
@@ -100,16 +93,6 @@ class FrictionInJoint(Element):
         """Load of the surfaces, N, not negative."""
         raise NotImplementedError
 
-    @property
-    def velocity_tolerance(self) -> Any:
-        """Speed over which the jump at rest is smoothed, m/s; None if the law has none."""
-        return self.law.velocity_tolerance
-
-    @property
-    def deflection_tolerance(self) -> Any:
-        """Largest deflection of the bristles, m; None if the law has none."""
-        return self.law.deflection_tolerance
-
     @cached_property
     def sliding_speed(self) -> ca.SX:
         """Speed of the second body's surface relative to the first one's, m/s."""
@@ -120,7 +103,7 @@ class FrictionInJoint(Element):
     @cached_property
     def resistance(self) -> Resistance:
         """Friction by the law."""
-        if self.modes:
+        if self.law.exact:
             return Resistance(-self.multipliers)
         return self.law.resistance(self.name, self.sliding_speed, self.load)
 
@@ -140,7 +123,7 @@ class FrictionInJoint(Element):
     def force(self) -> ca.SX:
         """Force on the second body along the first one's x axis, N; of a translational joint."""
         if isinstance(self.joint, Revolute):
-            raise ModelError(
+            raise AbsentError(
                 f"{self.description} acts by a couple: use .torque (or .friction_force at the surface of the pin)"
             )
         return self.resistance.force
@@ -149,7 +132,7 @@ class FrictionInJoint(Element):
     def torque(self) -> ca.SX:
         """Couple on the second body, N m; of a revolute joint."""
         if isinstance(self.joint, Translational):
-            raise ModelError(f"{self.description} acts by a force along the guide: use .force")
+            raise AbsentError(f"{self.description} acts by a force along the guide: use .force")
         return self.radius * self.resistance.force
 
     @property

@@ -5,10 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 from ...mechanism import Mechanism
+from .joint_friction import FrictionInJoint
 
 #: Sense in which each friction of a mechanism slides ("forth", "back"), that it "sticks", that it is "free", or in
 #: which sense it is pulled at its limit while something else holds it ("pulled forth", "pulled back").
 Senses = tuple[str, ...]
+
+
+def switches(element: Any) -> bool:
+    """True for an element with exact dry friction."""
+    return isinstance(element, FrictionInJoint) and element.law.exact
 
 
 def switching(mechanism: Mechanism) -> tuple[Any, ...]:
@@ -16,7 +22,7 @@ def switching(mechanism: Mechanism) -> tuple[Any, ...]:
     if not isinstance(mechanism, Mechanism):  # which is refused by the caller
         return ()
     return mechanism.cache.get_or_create(
-        "exact friction", lambda: tuple(element for element in mechanism.elements if getattr(element, "modes", ()))
+        "exact friction", lambda: tuple(element for element in mechanism.elements if switches(element))
     )
 
 
