@@ -20,7 +20,7 @@ from ..numerics.newton import solve
 from ..numerics.rank import dependent_rows, rows_taking_part
 from ..results.notebook import html_table
 from ..results.state import State
-from ..results.validity import broken_at_pose, turning_angles
+from ..results.validity import broken_at_pose, changing_quantities
 from .mobility import Joints, Mobility, mobility
 from .singular import describe_singularity
 
@@ -195,8 +195,8 @@ def _pose(numeric: NumericEquations, t: float) -> tuple[np.ndarray, dict[str, fl
 def _remarks(numeric: NumericEquations, t: float, q: np.ndarray) -> tuple[str, ...]:
     """Conditions of validity that a pose breaks, or the motions that the joints allow in it."""
     free = Joints(numeric, t).motions(q)
-    turning = turning_angles(numeric, t, q, free * numeric.column_scale[:, None])
-    return tuple(dict.fromkeys((*broken_at_pose(numeric, t, q), *turning)))
+    changing = changing_quantities(numeric, t, q, free * numeric.column_scale[:, None])
+    return tuple(dict.fromkeys((*broken_at_pose(numeric, t, q), *changing)))
 
 
 def _contradictory(

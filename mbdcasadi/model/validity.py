@@ -19,8 +19,8 @@ class ValidityCondition:
         Scalar; negative if the element is not valid.
     message : str
         Message if it is negative, with the element and the remedy.
-    fixed_angle : casadi.SX or None
-        An angle that the joints of the mechanism should hold; ``check`` reports it if they let it turn.
+    fixed : casadi.SX or None
+        Angles and lengths that the joints of the mechanism should hold; ``check`` reports if they let one change.
     shown : casadi.SX or None
         Reported in place of the expression, in the unit that follows.
     unit : str
@@ -32,7 +32,7 @@ class ValidityCondition:
 
     expression: ca.SX
     message: str
-    fixed_angle: ca.SX | None = None
+    fixed: ca.SX | None = None
     shown: ca.SX | None = None
     unit: str = ""
     between_outputs: bool = False

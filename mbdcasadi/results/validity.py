@@ -43,13 +43,13 @@ def broken_at_pose(numeric: NumericEquations, t: float, q: np.ndarray) -> tuple[
     return tuple(messages)
 
 
-def turning_angles(numeric: NumericEquations, t: float, q: np.ndarray, free: np.ndarray) -> tuple[str, ...]:
-    """Messages of the conditions whose fixed angle turns along free motions (n, k)."""
+def changing_quantities(numeric: NumericEquations, t: float, q: np.ndarray, free: np.ndarray) -> tuple[str, ...]:
+    """Messages of the conditions whose fixed quantities change along free motions (n, k)."""
     eom = numeric.eom
     messages = []
     for condition in validity_conditions(eom.mechanism):
-        if condition.fixed_angle is not None and free.size:
-            rates = _at_pose(numeric, ca.jacobian(condition.fixed_angle, eom.q), t, q) @ free
+        if condition.fixed is not None and free.size:
+            rates = _at_pose(numeric, ca.jacobian(condition.fixed, eom.q), t, q) @ free
             if np.max(np.abs(rates)) > VALIDITY_TOLERANCE * np.max(np.abs(free[2::3]), initial=1.0):
                 messages.append(condition.message)
     return tuple(messages)

@@ -1,5 +1,7 @@
 """Gears, belts, couplers and rolling: rows against closed formulas and differences, ratios, forces, phase."""
 
+import warnings
+
 import numpy as np
 import pytest
 from differences import check_balance, check_rows, value_of
@@ -415,3 +417,23 @@ def test_disc_rolls_in_a_bowl_on_a_massless_arm():
     np.testing.assert_allclose(run[disc.phi] - 0.3, -(R - r) / r * (theta - start), atol=1e-9)
     # the friction that makes it roll: a third of the weight's tangential part
     np.testing.assert_allclose(np.abs(run[joints[2].tooth_force]), mass * G * np.abs(np.sin(theta)) / 3, atol=1e-6)
+
+
+@pytest.mark.parametrize("arm_carries", [True, False])
+def test_a_belt_of_pulleys_that_its_carrier_does_not_hold_is_reported(arm_carries):
+    """A wheel at the end of an arm, driven from the arm's pivot or from beside it."""
+    arm = mbd.Body("arm", 5, 0.2, pose=(0.3, 0, 0))
+    wheel, sprocket = mbd.Body("wheel", 3, 0.05, pose=(0.6, 0, 0)), mbd.Body("sprocket", 0.5, 1e-3)
+    joints = [
+        mbd.Revolute("pivot", mbd.ground.at(0, 0), arm.at(-0.3, 0)),
+        mbd.Revolute("hub", arm.at(0.3, 0), wheel.at(0, 0)),
+        mbd.Revolute("axle", mbd.ground.at(0, 0 if arm_carries else 0.05), sprocket.at(0, 0)),
+        mbd.Belt("chain", sprocket.at(0, 0), wheel.at(0, 0), 0.03, 0.09, carrier=arm if arm_carries else mbd.ground),
+    ]
+    model = mbd.Mechanism([arm, wheel, sprocket], joints=joints, forces=[mbd.Gravity()])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", mbd.MechanismWarning)
+        told = [*mbd.check(model).remarks, *mbd.simulate(model, duration=0.1).statistics.notes]
+    told += [str(warning.message) for warning in caught]
+    found = [text for text in told if "'chain': the centre of pulley 'wheel' moves" in text]
+    assert len(found) == (0 if arm_carries else 3)

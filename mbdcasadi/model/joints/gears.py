@@ -12,6 +12,7 @@ from ...numerics.lazy import cached_property
 from ..bodies import Body, Marker, ground, rotation
 from ..element import at_poses
 from ..quantities import known_value, quantity, yes_or_no
+from ..rates import time_derivative
 from ..symbols import Scalar, values_of
 from ..validity import ValidityCondition
 from .base import AlongLine, Joint, as_carrier, from_estimate
@@ -105,7 +106,7 @@ class Gear(Joint):
         )
         self.validity_conditions = (
             ValidityCondition(_CENTRES - ca.fabs(off / distance), apart, shown=off, unit="m"),
-            ValidityCondition(along[0] / distance, turning, fixed_angle=beyond),
+            ValidityCondition(along[0] / distance, turning, fixed=beyond),
         )
 
     @cached_property
@@ -274,7 +275,8 @@ class Belt(Joint):
     crossed : bool, default False
         True if the belt crosses, so that the pulleys turn in opposite directions.
     carrier : Body, default ground
-        Body on which both pulleys are mounted, and which takes the rest of the couples.
+        Body on which both pulleys are mounted, and which takes the rest of the couples. ``check`` and runs report
+        a pulley whose centre moves relative to it.
 
     Attributes
     ----------
@@ -302,6 +304,19 @@ class Belt(Joint):
         sign = 1 if self.crossed else -1
         wound = self.radius_a * (a.angle - carrier.phi) + sign * self.radius_b * (b.angle - carrier.phi)
         super().__init__(name, a, b, from_estimate(wound))
+        self.validity_conditions = (self._stays_on_carrier(a), self._stays_on_carrier(b))
+
+    def _stays_on_carrier(self, pulley: Marker) -> ValidityCondition:
+        """The centre of a pulley does not move over the carrier."""
+        carrier = self.carrier
+        centre = rotation(-carrier.phi) @ (pulley.position - carrier.position)
+        moves = (
+            f"{self.description}: the centre of pulley '{pulley.body.name}' moves relative to carrier "
+            f"'{carrier.name}', and the belt does not take that; hold both pulleys by joints with one body and name it "
+            "as carrier="
+        )
+        speed = ca.norm_2(time_derivative(centre))
+        return ValidityCondition(-speed, moves, fixed=centre, shown=speed, unit="m/s")
 
     @cached_property
     def tension_difference(self) -> ca.SX:
