@@ -14,6 +14,7 @@ from ...assembly.assemble import decide_friction_by
 from ...assembly.consistent_start import consistent_start
 from ...assembly.setup import Setup
 from ...equations import equations
+from ...equations.derivation import why_not_unique
 from ...equations.numeric import NumericEquations
 from ...errors import SimulationError, SingularityError
 from ...model.events import Event
@@ -78,12 +79,10 @@ class FrictionModes(Modes):
         return variant_in(self.mechanism, mode.senses)
 
     def refuse_redundant_rows(self) -> None:
-        names = [f.description for f in self.frictions if ca.depends_on(ca.SX(f.load), equations(self.mechanism).lam)]
+        eom = equations(self.mechanism)
+        names = [f.description for f in self.frictions if ca.depends_on(ca.SX(f.load), eom.lam)]
         if names:
-            raise SimulationError(
-                f"{', '.join(names)} depends on reactions, and with redundant constraints these are not unique: remove "
-                "the redundant rows (see check), or take LoadIndependentFriction"
-            )
+            raise SingularityError(why_not_unique(names))
 
     # --- events of a mode ----------------------------------------------------------------------------
     def refuse_names(self, events: Sequence[Event]) -> None:
@@ -120,7 +119,7 @@ class FrictionModes(Modes):
         motion = self._motion(mode, block)
         for friction, one in zip(self.frictions, mode.senses, strict=True):
             speed = SENSE[one] * motion[friction.sliding_speed]
-            allowed = 1e-6 * (1e-6 * self._fineness + largest(speed)) + _speed_by_rounding(motion.t, motion.a)
+            allowed = 1e-6 * (1e-6 * self._fineness + largest(speed)) + _speed_by_rounding(friction, motion)
             if np.min(speed, initial=0.0) < -allowed:
                 k = int(np.argmin(speed))
                 raise SimulationError(
@@ -195,8 +194,9 @@ class FrictionModes(Modes):
             Frictions that break away just there, and the sense in which they were pulled.
         """
         speeds = np.atleast_1d(state[ca.vertcat(*[f.sliding_speed for f in self.frictions])])
-        limit = AT_REST * self._fineness * (1 + largest(state.v)) + _speed_by_rounding(state.t, state.a)
-        resting = [i for i, speed in enumerate(speeds) if abs(speed) <= limit]
+        limit = AT_REST * self._fineness * (1 + largest(state.v))
+        frictions = list(zip(self.frictions, speeds, strict=True))
+        resting = [i for i, (f, s) in enumerate(frictions) if abs(s) <= limit + _speed_by_rounding(f, state)]
         if 3 ** len(resting) > TRIALS:
             raise SimulationError(
                 f"{len(resting)} frictions come to rest together at t = {state.t:.6g} s, more than are sorted out at "
@@ -344,7 +344,10 @@ def start_with_friction(setup: Setup) -> State:
     """Find the consistent start; accelerations and reactions belong to the friction that the laws allow there."""
     modes = FrictionModes(setup)
     time = float(setup.grid[0])
-    state = consistent_start(modes.numeric(modes.free), setup.initial, time, setup.signals)
+    free = modes.numeric(modes.free)
+    state = consistent_start(free, setup.initial, time, setup.signals)
+    if free.has_redundant_rows(time, state.q):
+        modes.refuse_redundant_rows()
     holding = modes.holding(state, {})
     if holding is not None:
         return modes.whole(*holding)
@@ -359,7 +362,7 @@ def start_with_friction(setup: Setup) -> State:
 decide_friction_by(start_with_friction)
 
 
-def _speed_by_rounding(t: float | np.ndarray, a: np.ndarray) -> float:
-    """Speed that is gathered in the time by which the instant of a stop may be off, m/s."""
-    time = TIME_ROUNDINGS * float(np.spacing(np.max(np.abs(t), initial=0.0)))
-    return time * float(np.max(np.abs(a), initial=0.0))
+def _speed_by_rounding(friction: Any, motion: Trajectory | State) -> float:
+    """Sliding speed that is gathered in the time by which the instant of a stop may be off, m/s."""
+    time = TIME_ROUNDINGS * float(np.spacing(np.max(np.abs(motion.t), initial=0.0)))
+    return time * largest(np.atleast_1d(motion[time_derivative(friction.sliding_speed)]))

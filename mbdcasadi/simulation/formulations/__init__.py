@@ -14,7 +14,7 @@ regularised      redundant rows, rank lost on the way                        an 
 from __future__ import annotations
 
 from ...equations.numeric import NumericEquations
-from ...errors import SimulationError
+from ...errors import SimulationError, SingularityError
 from ...integrators import Integrator
 from .base import Formulation
 from .explicit import Explicit
@@ -39,6 +39,8 @@ def choose_formulation(numeric: NumericEquations, integrator: Integrator, *, red
     ------
     SimulationError
         If no form suits the integrator.
+    SingularityError
+        If forces depend on reactions that are not unique.
     """
     eom = numeric.eom
     if eom.Q_depends_on_lam:
@@ -48,5 +50,5 @@ def choose_formulation(numeric: NumericEquations, integrator: Integrator, *, red
                 f'{", ".join(eom.loaded_by_reactions)} does; use method="idas"'
             )
         if redundant:
-            raise SimulationError(eom.why_not_unique)
+            raise SingularityError(eom.why_not_unique)
     return next(form() for form in FORMULATIONS if form.suits(numeric, integrator, redundant=redundant))
