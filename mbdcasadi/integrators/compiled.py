@@ -12,28 +12,41 @@ close to each other are outputs.
 from __future__ import annotations
 
 from collections import OrderedDict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ..errors import SimulationError
-from ..numerics.console import quiet
+from ..numerics.console import Interruption, quiet
 from ..numerics.evaluation import Evaluator, by_buffers
 from .base import Integrator
 from .failures import flag_of, last_line
 
 #: Steps that an integrator may take between two outputs, at first and at most.
 FEW_STEPS, MAX_STEPS = 5_000, 200_000
-#: Bisections by which the time of a failure is narrowed down.
-BISECTIONS = 16
+TOO_MANY_STEPS = "IDA_TOO_MUCH_WORK"
+#: Steps that it may take in a part of what failed: before a lock-up steps become ever shorter, and no number is enough.
+PART_STEPS = 500
+#: Smallest part, as a share of the time between two outputs: the time of a failure is known to this.
+SMALLEST_PART = 2.0**-16
 #: Size of integrals, as a fraction of the tolerance, below which no integrator adapts its steps to them.
 QUADRATURE_SIZE = 1e-9
 #: Compiled functions, one for each pattern of outputs, that an integrator keeps.
 KEPT = 24
 #: Difference of the clock from the time of an output, in lengths of the piece, from which the integrator has stopped.
 CLOCK_TOLERANCE = 1e-6
+#: Distance from consistent unknowns at which the search of IDAS for them begins, relative and absolute. Its tolerance
+#: is relative to where it begins: from zeros it takes rounding for a failure, and so it does from the unknowns
+#: themselves, whose error no step reduces. Under friction that is close to holding it failed from 1e-6, not from 1e-5
+#: to 1e-1.
+PERTURBATION, LEAST_PERTURBATION = 1e-3, 1e-6
+
+
+def near(z: np.ndarray) -> np.ndarray:
+    """Return unknowns near consistent ones, from which an integrator finds these."""
+    return z + LEAST_PERTURBATION + PERTURBATION * np.abs(z)
 
 
 class Clock:
@@ -99,22 +112,30 @@ class Dae:
 
 
 class IntegrationFailure(Exception):
-    """An integrator stopped; carries what it had reached and the integrator's message.
+    """An integrator stopped.
 
     Attributes
     ----------
-    is_overcome : bool
-        True if the repetition in parts reached all outputs.
+    flag : str
+        The integrator's message.
+    x, z, integrals : numpy.ndarray
+        States, algebraic unknowns and integrals at the outputs that were reached, by row.
+    last, last_x : float and numpy.ndarray, or None
+        Time and state that were reached last.
     """
 
-    is_overcome = False
-
     def __init__(
-        self, flag: str, x: np.ndarray, z: np.ndarray, last: float | None = None, last_x: np.ndarray | None = None
+        self,
+        flag: str,
+        x: np.ndarray,
+        z: np.ndarray,
+        last: float | None = None,
+        last_x: np.ndarray | None = None,
+        integrals: np.ndarray | None = None,
     ):
         super().__init__(flag)
         self.flag = flag
-        self.x, self.z = x, z
+        self.x, self.z, self.integrals = x, z, np.zeros((0, 0)) if integrals is None else integrals
         self.last, self.last_x = last, last_x
 
 
@@ -125,7 +146,7 @@ class InitialValueProblem:
     Attributes
     ----------
     x, z : numpy.ndarray
-        State and estimate of the algebraic unknowns at `start`.
+        State and consistent algebraic unknowns at `start`.
     start : float
         Time of the state, s.
     times : numpy.ndarray
@@ -161,7 +182,7 @@ class InitialValueProblem:
     def after(self, x: np.ndarray, z: np.ndarray, start: float, part: slice) -> InitialValueProblem:
         """The problem from a later state over some of its intervals."""
         u = None if self.u is None else self.u[:, part]
-        return InitialValueProblem(x, z, start, self.times[part], self.p, u, self.stops[part], self.max_step)
+        return replace(self, x=x, z=z, start=start, times=self.times[part], u=u, stops=self.stops[part])
 
 
 class CompiledIntegrator:
@@ -292,15 +313,17 @@ class CompiledIntegrator:
         return int(np.ceil(length / self.integrator.longest_step(max_step) * (1 - 1e-9)))
 
     # --- integrating -----------------------------------------------------------------------
-    def advance(self, problem: InitialValueProblem, steps: int = MAX_STEPS) -> tuple[np.ndarray, np.ndarray]:
-        """Integrate from a state to each of some times.
+    def advance(
+        self, problem: InitialValueProblem, interruption: Interruption | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Integrate from a state to each of some times; what fails is repeated in parts, halved where they fail.
 
         Parameters
         ----------
         problem : InitialValueProblem
             State, times and parameters.
-        steps : int
-            Steps that may be taken between two outputs.
+        interruption : Interruption, optional
+            Notices Ctrl-C, which inside an integrator comes back as a failure like others: nothing is repeated then.
 
         Returns
         -------
@@ -310,8 +333,20 @@ class CompiledIntegrator:
         Raises
         ------
         IntegrationFailure
-            With nothing reached; :meth:`rescue` finds the outputs that can be reached.
+            With what was reached, to :data:`SMALLEST_PART` of an output interval.
         """
+        outcome = self._attempt(problem, FEW_STEPS)
+        if not isinstance(outcome, str):
+            return outcome
+        way = _Way(problem, interruption)
+        flag = self._in_halves(way, problem.times.size, float(problem.times[-1]), outcome)
+        self.integrals = way.integrals
+        if flag:
+            raise IntegrationFailure(flag, way.states, way.algebraic, way.time, way.x, way.integrals)
+        return way.states, way.algebraic
+
+    def advance_as_whole(self, problem: InitialValueProblem, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        """Integrate as :meth:`advance` does, with that many steps between two outputs and no repetition in parts."""
         outcome = self._attempt(problem, steps)
         if isinstance(outcome, str):
             raise IntegrationFailure(outcome, np.zeros((0, problem.x.size)), np.zeros((0, problem.z.size)))
@@ -328,7 +363,7 @@ class CompiledIntegrator:
         function = self.function(fractions, groups=inputs["groups"], steps=steps, least_steps=least_steps)
         x = problem.x if self.dae.part is None else problem.x[self.dae.part.places]
         arguments: dict[str, Any] = {"x0": np.append(x, 0.0), "p": np.concatenate([[start, length], problem.p])}
-        arguments |= {"z0": problem.z} if problem.z.size else {}
+        arguments |= {"z0": near(problem.z)} if problem.z.size else {}
         arguments |= {"u": inputs["u"]} if inputs["u"] is not None else {}
         try:
             with quiet():
@@ -344,57 +379,74 @@ class CompiledIntegrator:
         found = states[:, :-1] if self._whole is None else self._whole.rows(states[:, :-1], problem.p)[0]
         return found, algebraic
 
-    def reach(self, problem: InitialValueProblem, flag: str) -> IntegrationFailure:
-        """Repeat a piece that failed in parts of it, halved where they fail: the failure with the outputs reached.
+    def _in_halves(self, way: _Way, last: int, end: float, flag: str) -> str:
+        """Go on over a part that failed, each half in halves if it fails; return the message of what ends it, or "".
 
-        The integrals are those of all parts.
+        Inside an output interval only a part that took too many steps is passed; others lead to where they fail.
         """
-        x, z, start, times = problem.x, problem.z, problem.start, problem.times
-        states, algebraic = np.zeros((0, x.size)), np.zeros((0, z.size))
-        integrals: list[np.ndarray] = []
-        first, count = 0, max(times.size // 2, 1)
-        while first < times.size:
-            part = slice(first, first + count)
-            outcome = self._attempt(problem.after(x, z, start, part), FEW_STEPS)
+        first, times, middle = way.count, way.problem.times, (last, (way.time + end) / 2)
+        if way.interruption is not None and way.interruption.requested:
+            return flag
+        if last - first > 1:
+            count = first + (last - first) // 2
+            middle = count, float(times[count - 1])
+        elif end - way.time <= SMALLEST_PART * (times[first] - way.begun) or way.steps > MAX_STEPS:
+            return flag
+        # a start of its own at any place would carry a method through chattering, step by step
+        through = last - first > 1 or flag == TOO_MANY_STEPS
+        for half in (middle, (last, end)):
+            outcome = self._attempt(way.part(*half), PART_STEPS) if through or half is middle else flag
             if isinstance(outcome, str):
-                flag = outcome
-                if count == 1:
-                    break
-                count //= 2
-                continue
-            states, algebraic = np.vstack([states, outcome[0]]), np.vstack([algebraic, outcome[1]])
-            integrals.append(self.integrals + (integrals[-1][-1] if integrals else 0.0))
-            x, z, start = states[-1], algebraic[-1], float(times[part][-1])
-            first += times[part].size
-        failure = IntegrationFailure(flag, states, algebraic)
-        failure.is_overcome = first == times.size
-        self.integrals = np.vstack(integrals) if integrals else np.zeros((0, 0))
-        return failure
-
-    def rescue(self, problem: InitialValueProblem, flag: str) -> IntegrationFailure:
-        """Repeat a piece that failed: the failure with the outputs reached, and the last state before it."""
-        failure = self.reach(problem, flag)
-        if failure.is_overcome:
-            return failure
-        k = min(len(failure.x), problem.times.size - 1)
-        last = problem.x, problem.z, problem.start
-        if len(failure.x):
-            last = failure.x[-1], failure.z[-1], float(problem.times[len(failure.x) - 1])
-        time, x = self._approach(problem.after(*last, slice(k, k + 1)))
-        return IntegrationFailure(failure.flag, failure.x, failure.z, time, x)
-
-    def _approach(self, problem: InitialValueProblem) -> tuple[float, np.ndarray]:
-        """Last time in a single interval that can be reached before a failure, by bisection, and the state there."""
-        x, z, low, high = problem.x, problem.z, problem.start, float(problem.times[0])
-        for _ in range(BISECTIONS):
-            middle = (low + high) / 2
-            if not low < middle < high:
-                break
-            outcome = self._attempt(
-                InitialValueProblem(x, z, low, np.array([middle]), problem.p, problem.u), FEW_STEPS // 5
-            )
-            if isinstance(outcome, str):
-                high = middle
+                flag = self._in_halves(way, *half, outcome)
+                if flag:
+                    return flag
             else:
-                low, x, z = middle, outcome[0][0], outcome[1][0]
-        return low, x
+                way.add(*half, *outcome, self.integrals, self.steps)
+        return ""
+
+
+class _Way:
+    """What was reached of a piece that is integrated in parts.
+
+    Attributes
+    ----------
+    time, x, z
+        Where it is, and state and algebraic unknowns there.
+    count : int
+        Outputs that were reached.
+    begun : float
+        Time of the last of them, or of the start, s.
+    steps : int
+        Steps since then.
+    states, algebraic, integrals : numpy.ndarray
+        At these outputs, by row; the integrals are those since the start.
+    """
+
+    def __init__(self, problem: InitialValueProblem, interruption: Interruption | None):
+        self.problem, self.interruption, self.count, self.steps = problem, interruption, 0, 0
+        self.x, self.z, self.time, self.begun = problem.x, problem.z, problem.start, problem.start
+        self.states, self.algebraic = np.zeros((0, problem.x.size)), np.zeros((0, problem.z.size))
+        self._integrals: list[np.ndarray] = []
+        self._integral: Any = 0.0
+
+    @property
+    def integrals(self) -> np.ndarray:
+        return np.vstack(self._integrals) if self._integrals else np.zeros((0, 0))
+
+    def part(self, last: int, end: float) -> InitialValueProblem:
+        """The problem from here to a time, not after the last of some outputs."""
+        part = self.problem.after(self.x, self.z, self.time, slice(self.count, last))
+        return replace(part, times=np.append(part.times[:-1], end))
+
+    def add(self, last: int, end: float, x: np.ndarray, z: np.ndarray, integrals: np.ndarray, steps: int) -> None:
+        """Take the results of a part."""
+        integrals = self._integral + integrals
+        self.time, self.x, self.z, self._integral = end, x[-1], z[-1], integrals[-1]
+        times = self.problem.times[self.count : last]
+        reached = int(np.count_nonzero(times <= end))
+        self.steps += steps
+        if reached:
+            self.states = np.vstack([self.states, x[:reached]])
+            self.algebraic = np.vstack([self.algebraic, z[:reached]])
+            self._integrals.append(integrals[:reached])
+            self.count, self.begun, self.steps = self.count + reached, float(times[reached - 1]), 0

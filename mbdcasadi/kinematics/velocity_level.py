@@ -44,7 +44,8 @@ class VelocityLevelMotion(MotionFollower):
                     times = grid[done : done + CHUNK]
                     v = self._speeds(grid[done - 1 : done], poses[-1:])[0][0]
                     start = float(grid[done - 1])
-                    states, _ = integrator.advance(InitialValueProblem(poses[-1], v, start, times, self.numeric.p))
+                    problem = InitialValueProblem(poses[-1], v, start, times, self.numeric.p)
+                    states, _ = integrator.advance(problem, stop)
                     poses = np.vstack([poses, self._recovery.positions(times, states)])
                     done = len(poses)
                     bar.update(times.size)
@@ -53,20 +54,15 @@ class VelocityLevelMotion(MotionFollower):
                 if stop.requested or isinstance(error, KeyboardInterrupt):
                     raise self._interrupted(self.correct(grid[: len(poses)], poses)) from None
                 if isinstance(error, IntegrationFailure):
-                    raise self._stopped(integrator, error.flag, grid, poses, v) from None
+                    raise self._stopped(error, grid, poses) from None
                 raise
         return self.correct(grid, poses)
 
-    def _stopped(
-        self, integrator: CompiledIntegrator, flag: str, grid: np.ndarray, poses: np.ndarray, v: np.ndarray
-    ) -> SingularityError:
-        """Repeat a chunk output by output, up to the one at which it stops."""
-        done = len(poses)
-        start, times = float(grid[done - 1]), grid[done : done + CHUNK]
-        rescued = integrator.rescue(InitialValueProblem(poses[-1], v, start, times, self.numeric.p), flag)
-        motion = self.correct(grid[: done + len(rescued.x)], np.vstack([poses, rescued.x]))
-        reached = float(motion.t[-1]) if rescued.last is None else rescued.last
-        return self._singular(reached, motion.q[-1] if rescued.last_x is None else rescued.last_x, motion)
+    def _stopped(self, failure: IntegrationFailure, grid: np.ndarray, poses: np.ndarray) -> SingularityError:
+        """The error of an integration that stopped, with the motion so far."""
+        motion = self.correct(grid[: len(poses) + len(failure.x)], np.vstack([poses, failure.x]))
+        reached = float(motion.t[-1]) if failure.last is None else failure.last
+        return self._singular(reached, motion.q[-1] if failure.last_x is None else failure.last_x, motion)
 
     def correct(self, t: np.ndarray, q: np.ndarray) -> DrivenMotion:
         """Bring good estimates of the pose (k, n) onto the position constraints, and solve for their rates."""

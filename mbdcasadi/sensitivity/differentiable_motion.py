@@ -34,14 +34,14 @@ from ..equations.recovery import Recovery
 from ..equations.switching.time_breaks import resolution
 from ..errors import ModelError
 from ..integrators import Integrator
-from ..integrators.compiled import CompiledIntegrator
+from ..integrators.compiled import CompiledIntegrator, near
 from ..integrators.reversible import ReversibleIntegrator
 from ..numerics.console import call
 from ..numerics.least_squares import largest
 from ..simulation.contact.watched_terms import has_gaps
 from ..simulation.formulations import choose_formulation
 from ..simulation.schedule import PIECES, WATCH_POINTS
-from ..simulation.stepping.compiled_stepper import DECAY, perturbed
+from ..simulation.stepping.compiled_stepper import DECAY
 from ..simulation.stepping.held_switches import parts_of_motion
 from ..simulation.stepping.whole_stepper import refuse_redundant_rows
 from ..simulation.time_dependence import TimeDependence, dependence_at, timed_equations
@@ -121,7 +121,7 @@ class DifferentiableMotion:
         self._timed = timed_equations(setup, self._integrands)
         self.course_varies = bool(self._timed.parameters & self._given)
         # from zero the search of IDAS for forces that depend on reactions, |λ|, may fail
-        self._unknowns = perturbed(np.r_[start.a, start.lam])
+        self._unknowns = near(np.r_[start.a, start.lam])
         # functions that are compiled already do not keep the callbacks in them alive
         self._callbacks: list[WholeIntegrator] = []
         self._find_switches()

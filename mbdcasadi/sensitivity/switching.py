@@ -460,7 +460,7 @@ class BorderPassage:
             try:
                 z = self._held.unknowns
                 problem = InitialValueProblem(x, z, start, times, p, columns, stops, self._max_step)
-                return self._held.compiled.advance(problem)[0]
+                return self._held.compiled.advance(problem, interruption)[0]
             except IntegrationFailure as failure:
                 if interruption.requested:
                     raise KeyboardInterrupt from None

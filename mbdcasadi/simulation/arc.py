@@ -20,7 +20,7 @@ from .checks.resolution import Resolution
 from .checks.uniqueness import Uniqueness
 from .checks.unseen_loads import UnseenLoads
 from .outputs import Outputs
-from .path import Path, StatesAt
+from .path import Path, StatesAt, StatesFrom
 from .schedule import Piece
 from .singular.passage import Passage, SingularPassage, Trail
 from .singular.regularity import Regularity
@@ -36,8 +36,8 @@ REALLY_SINGULAR = 0.02
 BEYOND = 1e-3
 #: Time before an event at which switches are on their sides, as a share of the run.
 SHORTLY = 1e-5
-#: Times that the switches to be held are chosen.
-TRIALS = 4
+#: Instants within which what lies at the border of a switch lies there: the zero of an event, the start of a motion.
+AT_BORDER = 16
 
 
 def ends_run(event: Event) -> bool:
@@ -96,7 +96,12 @@ class Arc:
         return resets_or_ends(event) or self.is_own(event)
 
     def integrated(
-        self, piece: Piece, x: np.ndarray, interruption: Interruption, comes_near: Callable[[Path], bool] | None = None
+        self,
+        piece: Piece,
+        x: np.ndarray,
+        interruption: Interruption,
+        comes_near: Callable[[Path], bool] | None = None,
+        stopped: IntegrationFailure | None = None,
     ) -> tuple[Piece, Path, IntegrationFailure | None]:
         """Return the path of the integrator over a piece, or up to where it fails or has something to be decided.
 
@@ -104,9 +109,11 @@ class Arc:
         ----------
         comes_near : callable, optional
             ``path -> bool``: True for a path to a singular pose, at which the integrator may end.
+        stopped : IntegrationFailure, optional
+            Where it ended so before, if the motion does not pass that pose.
         """
         try:
-            path = self.stepper.advance(piece, x, interruption, comes_near)
+            path = self.stepper.advance(piece, x, interruption, comes_near, stopped)
         except IntegrationFailure as stopped:
             times = piece.times[: len(stopped.x)]
             nothing = np.zeros((times.size, self.resolution.terms.size))
@@ -136,13 +143,16 @@ class Arc:
         passage : Passage or None
             Continues the motion across a singular pose, instead of the integrator.
         """
+        return self.crossings_of(path, self.stepper.states_from if passage is None else lambda _, __: passage.states)
+
+    def crossings_of(self, path: Path, states_from: StatesFrom) -> list[Crossing]:
+        """Events on a path, up to the instant of the first that decides, with the motion from a state on it."""
         if not self.watch.events or path.times.size < 2:
             return []
-        states_from = self.stepper.states_from if passage is None else lambda _time, _x: passage.states
         return self.watch.crossings(self.stepper.outputs, path.times, path.x, states_from, self.decides)
 
-    def events_at_jump(self, path: Path, end: float, failure: IntegrationFailure) -> tuple[Path, list[Crossing]] | None:
-        """Return the way to an event that decides how the run goes on, at which forces jump that stop the integrator.
+    def up_to_jump(self, path: Path, end: float, failure: IntegrationFailure) -> tuple[Path, list[Crossing]] | None:
+        """Return the way to where forces jump that stop the integrator, and the events on it.
 
         Parameters
         ----------
@@ -156,43 +166,44 @@ class Arc:
         Returns
         -------
         path : Path
-            With the next output, if it is near to the event.
+            To the state just beyond the jump; if an event decides there how the run goes on, with the next output if
+            that is near.
         crossings : list of Crossing
-            Events up to the instant of the one that decides.
+            Events up to the instant of the first that decides.
         None
-            If there is no such event before the first jump.
+            If no force jumps there, or if the motion began there and so does not get away from it.
         """
-        if failure.last is None or failure.last_x is None or not any(map(self.decides, self.watch.events)):
+        if failure.last is None or failure.last_x is None:
             return None
         start, x = float(path.times[-1]), path.x[-1]
         before = self.trail.with_path(path, start).before(start - (end - start) / 2)
         # not far beyond: there another force may stop the integrator
         reach = min(end, failure.last + BEYOND * (end - start))
-        free: frozenset[int] = frozenset()
-        for _ in range(TRIALS):
-            stuck = failure.last, failure.last_x
-            held = HeldSwitches(self._system, self.stepper.outputs, start, before, stuck, free)
-            if not held.switches:
-                break
-            motion = HeldMotion(held, start, x)
-            try:
-                times, states = np.array([start, reach]), np.vstack([x, motion.states_at(np.array([reach]))])
-                crossings = self.watch.crossings(
-                    self.stepper.outputs, times, states, partial(_same_motion, motion), self.decides
-                )
-                deciding = [crossing.time for crossing in crossings if self.decides(crossing.event)]
-                if not deciding:
-                    break
-                passed = motion.passed(deciding[0] - self.watch.instant)
-            except IntegrationFailure:
-                break
-            finally:
-                motion.release()
-            if not passed:
-                further = Path(times, states, np.zeros((1, path.integrals.shape[1])))
-                return (Path.joined([path, further]) if reach == end else path), crossings
-            free |= passed  # which switch on the way to what stops the integrator
-        return None
+        held = HeldSwitches(self._system, self.stepper.outputs, start, before, (failure.last, failure.last_x))
+        if not held.switches:
+            return None
+        motion = HeldMotion(held, start, x)
+        try:
+            border = motion.beyond_border(reach, self.watch.instant)
+            # an event that is at the border itself may be located behind it
+            until = reach if border is None else min(reach, border + AT_BORDER * self.watch.instant)
+            further = self._held_way(motion, start, x, until, path)
+            crossings = self.crossings_of(further, partial(_same_motion, motion))
+            if any(self.decides(crossing.event) for crossing in crossings):
+                return (Path.joined([path, further]) if until == end else path), crossings
+            if border is None or border - self.trail.start <= AT_BORDER * self.watch.instant:
+                return None
+            return Path.joined([path, self._held_way(motion, start, x, border, path)]), crossings
+        except IntegrationFailure:
+            return None
+        finally:
+            motion.release()
+
+    @staticmethod
+    def _held_way(motion: HeldMotion, start: float, x: np.ndarray, end: float, path: Path) -> Path:
+        """The path of a held motion from a state to a time, without integrals."""
+        times, states = np.array([start, end]), np.vstack([x, motion.states_at(np.array([end]))])
+        return Path(times, states, np.zeros((1, path.integrals.shape[1])))
 
     def outputs_before(self, path: Path, crossing: Crossing) -> Outputs:
         """Return what makes the outputs at an event: switches at their borders there are on their sides before it.

@@ -257,8 +257,8 @@ class Run:
         piece, path, failure = self._integrated(piece, comes_near=arc.passage.comes_near)
         passage = arc.passage_from(path, self._schedule.smooth_until)
         if passage is None and isinstance(failure, NearSingularPose):
-            piece, path, failure = self._integrated(piece)
-            passage = arc.passage_from(path, self._schedule.smooth_until)
+            piece, path, failure = self._integrated(piece, stopped=failure)
+            passage = arc.passage_from(path, self._schedule.smooth_until) if failure is None else None
         if passage is not None:
             return self._advance_across(piece, path, passage)
         if failure is None:
@@ -272,9 +272,12 @@ class Run:
         self._extra_stops = np.unique(np.concatenate([self._extra_stops, *times]))
 
     def _integrated(
-        self, piece: Piece, comes_near: Callable[[Path], bool] | None = None
+        self,
+        piece: Piece,
+        comes_near: Callable[[Path], bool] | None = None,
+        stopped: IntegrationFailure | None = None,
     ) -> tuple[Piece, Path, IntegrationFailure | None]:
-        return self._arc.integrated(piece, self._x, self._interruption, comes_near)
+        return self._arc.integrated(piece, self._x, self._interruption, comes_near, stopped)
 
     def _up_to_touch(self, piece: Piece, path: Path) -> tuple[Piece, Path, IntegrationFailure | None]:
         """A piece and its path up to the first contact that closes and that its steps did not follow.
@@ -334,13 +337,14 @@ class Run:
         except IntegrationFailure as stopped:  # between two outputs that another run of steps has reached
             raise self._failed(piece, stopped, times[:0], x[:0]) from None
         deciding = [c for c in crossings if arc.decides(c.event)]
-        beyond = None
+        to_jump = None
         if failure is not None and passage is None and not deciding and times.size < piece.times.size:
-            beyond = arc.events_at_jump(consistent, float(piece.times[times.size]), failure)
-            if beyond is not None:
-                crossings = [*crossings, *beyond[1]]
-                times, x = beyond[0].times[1:], beyond[0].x[1:]
+            to_jump = arc.up_to_jump(consistent, float(piece.times[times.size]), failure)
+            if to_jump is not None:
+                consistent, crossings = to_jump[0], [*crossings, *to_jump[1]]
+                times, x = consistent.times[1:], consistent.x[1:]
                 deciding = [c for c in crossings if arc.decides(c.event)]
+                piece, failure = piece if deciding else piece.until(float(times[-1])), None
         count = times.size
         if deciding:
             # an output at the event itself comes before it
@@ -351,8 +355,7 @@ class Run:
             arc.resolution.note(counted)
             if self.keeps_paths:
                 self._paths.append(counted)
-        located = consistent if beyond is None else beyond[0]
-        at_events = [arc.outputs(passage) if passage else arc.outputs_before(located, c) for c in crossings]
+        at_events = [arc.outputs(passage) if passage else arc.outputs_before(consistent, c) for c in crossings]
         before = next((o for o, c in zip(at_events, crossings, strict=True) if deciding and c is deciding[0]), None)
         wanted = piece.wanted[:count]
         # an output at the event itself is just before it
@@ -373,6 +376,8 @@ class Run:
         self._index = self._schedule.index_after(self._time)
         if piece.ends_at_jump:
             self._pass_jump(piece.after)
+        elif to_jump is not None:
+            self._arc.trail.begin(self._time, self._x)
         else:
             self._arc.trail.add(times, x)
         return False

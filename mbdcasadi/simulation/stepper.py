@@ -12,6 +12,7 @@ import numpy as np
 from ..arguments.inputs import Signals
 from ..equations.numeric import NumericEquations
 from ..integrators import Integrator
+from ..integrators.compiled import IntegrationFailure
 from ..numerics.console import Interruption
 from ..numerics.lazy import cached_property
 from ..numerics.lending import Lending
@@ -111,7 +112,12 @@ class Stepper(ABC):
     # --- integrating --------------------------------------------------------------------------
     @abstractmethod
     def advance(
-        self, piece: Piece, x: np.ndarray, interruption: Interruption, comes_near: Callable[[Path], bool] | None = None
+        self,
+        piece: Piece,
+        x: np.ndarray,
+        interruption: Interruption,
+        comes_near: Callable[[Path], bool] | None = None,
+        stopped: IntegrationFailure | None = None,
     ) -> Path:
         """Integrate over a piece from a consistent state, or up to where something must be decided.
 
@@ -119,6 +125,8 @@ class Stepper(ABC):
         ----------
         comes_near : callable, optional
             ``path -> bool``: True if a path comes near to a singular pose, at which the integration may end.
+        stopped : IntegrationFailure, optional
+            Where it ended so before; from there it goes on by other means.
 
         Raises
         ------

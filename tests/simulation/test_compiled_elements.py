@@ -75,6 +75,15 @@ def test_runs_with_and_without_a_compiler_are_the_same(monkeypatch):
 
 @needs_compiler
 @pytest.mark.slow
+def test_rosenbrock_takes_compiled_contacts():
+    """Its steps take slopes of what is watched too."""
+    motions = [mbd.simulate(heap(8), TIMES[:4], method=method) for method in ("idas", "rosenbrock")]
+    assert all(any("compiled" in note for note in motion.statistics.notes) for motion in motions)
+    np.testing.assert_allclose(motions[1].q, motions[0].q, atol=1e-6)
+
+
+@needs_compiler
+@pytest.mark.slow
 def test_many_contacts_of_many_bodies_with_joints():
     """Accelerations and reactions are unknowns of IDAS beside compiled contacts; Runge–Kutta gives the same motion."""
     motion = mbd.simulate(heap(joined=4), TIMES)

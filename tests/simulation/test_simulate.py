@@ -1166,3 +1166,43 @@ def slider_crank_of_length(k):
         bearing,
         crank,
     )
+
+
+def knee_on_splines():
+    """A shank whose knee moves by its angle, on splines that end at 0.4 rad."""
+    angles = np.linspace(-2.2, 0.4, 9)
+    shank = mbd.Body("shank", 3.0, 0.05, pose=(0, -0.6, 0))
+    knee = shank.at(0, 0.2)
+    x, y = (mbd.spline(shank.phi, angles, z) for z in (0.005 * angles, -0.4 + 0.01 * np.cos(1.5 * angles)))
+    joints = [mbd.Constraint("cx", knee.x - x), mbd.Constraint("cy", knee.y - y)]
+    return (
+        mbd.Mechanism([shank], joints=joints, forces=[mbd.Gravity()]),
+        [shank.phi == -1.2, shank.omega == 0],
+        "cx, cy",
+    )
+
+
+def driven_by_a_spline():
+    """A driver whose spline ends at 0.6 s."""
+    body = mbd.Body("b", 1, 0.1)
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), body.at(-0.5, 0))
+    turn = mbd.Driver("turn", pin.angle, mbd.spline(mbd.t, [0, 0.2, 0.4, 0.6], [0, 0.1, 0.3, 0.4]))
+    return mbd.Mechanism([body], joints=[pin], drivers=[turn], forces=[mbd.Gravity()]), [], "turn"
+
+
+def geared_by_a_spline():
+    """A ratio of speeds by a spline of the angle."""
+    bodies = [mbd.Body(name, 1, 0.1) for name in "bc"]
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), bodies[0].at(-0.5, 0))
+    elbow = mbd.Revolute("elbow", bodies[0].at(0.5, 0), bodies[1].at(-0.5, 0))
+    ratio = mbd.spline(bodies[0].phi, [-1, -0.5, 0, 0.5], [0, 0.1, 0.3, 0.4])
+    ratio_of_speeds = mbd.NonholonomicConstraint("variator", bodies[1].omega - ratio * bodies[0].omega)
+    return mbd.Mechanism(bodies, joints=[pin, elbow, ratio_of_speeds], forces=[mbd.Gravity()]), [], "variator"
+
+
+@pytest.mark.parametrize("method", ["idas", "rosenbrock", "erk", "dop853"])
+@pytest.mark.parametrize("model", [knee_on_splines, driven_by_a_spline, geared_by_a_spline])
+def test_a_spline_that_ends_inside_a_constraint_is_named(model, method):
+    mechanism, start, names = model()
+    with pytest.raises(mbd.SimulationError, match=f"{names} is not finite there: a spline outside its data"):
+        mbd.simulate(mechanism, np.linspace(0, 1, 101), **({"initial": start} if start else {}), method=method)

@@ -135,3 +135,28 @@ def test_links_without_mass_that_are_stretched_by_a_falling_mass():
     assert stopped.value.time == pytest.approx(stretched, rel=1e-3)
     fall = stopped.value.partial
     np.testing.assert_allclose(fall[lower.y], y - 9.81 / 2 * fall.t**2, atol=1e-7)
+
+
+@pytest.mark.parametrize("what", ["reaction", "acceleration", "position"])
+def test_events_of_a_rod_without_inertia(what):
+    """Events are looked at on the motion, and do not change it: as the run without any."""
+    crank, rod = mbd.Body("crank", 0.5, 1e-3, pose=(0.05, 0, 0)), mbd.Body("rod", 0.2, 0.0, pose=(0.25, 0, 0))
+    slider = mbd.Body("slider", 1.0, 1e-3, pose=(0.4, 0, 0))
+    joints = [
+        mbd.Revolute("main", mbd.ground.at(0, 0), crank.at(-0.05, 0)),
+        mbd.Revolute("pin", crank.at(0.05, 0), rod.at(-0.15, 0)),
+        mbd.Revolute("wrist", rod.at(0.15, 0), slider.at(0, 0)),
+        mbd.Translational("guide", mbd.ground.at(0, 0), slider.at(0, 0)),
+    ]
+    spring = mbd.RSDA("spring", mbd.ground.at(0, 0), crank.at(0, 0), stiffness=500)
+    mechanism = mbd.Mechanism([crank, rod, slider], joints=joints, forces=[mbd.Gravity(), spring])
+    asked = {"start": [crank.phi == 1.2, crank.omega == 0], "times": np.linspace(0, 0.1, 101)}
+    watched = {"reaction": joints[2].reaction_on(slider).force[0], "acceleration": slider.ax, "position": slider.x}
+    event = mbd.Event("e", watched[what] - (0.35 if what == "position" else 0))
+    plain, found = (
+        mbd.simulate(mechanism, asked["times"], initial=asked["start"], reltol=1e-10, events=events)
+        for events in ((), (event,))
+    )
+    assert found.final[crank.phi] == pytest.approx(plain.final[crank.phi], abs=1e-7)
+    values = plain[event.expression]
+    assert len(found.events) == np.count_nonzero(values[1:] * values[:-1] < 0) > 2

@@ -128,9 +128,8 @@ class EventWatch:
     instant : float
         Time that counts as one instant, s.
     resting : dict of Event to float, optional
-        Events with a reset that stand still at their zero, and the values of their expressions
-        there; several watches of a run share it. Such an event takes place again once its
-        expression has moved away by more than rounding.
+        Events that stand still at their zero, and the values of their expressions there; several watches of a run
+        share it. One with a reset takes place again once its expression has moved away by more than rounding.
     own : sequence of Event, optional
         Events at which the equations cease to hold: a piece of motion starts on the side on which they do.
     """
@@ -260,9 +259,11 @@ class EventWatch:
                 value = rates[index] * self.instant
             elif abs(seconds[index]) > NO_PRESSURE * fineness * (1 + largest(state.a)):
                 value = seconds[index] * self.instant**2 / 2
-            if value != 0 or rests[index]:
+            if value != 0 or (rests[index] and index in self._own):
                 self._side[index] = value
-                self._offset[index] = float(state[self.events[index].expression])
+                self._offset[index] = float(state[event.expression])
+            elif rests[index]:
+                self.resting.setdefault(event, float(state[event.expression]))
         for index, event in enumerate(self.events):
             if index in self._own or (event not in located and self._is_of_reactions(index)):
                 self._begin_before(index, state)
@@ -391,7 +392,8 @@ class EventWatch:
             moved = values[:, index] - self.resting[event]
             away = np.abs(moved) > size
             first = int(np.argmax(away))
-            if away[first] and event.direction * moved[first] < 0:
+            stands = event.reset or event.becomes is not None  # others only leave their zeros
+            if away[first] and (not stands or event.direction * moved[first] < 0):
                 del self.resting[event]
                 self._left[index] = first
                 values[:first, index] = np.sign(moved[first]) * np.finfo(float).tiny

@@ -172,7 +172,9 @@ class RepeatedElements:
             except build.CompilationError as error:
                 return None, f"interpreted contacts: {error}"
             remark = f"contacts compiled by {using.name} in {time.perf_counter() - began:.2g} s"
-        forces, rates = (ca.external(name, library._name) for name in ("forces", "rates"))
+        forces = ca.external("forces", library._name)
+        # a method whose steps take slopes of the integrals too, as rosenbrock, finds those of what is only watched
+        rates = ca.external("rates", library._name, {"enable_fd": True})
         return CompiledElements(self.terms.values, forces, rates, self.rest), remark
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from ...integrators import IDAS, Integrator, RungeKutta
 from ...integrators.bdf.pieces import ImplicitIntegrator
 from ...integrators.compiled import (
     FEW_STEPS,
-    MAX_STEPS,
+    PART_STEPS,
     CompiledIntegrator,
     Dae,
     InitialValueProblem,
@@ -33,15 +32,13 @@ from .explicit_system import explicit_system, switching_of
 
 #: Rate at which drift decays in the regularised form, by piece, and by radian that a body turns.
 DECAY, DECAY_PER_RADIAN = 20.0, 5.0
-#: Message of IDAS where it cannot go on over a stop at which an input bends; started anew there it can.
-KINK = "IDA_ERR_FAIL"
-#: Distance from consistent unknowns from which the search of IDAS for them succeeds, relative and absolute: from 1e-6
-#: of them it still failed under friction that is close to holding, from 1e-5 to 1e-1 it did not.
-PERTURBATION, LEAST_PERTURBATION = 1e-3, 1e-6
 
 
 class NearSingularPose(IntegrationFailure):
     """The usual form of the equations failed near a singular pose, which may be passed otherwise."""
+
+    def __init__(self, failure: IntegrationFailure):
+        super().__init__(failure.flag, failure.x, failure.z, failure.last, failure.last_x, failure.integrals)
 
 
 def refuse_joined_bodies(integrator: Integrator, numeric: NumericEquations) -> None:
@@ -64,6 +61,8 @@ class CompiledStepper(Stepper):
         self._terms, self._usual_length = watched_terms(self.numeric.eom), system.span / PIECES
         self._compiled: dict[Formulation, CompiledIntegrator] = {}
         self._borrowed: list[tuple[Any, tuple[CompiledIntegrator, Any]]] = []
+        #: notices Ctrl-C in the run that it advances
+        self._interruption: Interruption | None = None
         #: largest angular velocity that was seen, rad/s
         self._fastest = 0.0
         #: starts and steps before the integrators were given back
@@ -138,75 +137,58 @@ class CompiledStepper(Stepper):
             lending_of(self.numeric).give_back(*self._borrowed.pop())
 
     def _unknowns(self, compiled: CompiledIntegrator, form: Formulation, time: float, x: np.ndarray) -> np.ndarray:
-        """Estimate of the algebraic unknowns from which the integrator finds consistent ones.
-
-        Zero where the equations are linear in them, since one Newton step of IDAS
-        then finds them, while a residual of rounding size, which no step reduces,
-        makes its line search fail (seen from 200 bodies on).
-        """
+        """Algebraic unknowns of the integrator at a state."""
         if not form.is_algebraic:
             return np.zeros(0)
-        if self.numeric.eom.Q_depends_on_lam:
-            found, part = self.outputs.unknowns(time, x), compiled.dae.part
-            return found if part is None else found[part.unknowns]
-        return np.zeros(compiled.dae.z.numel())
+        found, part = self.outputs.unknowns(time, x), compiled.dae.part
+        return found if part is None else found[part.unknowns]
 
     def advance(
-        self, piece: Piece, x: np.ndarray, interruption: Interruption, comes_near: Callable[[Path], bool] | None = None
+        self,
+        piece: Piece,
+        x: np.ndarray,
+        interruption: Interruption,
+        comes_near: Callable[[Path], bool] | None = None,
+        stopped: IntegrationFailure | None = None,
     ) -> Path:
-        usual = self.formulation
-
-        def attempt(form: Formulation, steps: int, *, nearby: bool = False) -> Path | IntegrationFailure:
-            compiled, problem = self._of(form), self._problem(form, piece, x)
-            problem = replace(problem, z=perturbed(problem.z)) if nearby else problem
+        form, compiled, self._interruption = self.formulation, self._of(self.formulation), interruption
+        if stopped is None:
             try:
-                states = compiled.advance(problem, steps)[0]
+                states = compiled.advance(self._problem(form, piece, x), interruption)[0]
+                return _path(piece, x, states, compiled.integrals)
             except IntegrationFailure as failure:
-                if interruption.requested:  # inside an integrator Ctrl-C comes back as a failure like others
-                    raise KeyboardInterrupt from None
-                return failure
-            return _path(piece, x, states, compiled.integrals)
-
-        outcome = attempt(usual, FEW_STEPS)
-        if isinstance(outcome, IntegrationFailure) and outcome.flag == "IDA_LINESEARCH_FAIL":
-            # the search for consistent unknowns mistakes rounding for a failure, and succeeds from nearby
-            outcome = attempt(usual, FEW_STEPS, nearby=True)
-        if isinstance(outcome, Path):
-            return outcome
-        has_constraints = self.numeric.eom.lam.numel() > 0
-        if has_constraints and not isinstance(usual, Regularised) and not self.numeric.eom.Q_depends_on_lam:
-            if comes_near is not None:
-                self._stop_near_singular_pose(piece, x, outcome.flag, comes_near)
-            across = attempt(Regularised(), FEW_STEPS)  # which passes singular poses
-            if isinstance(across, Path):
+                stopped = failure
+            if interruption.requested:
+                raise KeyboardInterrupt
+        if self.numeric.eom.lam.numel() and not isinstance(form, Regularised) and not self.numeric.eom.Q_depends_on_lam:
+            if comes_near is not None and len(stopped.x) and comes_near(_path(piece, x, stopped.x, stopped.integrals)):
+                raise NearSingularPose(stopped)
+            across = self._regularised(piece, x, stopped)
+            if across is not None:
                 return across
-        if outcome.flag == "IDA_TOO_MUCH_WORK":
-            outcome = attempt(usual, MAX_STEPS)
-            if isinstance(outcome, Path):
-                return outcome
-        stopped = self._of(usual).rescue(self._problem(usual, piece, x), outcome.flag)
-        if interruption.requested:
-            raise KeyboardInterrupt
-        if stopped.is_overcome and outcome.flag == KINK:
-            return _path(piece, x, stopped.x, self._of(usual).integrals)
+        if interruption.requested:  # inside an integrator Ctrl-C comes back as a failure like others
+            raise KeyboardInterrupt from None
         raise stopped
+
+    def _regularised(self, piece: Piece, x: np.ndarray, stopped: IntegrationFailure) -> Path | None:
+        """The path over a piece whose last part is in the form that passes singular poses; None if it fails too."""
+        form, count = Regularised(), len(stopped.x)
+        problem, compiled = self._problem(form, piece, x), self._of(form)
+        if count:
+            problem = problem.after(stopped.x[-1], problem.z, float(problem.times[count - 1]), slice(count, None))
+        try:
+            states = compiled.advance_as_whole(problem, PART_STEPS)[0]
+        except IntegrationFailure:
+            return None
+        before = stopped.integrals[-1] if count else 0.0
+        integrals = np.vstack([stopped.integrals, before + compiled.integrals]) if count else compiled.integrals
+        return _path(piece, x, np.vstack([stopped.x, states]), integrals)
 
     def _problem(self, form: Formulation, piece: Piece, x: np.ndarray) -> InitialValueProblem:
         """The piece from a state at its start, as the integrator of a form takes it."""
         (start, times), u = piece.inside, self.signals.channel_from(piece.begins)
         z, p = self._unknowns(self._of(form), form, piece.start, x), self._parameters(piece)
         return InitialValueProblem(x, z, start, times, p, u, piece.stops, self.max_step)
-
-    def _stop_near_singular_pose(
-        self, piece: Piece, x: np.ndarray, flag: str, comes_near: Callable[[Path], bool]
-    ) -> None:
-        """Raise if the part of a piece that the usual form reaches comes near to a singular pose."""
-        problem = self._problem(self.formulation, piece, x)
-        reached = self._of(self.formulation).reach(problem, flag)
-        count = len(reached.x)
-        path = Path(np.r_[piece.start, piece.times[:count]], np.vstack([x, reached.x]), np.zeros((count, 0)))
-        if count and comes_near(path):
-            raise NearSingularPose(reached.flag, reached.x, reached.z, float(problem.times[count - 1]), reached.x[-1])
 
     def _parameters(self, piece: Piece | None) -> np.ndarray:
         """Parameters of the integrator: those of the model, levels of inputs, and the rate at which drift decays."""
@@ -224,7 +206,7 @@ class CompiledStepper(Stepper):
             form = choose_formulation(self.numeric, method, redundant=self.formulation.tolerates_redundancy)
             self._precise = form, self._integrator(form, method)
         # before a lock-up no number of steps is enough
-        return self._states_from(*self._precise, start, x, steps=FEW_STEPS)
+        return self._states_from(*self._precise, start, x, in_parts=False)
 
     def unprojected(self, start: float, x: np.ndarray, times: np.ndarray) -> np.ndarray:
         return self._states_from(self.formulation, self._of(self.formulation), start, x, project=False)(times)
@@ -237,7 +219,7 @@ class CompiledStepper(Stepper):
         x: np.ndarray,
         *,
         project: bool = True,
-        steps: int = MAX_STEPS,
+        in_parts: bool = True,
     ) -> StatesAt:
         z, p = self._unknowns(compiled, form, start, x), self._parameters(None)
         u = self.signals.channel_from(np.array([start]))
@@ -246,12 +228,10 @@ class CompiledStepper(Stepper):
             columns = None if u is None else np.tile(u, (1, times.size))
             # dense output is less exact than steps: those end at each of the times
             problem = InitialValueProblem(x, z, start, times, p, columns, np.ones(times.size, bool))
-            try:
-                states = compiled.advance(problem, steps)[0]
-            except IntegrationFailure as failure:
-                if failure.flag != "IDA_LINESEARCH_FAIL" or not form.is_algebraic:
-                    raise
-                states = compiled.advance(replace(problem, z=perturbed(z)), steps)[0]
+            if in_parts:
+                states = compiled.advance(problem, self._interruption)[0]
+            else:
+                states = compiled.advance_as_whole(problem, FEW_STEPS)[0]
             return self.outputs.projected(times, states) if project else states
 
         return states_from_start(start, x, integrated)
@@ -263,11 +243,6 @@ class CompiledStepper(Stepper):
 
 
 def _path(piece: Piece, x: np.ndarray, states: np.ndarray, since: np.ndarray) -> Path:
-    """Path from a state through those at all times of a piece, with the integrals since its start."""
+    """Path from a state through those at the first times of a piece, with the integrals since its start."""
     increments = np.diff(since, axis=0, prepend=np.zeros((1, since.shape[1])))
-    return Path(np.append(piece.start, piece.times), np.vstack([x, states]), increments)
-
-
-def perturbed(z: np.ndarray) -> np.ndarray:
-    """Return unknowns near consistent ones; at these themselves the search of IDAS mistakes rounding for a failure."""
-    return z + LEAST_PERTURBATION + PERTURBATION * np.abs(z)
+    return Path(np.append(piece.start, piece.times[: len(states)]), np.vstack([x, states]), increments)

@@ -1,8 +1,9 @@
-"""Motion up to an event at whose zero forces jump, with the switches of these forces held on their sides.
+"""Motion up to where forces jump, with the switches of these forces held on their sides.
 
-The sign of a sliding velocity in a clutch that locks, say, changes where the event is: an integrator that steps across
-it meets a force that turns against the motion on either side, and gets stuck. With the sign held, the motion is smooth
-and passes the event, behind which it is not used.
+The sign of a sliding velocity in a clutch that locks, say, changes where an event is: an integrator that steps across
+it meets a force that turns against the motion on either side, and gets stuck. So does one whose unknown reactions jump
+with a force on which they depend. With the switches held, the motion is smooth and passes the border; behind it the
+integrator starts anew.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from ...equations.numeric import NumericEquations
 from ...equations.switching.held import HeldEquations, JumpingPart, jumping_parts, part_of
 from ...equations.switching.switches import Switch, hold, margins_of, sides_of
 from ...numerics.evaluation import Evaluator
+from ...numerics.roots import bracketed_root
 from ..outputs import Outputs
 from ..path import StatesAt
 from ..stepper import SteppedSystem
@@ -28,8 +30,6 @@ from .compiled_stepper import CompiledStepper
 NEAR = 1e-2
 #: The same of an event that was located, relative to some 1e-5 of a run before it.
 AT_EVENT = 1e-3
-#: Points of the way to an event at which held switches must be on their sides.
-CHECKS = 32
 
 
 def parts_of_motion(
@@ -108,8 +108,6 @@ class HeldSwitches:
         Start of the interval of whose inputs the motion is.
     before, there : tuple of (float, numpy.ndarray)
         Times and states at which the switches are on their sides, and at which they are at their borders.
-    free : collection of int
-        Operations that are left as they are.
     near : float
         Distance from a border, relative to that before, that counts as none.
 
@@ -130,7 +128,6 @@ class HeldSwitches:
         since: float,
         before: tuple[float, np.ndarray],
         there: tuple[float, np.ndarray],
-        free: Collection[int] = (),
         near: float = NEAR,
     ):
         self.switches: tuple[Switch, ...] = ()
@@ -147,7 +144,7 @@ class HeldSwitches:
         if not np.any(chosen):
             return
         nodes = {switch.node for switch, at_border in zip(every, chosen, strict=True) if at_border}
-        free = frozenset(switch.node for switch in every) - (nodes - set(free))
+        free = frozenset(switch.node for switch in every) - nodes
         (eom, held), _ = signals.kept(  # the operations are kept beside it: hashes are unique only while they live
             numeric.eom, ("held", free), lambda: (held_motion(numeric, signals, parts, free), parts), bounded=True
         )
@@ -186,18 +183,26 @@ class HeldMotion:
         self._stepper = CompiledStepper(held.system)
         self.states_at: StatesAt = self._stepper.states_from(start, x, precise=True)
 
-    def passed(self, until: float) -> frozenset[int]:
-        """Operations that are held and come to their borders before a time; without any the motion is the true one."""
-        if until <= self._start:
-            return frozenset()
-        times, switches = np.linspace(self._start, until, CHECKS + 1)[1:], self._held.switches
+    def beyond_border(self, until: float, instant: float) -> float | None:
+        """Time just after the first at which a switch passes its border, by at least an instant; None up to a time."""
+        first, last = (self._margin(time) for time in (self._start, until))
+        if not first > 0 >= last:
+            return None
+        passing = bracketed_root(self._margin, self._start, until, first, last)
+        while passing < until:
+            passing, instant = min(passing + instant, until), 2 * instant
+            if self._margin(passing) < 0:
+                return passing
+        return None
+
+    def _margin(self, time: float) -> float:
+        """Smallest distance of a switch from the border of its side; negative beyond."""
+        switches, at = self._held.switches, np.array([time])
         quantities = ca.densify(ca.vertcat(*[switch.quantity for switch in switches]))
         whole = np.array([switch.whole for switch in switches], bool)
-        outputs, states = self._stepper.outputs, self.states_at(times)
-        margins = margins_of(
-            _values(self._held.system, outputs, quantities, self._start, times, states), self._held.sides, whole
-        )
-        return frozenset(switches[k].node for k in np.flatnonzero(~np.all(margins >= 0, axis=1)))
+        system, outputs = self._held.system, self._stepper.outputs
+        values = _values(system, outputs, quantities, self._start, at, self.states_at(at))
+        return float(np.min(margins_of(values, self._held.sides, whole)))
 
     def release(self) -> None:
         """Give back what is kept for later motions."""

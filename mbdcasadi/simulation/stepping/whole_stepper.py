@@ -155,7 +155,12 @@ class WholeStepper(Stepper):
         )
 
     def advance(
-        self, piece: Piece, x: np.ndarray, interruption: Interruption, comes_near: Callable[[Path], bool] | None = None
+        self,
+        piece: Piece,
+        x: np.ndarray,
+        interruption: Interruption,
+        comes_near: Callable[[Path], bool] | None = None,
+        stopped: IntegrationFailure | None = None,
     ) -> Path:
         goes_on = self._end is not None and self._end[0] == piece.start and np.array_equal(self._end[1], x)
         again = self._last_start == piece.start
