@@ -246,6 +246,7 @@ def test_end_where_friction_stops_a_body(method):
     assert event[body.alpha] == pytest.approx(-3.7) and found[body.alpha, friction][-1] == pytest.approx(-1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "dop853"])
 def test_clutch_that_locks_where_its_torque_changes_sign(method):
     """Against differences of a closed form: slip ends at t, then both turn on under the drag."""

@@ -128,6 +128,7 @@ def cantilever(bodies, mass):
     return mbd.Mechanism([cart, *links], joints, forces=[push], parameters=[load]), load, cart, joints, links
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mass", [1.0, 0.0])
 def test_a_redundant_cantilever_at_rest_without_loads(mass):
     """Where all multipliers are zero, their derivatives are not: those of a rigid arm, shared in least norm."""

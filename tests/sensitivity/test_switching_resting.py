@@ -80,6 +80,7 @@ def test_what_rests_and_cannot_be_told_apart_is_refused(x, v):
         mbd.sensitivities(mechanism, TIMES, {"x": body.x}, [F], method="dop853")
 
 
+@pytest.mark.slow
 def test_motion_that_stays_at_the_border_of_a_dead_zone_is_refused():
     """A drag beyond a speed holds the motion at that speed: the switch that makes the drag is inside another one."""
     body = mbd.Body("body", mass=1, inertia=1, velocity=(0.1, 0, 0))

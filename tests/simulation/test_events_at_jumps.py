@@ -26,6 +26,7 @@ def braked(body: mbd.Body, friction: float = FRICTION) -> mbd.Torque:
     return mbd.Torque(f"brake {body.name}", body, -friction * mbd.sign(body.omega))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_slipping_clutch_locks_where_its_torque_changes_sign(method):
     driving, driven = mbd.Body("A", 1, 0.2), mbd.Body("B", 1, 0.5)
@@ -48,6 +49,7 @@ def test_slipping_clutch_locks_where_its_torque_changes_sign(method):
     assert run[driven.omega][-1] == pytest.approx((20 - 20 * low) * np.exp(-(2 - low) / 7), abs=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("speed", "factor", "direction"), [(2.0, 1.0, -1), (1.85, -3.0, 1), (2.0, 1.0, 0)])
 def test_friction_stops_a_body_where_the_run_ends(method, speed, factor, direction):
@@ -62,6 +64,7 @@ def test_friction_stops_a_body_where_the_run_ends(method, speed, factor, directi
     assert run[body.phi][-1] - run[body.phi][0] == pytest.approx(speed**2 / (2 * FRICTION), abs=1e-8)
 
 
+@pytest.mark.slow
 def test_several_such_events_in_turn():
     (body,), pins = turning("body")
     kick = mbd.Event("kick", body.omega, direction=-1, reset={body.omega: 1.5})
@@ -105,6 +108,7 @@ def test_another_force_that_jumps_on_the_way_is_met(ahead):
     assert run.events[0].t == pytest.approx(begins + speed / (FRICTION + 5), abs=1e-8)
 
 
+@pytest.mark.slow
 def test_friction_at_rest_elsewhere_is_reported_before_the_event_and_not_after():
     (one, other), pins = turning("one", "other")
     stop = mbd.Event("stop", one.omega, direction=-1, terminal=True)
@@ -121,6 +125,7 @@ def test_friction_at_rest_elsewhere_is_reported_before_the_event_and_not_after()
         run(1.99)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "erk"])
 @pytest.mark.parametrize("direction", [-1, 0])
 def test_event_that_leaves_the_force_as_it_is_does_not_hide_that_it_turns(method, direction):
