@@ -26,8 +26,8 @@ PROJECTIONS = 10
 #: The same from and up to which refined steps are tried, which find what the shift of the others holds back; the share
 #: of it that each of them may leave, and its refinements.
 HELD_BACK, FAR_AWAY, LEFT_BY_STEP, REFINEMENTS = 5e-14, 1e-3, 0.1, 4
-#: ``(t, q, v, z, p, u given) -> u``: the inputs at states, each by column.
-InputRule = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+#: ``q, v, a, z, lam, u`` by row.
+SixArrays = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 class Recovery:
@@ -120,20 +120,12 @@ class Recovery:
         """Accelerations (k, n) and multipliers (k, m)."""
         return self.numeric.accelerations_of_rows(t[:, None], q, v, z, u, redundant=self.redundant)
 
-    def refine(self, rule: InputRule | None = None) -> Callable[..., tuple[np.ndarray, ...]]:
-        """Return the function by which a trajectory interpolates; see ``Trajectory.at``."""
-
-        def back_onto_constraints(
-            t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray
-        ) -> tuple[np.ndarray, ...]:
-            q = self.positions(t, q)
-            v = self.velocities(t, q, v)
-            if rule is not None:
-                u = rule(t, q, v, z, u)
-            a, lam = self.accelerations(t, q, v, z, u)
-            return q, v, a, lam, u
-
-        return back_onto_constraints
+    def complete(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray) -> SixArrays:
+        """Return ``q, v, a, z, lam, u`` on the constraints at states near to them, by row."""
+        q = self.positions(t, q)
+        v = self.velocities(t, q, v)
+        a, lam = self.accelerations(t, q, v, z, u)
+        return q, v, a, z, lam, u
 
 
 def _refined(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import casadi as ca
@@ -23,6 +23,8 @@ from ..model.quantities import entries, yes_or_no
 from ..model.symbols import Numbers, place_of, positive
 from ..model.symbols import t as time
 from ..numerics.console import call_each, keyboard_interrupts
+from ..results.state import Arrays
+from ..results.steps import Direct
 from ..results.trajectory import Statistics, Trajectory
 from ..results.validity import report_validity
 from ..simulation.simulate import simulate
@@ -127,20 +129,21 @@ def _of_drivers(setup: Setup, inputs: Any, progress: bool) -> Trajectory:
     numeric, eom = setup.numeric, setup.eom
     course = driven_motion(numeric, setup.grid, progress=progress, what="inverse_dynamics")
     frame = kinematic_trajectory(numeric, course)
-    frame.z = _first_order_states(setup, inputs)
+    states = _first_order_states(setup, inputs)
+    frame.z = setup.eom.estimate[2][None].repeat(len(frame), axis=0) if states is None else states.z
     u = _inputs(setup, frame)
     lam = _multipliers(numeric, frame, u)
     _finite(eom.row_names, frame.t, lam)
     redundant = eom.lam.numel() > eom.q.numel()
     notes = [_LEAST_NORM] if redundant else []
 
-    def refine(t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, _u: np.ndarray) -> tuple[np.ndarray, ...]:
-        part = kinematic_trajectory(numeric, course).at(t)
-        part.z = z
+    def at(t: np.ndarray) -> Arrays:
+        part = frame.at(t)
+        part.z = frame.z[:1].repeat(t.size, axis=0) if states is None else states.at(t).z
         there = _inputs(setup, part)
-        return part.q, part.v, part.a, _multipliers(numeric, part, there), there
+        return part.q, part.v, part.a, part.z, _multipliers(numeric, part, there), there
 
-    return _result(frame, u, lam, notes, refine, numeric.p)
+    return _result(frame, u, lam, notes, at, numeric.p)
 
 
 def _multipliers(numeric: NumericEquations, frame: Trajectory, u: np.ndarray) -> np.ndarray:
@@ -152,13 +155,13 @@ def _multipliers(numeric: NumericEquations, frame: Trajectory, u: np.ndarray) ->
     return found
 
 
-def _first_order_states(setup: Setup, inputs: Any) -> np.ndarray:
-    """First-order states along a driven motion (k, n_z): their rates are integrated, the drivers holding the motion."""
+def _first_order_states(setup: Setup, inputs: Any) -> Trajectory | None:
+    """The motion with its first-order states: their rates are integrated, the drivers holding it; None if none move."""
     mechanism, grid = setup.mechanism, setup.grid
     if not mechanism.states or grid.size < 2:
-        return np.tile(setup.eom.estimate[2], (grid.size, 1))
+        return None
     values = dict(zip(mechanism.parameters, setup.p, strict=True))
-    return simulate(mechanism, grid, inputs=inputs, parameters=values, reltol=1e-10, abstol=1e-10).z
+    return simulate(mechanism, grid, inputs=inputs, parameters=values, reltol=1e-10, abstol=1e-10)
 
 
 _LEAST_NORM = (
@@ -183,11 +186,17 @@ def _finite(names: Sequence[str], times: np.ndarray, values: np.ndarray) -> None
 
 
 def _result(
-    frame: Trajectory, u: np.ndarray, lam: np.ndarray, notes: list[str], refine: Any, p: np.ndarray
+    frame: Trajectory,
+    u: np.ndarray,
+    lam: np.ndarray,
+    notes: list[str],
+    at: Callable[[np.ndarray], Arrays],
+    p: np.ndarray,
+    course: Trajectory | None = None,
 ) -> Trajectory:
     return Trajectory(
         frame.mechanism, frame.t, frame.q, frame.v, frame.a, frame.z, lam, u, p,
-        statistics=Statistics(notes=notes), refine=refine,
+        statistics=Statistics(notes=notes), interpolation=Direct(at, frame if course is None else course),
     )  # fmt: skip
 
 
@@ -247,11 +256,11 @@ def _of_motion(setup: Setup, course: Trajectory, unknown: Sequence[int], toleran
     lam, u = problem.solve(frame)
     notes = [_LEAST_NORM] if problem.redundant else []
 
-    def refine(t: np.ndarray, *_: np.ndarray) -> tuple[np.ndarray, ...]:
+    def at(t: np.ndarray) -> Arrays:
         part = _of_motion(setup, course.at(t), unknown, tolerance)
-        return part.q, part.v, part.a, part.lam, part.inputs
+        return part.q, part.v, part.a, part.z, part.lam, part.inputs
 
-    return _result(frame, u, lam, notes, refine, numeric.p)
+    return _result(frame, u, lam, notes, at, numeric.p, course)
 
 
 def _knows_states(eom: Equations, course: Trajectory) -> bool:

@@ -17,13 +17,18 @@ from ..model.mechanism import Mechanism
 from ..model.quantities import yes_or_no
 from ..model.symbols import Numbers
 from ..numerics.console import keyboard_interrupts
+from ..numerics.lazy import cached_property
+from ..results.state import Arrays
+from ..results.steps import Continuation, Places, Refined, Spans, States, Stretch
 from ..results.trajectory import Statistics, Trajectory
 from ..results.validity import report_validity
 from .driven_motion import DrivenMotion
 from .mobility import mobility
-from .path_following import Continuation
+from .path_following import Continuation as PathFollower
 from .velocity_level import VelocityLevelMotion
 
+#: Error of the polynomials by which poses between outputs are estimated, relative, and in m, rad and their rates.
+ESTIMATE = 1e-6
 NO_MULTIPLIERS = "kinematics knows no forces: reactions, efforts and multipliers come from inverse_dynamics"
 
 
@@ -114,11 +119,11 @@ def driven_motion(numeric: NumericEquations, grid: np.ndarray, *, progress: bool
     return motion
 
 
-def _follower(numeric: NumericEquations, corners: Sequence[float] = ()) -> Continuation | VelocityLevelMotion:
+def _follower(numeric: NumericEquations, corners: Sequence[float] = ()) -> PathFollower | VelocityLevelMotion:
     """Follower of the pose: Newton's method, or an integration if there are velocity-level rows."""
     if numeric.eom.position_rows.size < numeric.eom.lam.numel():
         return VelocityLevelMotion(numeric)
-    return Continuation(numeric, corners)
+    return PathFollower(numeric, corners)
 
 
 def kinematic_trajectory(numeric: NumericEquations, motion: DrivenMotion) -> Trajectory:
@@ -139,21 +144,60 @@ def kinematic_trajectory(numeric: NumericEquations, motion: DrivenMotion) -> Tra
         u,
         numeric.p,
         statistics=Statistics(method="Newton's method", formulation="kinematics", seconds=motion.seconds),
-        refine=_refine(numeric),
+        interpolation=Refined(DrivenAgain(numeric, motion), motion.t, (motion.q, motion.v, motion.a, z, lam, u)),
         missing_multipliers=NO_MULTIPLIERS,
     )
 
 
-def _refine(numeric: NumericEquations):
-    """Interpolated poses are corrected, and their rates solved again."""
+class DrivenAgain(Continuation):
+    """A driven motion between its outputs: polynomials estimate the pose, which is solved from there.
 
-    def corrected(
-        t: np.ndarray, q: np.ndarray, _v: np.ndarray, _z: np.ndarray, u: np.ndarray
-    ) -> tuple[np.ndarray, ...]:
-        motion = _follower(numeric).correct(t, q)
-        return motion.q, motion.v, motion.a, np.full((t.size, numeric.eom.lam.numel()), np.nan), u
+    Parameters
+    ----------
+    numeric : NumericEquations
+        The equations.
+    motion : DrivenMotion
+        The motion at the outputs.
+    """
 
-    return corrected
+    reltol = abstol = ESTIMATE
+
+    def __init__(self, numeric: NumericEquations, motion: DrivenMotion):
+        self._numeric, self._motion = numeric, motion
+        self.size = numeric.scale.coordinates
+
+    @cached_property
+    def breaks(self) -> np.ndarray:  # type: ignore[override]
+        t = self._motion.t
+        jumps = explicit_time(self._numeric.eom).jumps(self._numeric.p, float(t[0]), float(t[-1]))
+        return np.unique([corner.time for corner in jumps])
+
+    @cached_property
+    def _follower(self) -> PathFollower | VelocityLevelMotion:
+        return _follower(self._numeric, self.breaks.tolist())
+
+    def spans(self) -> Spans:
+        motion = self._motion
+        return Spans(np.zeros(motion.t.size, int), motion.t, self._states(motion))
+
+    @staticmethod
+    def _states(motion: DrivenMotion) -> States:
+        return States(motion.q, motion.v, np.zeros((motion.t.size, 0)))
+
+    def rates(self, places: Places, states: States) -> tuple[np.ndarray, np.ndarray]:
+        return self._follower.correct(places.t, states.q).a, states.z
+
+    def complete(self, places: Places, states: States) -> Arrays:
+        motion, eom = self._follower.correct(places.t, states.q), self._numeric.eom
+        z, lam = (np.full((places.t.size, n), np.nan) for n in (eom.z.numel(), eom.lam.numel()))
+        return motion.q, motion.v, motion.a, z, lam, np.tile(eom.input_values, (places.t.size, 1))
+
+    def again(self, stretches: Sequence[Stretch]) -> list[States]:
+        results = []
+        for one in stretches:
+            motion = self._follower.run(np.r_[one.start, one.times], one.state.q.ravel())
+            results.append(self._states(motion).at(slice(1, None)))
+        return results
 
 
 def _check_driven(numeric: NumericEquations, t: float, q: np.ndarray, what: str) -> None:

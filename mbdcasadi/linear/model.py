@@ -15,7 +15,8 @@ from ..errors import MechanismError, warn
 from ..model.quantities import whole
 from ..model.symbols import number
 from ..numerics.lazy import cached_property, optional_package
-from ..results.state import State
+from ..results.state import Arrays, State
+from ..results.steps import Direct
 from ..results.trajectory import Trajectory
 from .directions import Directions
 
@@ -247,6 +248,16 @@ class Mode:
         return self._trajectory(phase / turning, phase, amplitude, damped)
 
     def _trajectory(self, t: np.ndarray, phase: np.ndarray, amplitude: float, damped: bool = False) -> Trajectory:
+        def at(times: np.ndarray) -> Arrays:
+            since = times - self.model.state.t
+            return self._states(since, phase[0] + since * (phase[-1] - phase[0]) / (t[-1] or 1.0), amplitude, damped)
+
+        point = self.model.state
+        time = point.t + t
+        return Trajectory(point.mechanism, time, *at(time), point.parameters, interpolation=Direct(at, time))
+
+    def _states(self, t: np.ndarray, phase: np.ndarray, amplitude: float, damped: bool) -> Arrays:
+        """``q, v, a, z, lam, u`` at times since the start, by row."""
         point, d = self.model.state, self.model.directions
         size = number(amplitude, "mode", "amplitude") * (np.exp(self.eigenvalue.real * t) if damped else 1.0)
         turn = size * np.exp(1j * phase)
@@ -255,14 +266,12 @@ class Mode:
         def part(base: np.ndarray, change: np.ndarray) -> np.ndarray:
             return base + np.real(np.outer(turn, change[:, :k] @ self.vector))
 
-        time = point.t + t
         recovery = Recovery(NumericEquations(point.equations, point.parameters), redundant=True)
         fixed = np.full(t.size, point.t)
         q = recovery.positions(fixed, part(point.q, d.q))
         v = recovery.velocities(fixed, q, part(point.v, d.v))
         a, z, lam = part(point.a, d.a), part(point.z, d.z), part(point.lam, d.lam)
-        u = part(point.inputs, d.u)
-        return Trajectory(point.mechanism, time, q, v, a, z, lam, u, point.parameters)
+        return q, v, a, z, lam, part(point.inputs, d.u)
 
     def __repr__(self) -> str:
         damped = f"damping ratio {self.damping_ratio:.4g}"

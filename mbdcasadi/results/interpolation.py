@@ -29,6 +29,34 @@ def hermite(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, wanted: 
     return position, velocity
 
 
+def quintic_step(
+    s: np.ndarray,
+    h: np.ndarray,
+    q0: np.ndarray,
+    v0: np.ndarray,
+    a0: np.ndarray,
+    q1: np.ndarray,
+    v1: np.ndarray,
+    a1: np.ndarray,
+) -> np.ndarray:
+    """Quintic Hermite polynomials at shares s (k, 1) of steps of lengths h (k, 1)."""
+    v0, v1, a0, a1, rise = h * v0, h * v1, h**2 * a0, h**2 * a1, q1 - q0
+    c3 = 10 * rise - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1
+    c4 = -15 * rise + 8 * v0 + 7 * v1 + 1.5 * a0 - a1
+    c5 = 6 * rise - 3 * v0 - 3 * v1 - 0.5 * a0 + 0.5 * a1
+    position: np.ndarray = q0 + s * (v0 + s * (a0 / 2 + s * (c3 + s * (c4 + s * c5))))
+    return position
+
+
+def cubic_step(
+    s: np.ndarray, h: np.ndarray, z0: np.ndarray, r0: np.ndarray, z1: np.ndarray, r1: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cubic Hermite polynomials at shares s (k, 1) of steps of lengths h (k, 1), and their derivative."""
+    r0, r1, rise = h * r0, h * r1, z1 - z0
+    second, third = 3 * rise - 2 * r0 - r1, r0 + r1 - 2 * rise
+    return z0 + s * (r0 + s * (second + s * third)), (r0 + s * (2 * second + 3 * s * third)) / h
+
+
 def cubic(t: np.ndarray, values: np.ndarray, rates: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cubic Hermite interpolation of values with their rates, by row, and its derivative."""
     k, h, s = _bracket(t, wanted)

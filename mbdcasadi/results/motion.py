@@ -11,7 +11,7 @@ import numpy as np
 from ..equations import Equations
 from ..model.mechanism import Mechanism
 from ..model.symbols import Expression
-from .state import Arguments, EventOccurrence
+from .state import Arguments, EventOccurrence, State
 
 
 @dataclass(frozen=True)
@@ -95,6 +95,16 @@ class Motion(Protocol):
 
     @property
     def arguments(self) -> Arguments: ...
+
+    @property
+    def interpolates(self) -> bool: ...
+
+    @property
+    def knots(self) -> np.ndarray: ...
+
+    def at(self, times: Any) -> Motion: ...
+
+    def state(self, index: int) -> State: ...
 
     @property
     def phases(self) -> Sequence[Motion]: ...

@@ -176,7 +176,7 @@ class PhasedTrajectory(Trajectory):
         state = self._parts[number].state(k - int(self._starts[number]))
         return in_whole(state, self.mechanism, self._values[number])
 
-    def at(self, times: Any) -> Trajectory:
+    def at(self, times: Any) -> PhasedTrajectory:
         """Return the motion at other times within its span; at a change it is the one just before."""
         return self.by_parts(self._within(times), Trajectory.at)
 
@@ -195,13 +195,12 @@ class PhasedTrajectory(Trajectory):
         """True if :meth:`at` can interpolate."""
         return all(part.interpolates for part in self._parts)
 
-    @cached_property
-    def with_jumps(self) -> Trajectory:
-        """The same with the states just before and just after each reset among its times."""
-        parts = [part.with_jumps for part in self._parts]
-        if all(one is other for one, other in zip(parts, self._parts, strict=True)):
-            return self
-        return PhasedTrajectory(parts, self.mechanism, self._values, events=self.events, statistics=self.statistics)
+    @property
+    def knots(self) -> np.ndarray:
+        """Times between which polynomials of degree five follow the motion, s; both sides of each jump."""
+        found = [np.r_[np.nextafter(part.t[0], np.inf), part.knots] for part in self._parts]
+        times = np.unique(np.concatenate(found))
+        return times[times <= self.t[-1]]
 
     def appearances(self, part: Any) -> tuple[float, ...] | None:
         """Return the times at which a body or an element appears and disappears in turn, s; None if it stays.
@@ -223,14 +222,15 @@ class PhasedTrajectory(Trajectory):
         last = len(self) - 1 - np.argmax(known[::-1], axis=0)
         return np.asarray(self.q[last, np.arange(self.q.shape[1])])
 
-    def with_absent_bodies(self, last_seen: np.ndarray | None = None) -> Trajectory:
+    def with_absent_bodies(self, of: PhasedTrajectory | None = None) -> Trajectory:
         """Return the motion with bodies that have left where they were last seen, at rest: for pictures.
 
-        Parameters have their last values.
+        Parameters have their last values. Both are those of the motion `of` if this is a part of one.
         """
-        q = np.where(np.isnan(self.q), self.last_seen if last_seen is None else last_seen, self.q)
+        last = self if of is None else of
+        q = np.where(np.isnan(self.q), last.last_seen, self.q)
         arrays = six([q, *(np.nan_to_num(x) for x in self.arguments[2:-1])])
-        return Trajectory(self.mechanism, self.t, *arrays, self._values[-1], events=self.events)
+        return Trajectory(self.mechanism, self.t, *arrays, last._values[-1], events=self.events)
 
     @property
     def violations(self) -> tuple[np.ndarray, np.ndarray]:

@@ -17,6 +17,7 @@ from .fingerprint import fingerprint
 from .motion import Motion
 from .state import EventOccurrence, State
 from .stored_states import ARRAYS, column_names, states_of
+from .stored_steps import steps_of
 
 #: Formats of a motion in one mechanism, and of one through several.
 FORMAT, PHASED_FORMAT = "mbdcasadi trajectory 1", "mbdcasadi phased trajectory 1"
@@ -44,7 +45,7 @@ def _content(motion: Motion) -> dict[str, Any]:
     content |= states_of([event.state for event in motion.events], eom, "event ")
     content |= states_of([event.after or event.state for event in motion.events], eom, "event after ")
     content["event resets"] = np.array([event.after is not None for event in motion.events], dtype=bool)
-    return content
+    return content | steps_of(motion)
 
 
 def _phased_content(motion: Motion) -> dict[str, Any]:
@@ -68,6 +69,8 @@ def _phased_content(motion: Motion) -> dict[str, Any]:
         content |= {prefix + name: np.vstack([getattr(part, name) for part in its_parts]) for name in ARRAYS}
         content |= {f"{prefix}{kind} names": np.array(names, dtype=str) for kind, names in column_names(eom).items()}
         content[f"{prefix}fingerprint"] = fingerprint(eom, its_parts[0].arguments)
+    for k, part in enumerate(parts):
+        content |= steps_of(part, f"phase {k} ")
     return content | _events_of(motion, mechanisms)
 
 

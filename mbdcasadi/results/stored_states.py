@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ..equations import Equations
-from ..equations.numeric import NumericEquations
-from ..equations.recovery import Recovery
 from ..errors import FileError, MechanismError
-from ..model.forces.friction.modes import switching
 from .archives import Archive
 from .state import Arrays, State, six
 
@@ -105,14 +102,3 @@ def _listed(archive: Archive, name: str, count: int, otherwise: Any) -> list[Any
     if not all(isinstance(value, kinds) for value in values):
         raise archive.refuse(f"the entry '{name}' holds {next(v for v in values if not isinstance(v, kinds))!r}")
     return values
-
-
-def refinement(
-    eom: Equations, t: np.ndarray, q: np.ndarray, parameters: np.ndarray
-) -> Callable[..., tuple[np.ndarray, ...]] | None:
-    """Return the function that brings values between the times onto the constraints, as in the run that was saved."""
-    if not t.size or switching(eom.mechanism):
-        return None  # the constraints of exact friction change along the motion
-    numeric = NumericEquations(eom, parameters)
-    redundant = numeric.rank(float(t[0]), q[0]).rank < eom.lam.numel()
-    return Recovery(numeric, redundant=redundant).refine()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -14,15 +14,15 @@ from ..model.forces.friction.modes import switches
 from ..model.immutable import HoldsSymbols
 from ..model.mechanism import Mechanism
 from ..model.symbols import Expression, as_expression
-from ..numerics.lazy import cached_property
 from ..numerics.real import real_array
 from .export import to_csv, to_pandas, to_xarray
+from .extrema import Extremum, extremum
 from .finite import refuse_nan
-from .interpolation import cubic, hermite, linear
 from .motion import Drift, Energy, Statistics
 from .notebook import html_table
 from .saving import save
 from .state import Arguments, EventOccurrence, State, six
+from .steps import Interpolation
 from .summary import summary_lines
 
 
@@ -44,9 +44,8 @@ class Trajectory(HoldsSymbols):
         Events that took place.
     statistics : Statistics, optional
         Statistics of the run.
-    refine : callable, optional
-        ``refine(t, q, v, z, u) -> (q, v, a, lam, u)`` brings interpolated values
-        back onto the constraints; see :meth:`at`.
+    interpolation : Interpolation, optional
+        The motion between the times; see :meth:`at`.
     missing_multipliers : str, optional
         Reason if there are no multipliers.
     """
@@ -65,7 +64,7 @@ class Trajectory(HoldsSymbols):
         *,
         events: Sequence[EventOccurrence] = (),
         statistics: Statistics | None = None,
-        refine: Callable[..., tuple[np.ndarray, ...]] | None = None,
+        interpolation: Interpolation | None = None,
         missing_multipliers: str = "",
     ):
         self.mechanism = mechanism
@@ -78,7 +77,7 @@ class Trajectory(HoldsSymbols):
         self.parameters = np.asarray(p, float).ravel()
         self.events = tuple(events)
         self.statistics = statistics or Statistics()
-        self._refine = refine
+        self.interpolation = interpolation
         self.missing_multipliers = missing_multipliers
 
     # --- evaluation ------------------------------------------------------------------
@@ -154,9 +153,11 @@ class Trajectory(HoldsSymbols):
     def at(self, times: Any) -> Trajectory:
         """Return the trajectory at other times within its span.
 
-        Coordinates follow quintic Hermite polynomials through positions,
-        velocities and accelerations and are brought back onto the constraints;
-        accelerations and multipliers come from the equations of motion there.
+        It is as accurate as one with outputs there. A motion of :func:`simulate` follows polynomials of degree five
+        through positions, velocities and accelerations if these meet the equations of motion between the outputs;
+        else it is integrated again there, which is kept. Positions and velocities are brought back onto the
+        constraints; accelerations and multipliers come from the equations of motion. At the instant of a jump it is
+        the motion just before.
 
         Parameters
         ----------
@@ -169,11 +170,54 @@ class Trajectory(HoldsSymbols):
             For times outside the trajectory.
         """
         wanted = self._within(times)
-        if self._refine is None:
+        return self._at(wanted, *self._between().at(wanted))
+
+    def maximum(self, expression: Any) -> Extremum:
+        """Return the largest value of a scalar over the motion, with ``.value``, ``.t`` and ``.state``.
+
+        It is that of the motion, wherever it lies between the outputs; at jumps the values just before and just after
+        count.
+
+        Parameters
+        ----------
+        expression : expression
+            A scalar: a coordinate, the size of a reaction, a power, …
+
+        Raises
+        ------
+        MechanismError
+            For other than a scalar, and for a trajectory that cannot be interpolated.
+
+        Examples
+        --------
+        >>> motion.maximum(mbd.norm(pin.reaction_on(rod).force)).value  # doctest: +SKIP
+        71.63
+        """
+        return extremum(self, expression, 1, "maximum")
+
+    def minimum(self, expression: Any) -> Extremum:
+        """Return the smallest value of a scalar over the motion; see :meth:`maximum`."""
+        return extremum(self, expression, -1, "minimum")
+
+    @property
+    def knots(self) -> np.ndarray:
+        """Times between which polynomials of degree five follow the motion, s; both sides of each jump.
+
+        They are found by going through the whole motion; see :meth:`at`.
+
+        Raises
+        ------
+        MechanismError
+            For a trajectory that was made from arrays alone.
+        """
+        if self.t.size < 2:
+            return self.t
+        return self._between().knots(float(self.t[0]), float(self.t[-1]))
+
+    def _between(self) -> Interpolation:
+        if self.interpolation is None:
             raise MechanismError("this trajectory was made from arrays and cannot be interpolated between its times")
-        q, v, z, u = self.with_jumps.between(wanted)
-        q, v, a, lam, u = self._refine(wanted, q, v, z, u)
-        return self._at(wanted, q, v, a, z, lam, u)
+        return self.interpolation
 
     def _within(self, times: Any) -> np.ndarray:
         """Return times as an array; raise an error if one is not within the span."""
@@ -206,44 +250,12 @@ class Trajectory(HoldsSymbols):
     @property
     def interpolates(self) -> bool:
         """True if :meth:`at` can interpolate; False if the trajectory was made from arrays alone."""
-        return self._refine is not None
-
-    def between(self, wanted: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Return coordinates, velocities, first-order states and inputs at times, not yet on the constraints."""
-        q, v = hermite(self.t, self.q, self.v, self.a, wanted)
-        z, _ = cubic(self.t, self.z, self._state_rates, wanted)
-        return q, v, z, linear(self.t, self.inputs, wanted)
-
-    @property
-    def with_jumps(self) -> Trajectory:
-        """The same with the states just before and just after each reset among its times; itself if there is none."""
-        # a trajectory that kept itself would stay in memory until the garbage collector comes
-        return self if all(event.after is None for event in self.events) else self._with_jumps
-
-    @cached_property
-    def _with_jumps(self) -> Trajectory:
-        parts: list[tuple[np.ndarray, ...]] = [(self.t, *self.arguments[1:-1])]
-        for event in self.events:
-            if event.after is None:
-                continue
-            for time, s in ((event.t, event.state), (np.nextafter(event.t, np.inf), event.after)):
-                parts.append((np.array([time]), *(x[None] for x in s.arguments[1:-1])))
-        t, *arrays = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-        # of states at one time the first is before a jump, and the last behind it
-        order = np.argsort(t, kind="stable")
-        once = np.r_[np.diff(t[order]) > 0, True]
-        return self._at(t[order][once], *(x[order][once] for x in arrays))
+        return self.interpolation is not None
 
     def _at(self, t: np.ndarray, *arrays: np.ndarray) -> Trajectory:
         """Trajectory at other times, from ``q, v, a, z, lam, u``."""
-        more: dict[str, Any] = {"refine": self._refine, "missing_multipliers": self.missing_multipliers}
+        more: dict[str, Any] = {"interpolation": self.interpolation, "missing_multipliers": self.missing_multipliers}
         return Trajectory(self.mechanism, t, *six(arrays), self.parameters, **more)
-
-    @property
-    def _state_rates(self) -> np.ndarray:
-        """Rates of the first-order states (n_t, k)."""
-        rates = self.equations.z_rate
-        return self[rates].reshape(self.t.size, -1) if rates.numel() else self.z
 
     # --- quantities of the whole motion ---------------------------------------------------
     @property

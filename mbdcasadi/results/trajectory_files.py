@@ -19,7 +19,8 @@ from .motion import Statistics
 from .phases import PhasedTrajectory, in_whole, union_of
 from .saving import FORMAT, PHASED_FORMAT
 from .state import Arrays, EventOccurrence, State, six
-from .stored_states import check_columns, read_columns, read_states, read_times, refinement
+from .stored_states import check_columns, read_columns, read_states, read_times
+from .stored_steps import read_steps
 from .trajectory import Trajectory
 
 
@@ -38,7 +39,7 @@ def read_trajectory(path: str | Path, mechanism: Mechanism | Sequence[Mechanism]
     Returns
     -------
     Trajectory
-        Its ``.at(times)`` takes inputs between the times as linear.
+        Between its times it is the motion that was saved.
 
     Raises
     ------
@@ -80,7 +81,7 @@ def _read_one(archive: Archive, eom: Equations) -> Trajectory:
     check_columns(archive, eom)
     t = read_times(archive)
     parameters = archive.numbers("parameters", len(eom.mechanism.parameters))
-    arrays = q, v, a, _, lam, _ = read_columns(archive, "", eom, t.size)
+    arrays = _, v, a, _, lam, _ = read_columns(archive, "", eom, t.size)
     unknown_multipliers = str(archive.get("missing multipliers", ""))
     for name, values in ({"v": v, "a": a} | ({} if unknown_multipliers else {"lam": lam})).items():
         if values.size and np.all(np.isnan(values)):
@@ -100,7 +101,7 @@ def _read_one(archive: Archive, eom: Equations) -> Trajectory:
         parameters,
         events=_events(archive, eom, parameters),
         statistics=_read_statistics(archive, archive.json("statistics") if "statistics" in archive else {}),
-        refine=refinement(eom, t, q, parameters),
+        interpolation=read_steps(archive, "", eom, t, arrays, parameters),
         missing_multipliers=unknown_multipliers,
     )
 
@@ -164,7 +165,7 @@ def _read_phased(archive: Archive, candidates: Sequence[Mechanism]) -> PhasedTra
             p,
             events=own_events[i],
             statistics=_read_statistics(archive, all_statistics[i]),
-            refine=refinement(eom, times[i], columns[0], p),
+            interpolation=read_steps(archive, f"phase {i} ", eom, times[i], columns, p),
             missing_multipliers=str(missing[i]),
         )
         parts.append(part)

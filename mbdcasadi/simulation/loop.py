@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import copy
+import math
 import time as clock
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -20,7 +23,9 @@ from ..model.events import Event
 from ..model.forces.friction.modes import switching
 from ..numerics.console import Interruption, interruptible
 from ..numerics.progress import simulated_time_bar
+from ..numerics.real import distinct
 from ..results.state import State
+from ..results.steps import Stretch
 from ..results.trajectory import EventOccurrence, Trajectory
 from ..results.validity import validity_conditions
 from .arc import Arc, ends_run, resets_or_ends
@@ -32,6 +37,7 @@ from .checks.failure_diagnosis import cause_of_failure, singular_event
 from .checks.unseen_loads import UnseenLoads, meets_loads
 from .outputs import Outputs
 from .path import Path
+from .rerun import interpolation_of
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
 from .singular.passage import Passage, notes_on_passages
 from .singular.start import refuse_singular_start
@@ -67,24 +73,29 @@ class Run:
         self.setup, self.modes, self.events, self.integrator = setup, modes, tuple(events), integrator
         #: True if the paths of all pieces are kept, on which the shortest load is looked for
         self.keeps_paths = keeps_paths
+        #: pieces into which the run is divided
+        self.pieces = PIECES
         self._progress, self._noticed = progress, interruption
         timed = time_dependence(setup)
         self._max_step, self._obstacle, self._corners = timed.max_step, timed.obstacle(), timed.velocity_jumps
+        self._timed = timed
         grid = setup.grid
         self._span, self.instant = float(grid[-1] - grid[0]), instant_of(grid)
         controller = setup.signals.controller
+        self._watch_points = WATCH_POINTS if self._is_watched(integrator) else 0
         self._schedule = Schedule(
             grid,
             stops=np.concatenate([setup.signals.breaks, timed.stops]),
             jumps=timed.jumps,
             period=None if controller is None else controller.period,
-            watch_points=WATCH_POINTS if self._is_watched(integrator) else 0,
+            watch_points=self._watch_points,
         )
         self.redundant = False
         self.transitions = Transitions(modes, events, self.instant)
         self._arcs: dict[Any, Arc] = {}
         self._notes = timed.notes
-        self._x = self._extra_stops = np.zeros(0)
+        self._builder = TrajectoryBuilder(modes, setup.p)
+        self._time, self._x, self._extra_stops = 0.0, np.zeros(0), np.zeros(0)
         self._passed: list[float] = []
         self._paths: list[Path] = []
         #: events of the instant at which the run ended that change the mechanism, and the state there
@@ -144,7 +155,7 @@ class Run:
                 if self._interruption.requested or isinstance(error, KeyboardInterrupt):
                     raise self._interrupted() from None
                 if isinstance(error, MechanismError) and error.partial is None and not builder.is_empty:
-                    error.partial = builder.trajectory()
+                    error.partial = self.trajectory()
                 raise
             finally:
                 builder.statistics.seconds = clock.perf_counter() - began
@@ -154,7 +165,55 @@ class Run:
                 if not self._interruption.requested:  # what was stopped inside a step is not used again
                     for arc in self._arcs.values():
                         arc.stepper.release()
-        return builder.trajectory()
+        return self.trajectory()
+
+    def trajectory(self) -> Trajectory:
+        """Return the motion so far."""
+        return self._builder.trajectory(partial(interpolation_of, self))
+
+    # --- parts of it that are integrated again ------------------------------------------------
+    @property
+    def breaks(self) -> np.ndarray:
+        """Times at which inputs or equations change, without the jumps of prescribed values that end a span, s."""
+        timed = self._timed
+        return distinct(np.concatenate([self.setup.signals.breaks, timed.stops, timed.jumps]))
+
+    def parted(self) -> Run:
+        """Return a run that goes on from states of this one, without events and without its record."""
+        other = copy.copy(self)
+        other.events, other.keeps_paths, other._paths, other._arcs = (), False, [], {}
+        other._builder = other._arc = None  # type: ignore[assignment]
+        return other
+
+    def again(self, modes: Modes, start: Stretch, interruption: Interruption) -> Block:
+        """Return ``t, q, v, a, z, lam, u`` of the motion that goes on from a state in the one mode of `modes`."""
+        self.modes, self._interruption = modes, interruption
+        grid = np.r_[start.start, start.times]
+        share = (grid[-1] - grid[0]) / self._span
+        self.pieces = math.ceil(PIECES * share)
+        self._schedule = Schedule(
+            grid,
+            stops=np.concatenate([self.setup.signals.breaks, self._timed.stops]),
+            jumps=self._timed.jumps,
+            watch_points=math.ceil(self._watch_points * share),
+        )
+        self._builder, self._extra_stops, self._index = TrajectoryBuilder(modes, self.setup.p), np.zeros(0), 0
+        self.transitions = Transitions(modes, (), self.instant)
+        self.transitions.mode = modes.free
+        self._time, self._x = start.start, np.concatenate([x.ravel() for x in start.state])
+        q, v, z = (x.ravel() for x in start.state)
+        nothing = np.zeros(self.setup.eom.a.numel()), z, np.zeros(0), np.zeros(0)
+        mechanism = modes.numeric(modes.free).eom.mechanism
+        self._enter(State(mechanism, start.start, q, v, *nothing, self.setup.p))
+        with simulated_time_bar(self._span, show=False) as bar:
+            self._pieces(bar)
+        return tuple(np.concatenate(parts) for parts in zip(*self._builder.blocks, strict=True))
+
+    def release(self) -> None:
+        """Give back what is kept for later runs of the mechanism."""
+        for arc in self._arcs.values():
+            arc.stepper.release()
+        self._arcs = {}
 
     @property
     def passages(self) -> tuple[float, ...]:
@@ -214,12 +273,12 @@ class Run:
         """Return the motion of no duration at a state at which the mechanism has changed and the run ends."""
         self._prepare()
         self._resume(entry, ())
-        return self._builder.trajectory()
+        return self.trajectory()
 
     def _pieces(self, bar: Any) -> None:
         """Advance piece by piece up to the end, or to an event that ends the run."""
         schedule = self._schedule
-        size = schedule.size if self.integrator.runs_whole else -(-schedule.size // PIECES)
+        size = schedule.size if self.integrator.runs_whole else -(-schedule.size // self.pieces)
         first = True
         while self._index < schedule.size:
             self._refuse_to_pass_obstacle()
@@ -403,11 +462,13 @@ class Run:
 
     def _pass_jump(self, after: float) -> None:
         """Go on from just after a jump of the equations: prescribed velocities may jump, by an impulse."""
+        self._builder.leave(self._time, self._x)
         q, v, z = (part[0] for part in self._arc.stepper.outputs.split(self._x[None, :]))
         jacobian, nu = self._arc.numeric.velocity(after, q)
         if nu.size:
             self._x = np.r_[q, jump(self._arc.numeric, jacobian, nu, v).v, z]
         self._arc.trail.begin(self._time, self._x)
+        self._builder.enter(self._time, self._x, self._arc.mode)
 
     def _keep(self, times: np.ndarray, x: np.ndarray, since: np.ndarray, outputs: Outputs | None = None) -> None:
         """Record outputs at states."""
@@ -434,10 +495,12 @@ class Run:
         if mode not in self._arcs:
             self._arcs[mode] = self._arc_in(mode, state)
         arc = self._arc = self._arcs[mode]
+        if not first:
+            self._builder.leave(self._time, self._x)
         self._x, self._time = np.concatenate([state.q, state.v, state.z]), state.t
         self._arc.trail.begin(self._time, self._x)
         arc.watch.start_at(state, located)
-        self._builder.enter(state.t, mode, arc.stepper.outputs.recovery.refine(arc.stepper.outputs.rule))
+        self._builder.enter(state.t, self._x, mode)
         if first:
             statistics = self._builder.statistics
             statistics.method = self.integrator.name
@@ -485,6 +548,7 @@ class Run:
         if terminal and self._builder.last_time < time:
             self._keep(np.array([time]), first.x[None, :], np.array([time]), before)
         state = self._state(before, time, first.x)
+        self._time, self._x = time, first.x
         mode_events = [c.event for c in crossings if arc.is_own(c.event)]
         if mode_events:
             state, occurrences = self.transitions.out_of_mode(state, mode_events)
@@ -523,7 +587,7 @@ class Run:
         return Interrupted(
             f"stopped by the user at t = {reached:.6g} s; what was computed is in .partial",
             time=reached,
-            partial=self._builder.trajectory(),
+            partial=self.trajectory(),
         )
 
     def _failed(self, piece: Piece, failure: IntegrationFailure, times: np.ndarray, x: np.ndarray) -> SimulationError:
@@ -541,7 +605,7 @@ class Run:
         return SimulationError(
             f"the simulation stopped at t = {reached:.6g} s: {cause}; what was computed is in .partial",
             time=reached,
-            partial=self._builder.trajectory(),
+            partial=self.trajectory(),
         )
 
     @property

@@ -71,9 +71,3 @@ class Outputs:
         p, eom = self.numeric.p, self.numeric.eom
         values: np.ndarray = self.signals.values(t, q[None], v[None], z[None], p, eom, levels=self._levels)[0]
         return values
-
-    def rule(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Inputs at interpolated states: what a controller held is taken as interpolated, all else is evaluated."""
-        if self.signals.controller is not None:
-            return u
-        return self.signals.values(t, q, v, z, self.numeric.p, self.numeric.eom, levels=self._levels)

@@ -2,16 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from ..results.steps import Interpolation
 from ..results.trajectory import EventOccurrence, Statistics, Trajectory
 from .changes.modes import Block, Modes
 
-#: ``(t, q, v, z, u) -> (q, v, a, lam, u)``: interpolated states brought back onto the constraints.
-Refine = Callable[..., tuple[np.ndarray, ...]]
+
+@dataclass
+class Span:
+    """A part of a run in one mode, in which nothing jumps.
+
+    Attributes
+    ----------
+    mode : hashable
+        The mode.
+    levels : numpy.ndarray
+        Values of the inputs that are numbers.
+    first : int
+        Number of its first output.
+    start, x : float, numpy.ndarray
+        Time and state at its start.
+    end, last : float, numpy.ndarray
+        Time and state at its end; None of the last span, which ends with its last output.
+    """
+
+    mode: Any
+    levels: np.ndarray
+    first: int
+    start: float
+    x: np.ndarray
+    end: float | None = None
+    last: np.ndarray | None = None
+
+
+#: ``(spans, t, arrays) -> interpolation`` of the outputs ``q, v, a, z, lam, u`` at times t.
+Interpolating = Callable[[Sequence[Span], np.ndarray, Any], Interpolation]
 
 
 class TrajectoryBuilder:
@@ -29,31 +59,39 @@ class TrajectoryBuilder:
         self.modes, self.p = modes, p
         self.events: list[EventOccurrence] = []
         self.statistics = Statistics()
-        self._blocks: list[Block] = []
-        self._spans: list[tuple[float, Any, Refine]] = []
+        self.blocks: list[Block] = []
+        self._spans: list[Span] = []
+        self._count = 0
 
-    def enter(self, time: float, mode: Any, refine: Refine) -> None:
-        """Note that a mode holds from a time on, and how states in it are interpolated."""
-        self._spans.append((time, mode, refine))
+    def enter(self, time: float, x: np.ndarray, mode: Any) -> None:
+        """Note that the motion goes on from a state in a mode."""
+        self._spans.append(Span(mode, self.modes.levels.copy(), self._count, time, x))
+
+    def leave(self, time: float, x: np.ndarray) -> None:
+        """Note the state at which the motion jumps, or its equations change."""
+        if self._spans:
+            self._spans[-1].end, self._spans[-1].last = time, x
 
     def add(self, mode: Any, block: Block) -> None:
         """Append some outputs in a mode."""
         if block[0].size:
-            self._blocks.append(self.modes.whole_block(mode, block))
+            self.blocks.append(self.modes.whole_block(mode, block))
+            self._count += block[0].size
 
     @property
     def is_empty(self) -> bool:
         """True if there are no outputs yet."""
-        return not self._blocks
+        return not self.blocks
 
     @property
     def last_time(self) -> float:
         """Time of the last output."""
-        return float(self._blocks[-1][0][-1])
+        return float(self.blocks[-1][0][-1])
 
-    def trajectory(self) -> Trajectory:
-        """Return everything so far."""
-        t, q, v, a, z, lam, u = [np.concatenate(parts) for parts in zip(*self._blocks, strict=True)]
+    def trajectory(self, interpolating: Interpolating) -> Trajectory:
+        """Return everything so far, with the motion between the outputs."""
+        t, *arrays = [np.concatenate(parts) for parts in zip(*self.blocks, strict=True)]
+        q, v, a, z, lam, u = arrays
         return Trajectory(
             self.modes.mechanism,
             t,
@@ -66,28 +104,5 @@ class TrajectoryBuilder:
             self.p,
             events=self.events,
             statistics=self.statistics,
-            refine=self._refined(),
+            interpolation=interpolating(list(self._spans), t, (q, v, a, z, lam, u)),
         )
-
-    def _refined(self) -> Refine:
-        """Interpolation in the mode that holds at each time."""
-        spans, modes = list(self._spans), self.modes
-        starts = np.array([start for start, *_ in spans])
-
-        def refined(
-            t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray
-        ) -> tuple[np.ndarray, ...]:
-            which = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, len(starts) - 1)
-            parts: list[tuple[np.ndarray, ...]] = []
-            for k in np.unique(which):
-                rows = which == k
-                _, mode, refine = spans[k]
-                own_q, own_v, a, lam, own_u = refine(t[rows], q[rows], v[rows], z[rows], u[rows])
-                block = modes.whole_block(mode, (t[rows], own_q, own_v, a, z[rows], lam, own_u))
-                parts.append((np.flatnonzero(rows), own_q, own_v, a, block[5], own_u))
-            rows, *columns = (np.concatenate(part) for part in zip(*parts, strict=True))
-            order = np.argsort(rows)
-            q, v, a, lam, u = (column[order] for column in columns)
-            return q, v, a, lam, u
-
-        return refined

@@ -72,11 +72,8 @@ class Course:
         self.rough: set[int] = set()
 
     def _first_samples(self) -> tuple[np.ndarray, np.ndarray]:
-        """Outputs, events and the midpoints between them; of very many outputs those that polynomials need."""
-        motion = self._motion
-        instants = np.array([event.t for event in motion.events])
-        instants = instants[(instants >= motion.t[0]) & (instants < motion.t[-1])]
-        times = np.unique(np.concatenate([motion.t, instants, np.nextafter(instants, np.inf)]))
+        """Knots of the motion and the midpoints between them; of very many knots those that polynomials need."""
+        times = self._motion.knots
         if times.size <= DENSE:
             wide = np.diff(times) > 2 * self.resolution
             times = np.union1d(times, (times[:-1] + times[1:])[wide] / 2)

@@ -220,6 +220,7 @@ def test_events_and_states_return(tmp_path):
     marked = Trajectory(
         model, run.t, run.q, run.v, run.a, run.z, run.lam, run.inputs, run.parameters,
         events=[EventOccurrence("half way", 0.5, run.state(5)), EventOccurrence("end", 1.0, run.final)],
+        interpolation=run.interpolation,
     )  # fmt: skip
     marked.save(tmp_path / "run.npz")
     again = mbd.read_trajectory(tmp_path / "run.npz", model)

@@ -1063,20 +1063,17 @@ def test_outputs_satisfy_the_equations():
     assert np.abs(motion[eom.Phi_q @ eom.a - eom.gamma]).max() < 1e-11 * np.abs(motion.a).max()
 
 
-def test_interpolation_order():
-    """.at() between outputs: order six or better, on the constraints, with forces from the equations there."""
+def test_between_outputs_however_far_apart():
+    """.at() is as accurate as a run with outputs there, on the constraints, with forces from the equations there."""
     p = pendulum()
     fine = np.linspace(0.013, 1.987, 77)
     wanted = swing(np.r_[0, fine])[:, 1:]
-    errors = []
-    for count in (21, 41, 81):
+    for count in (2, 6, 21, 81):
         motion = mbd.simulate(p.mechanism, np.linspace(0, 2, count), reltol=1e-12, abstol=1e-12, method="erk")
         between = motion.at(fine)
-        errors.append(np.abs(between[p.rod.phi] - wanted[0]).max())
+        assert np.abs(between[p.rod.phi] - wanted[0]).max() < 1e-9
         assert between.drift.position < 1e-13 and between.drift.velocity < 1e-12
         np.testing.assert_array_equal(between.t, fine)
-    orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert np.all(orders > 5.5), (errors, orders)
     force = between[p.pin.reaction_on(p.rod).force][:, 1]
     angle, rate = wanted
     alpha = -1.5 * G * np.cos(angle)

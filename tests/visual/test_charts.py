@@ -20,7 +20,7 @@ def test_phase_plot(pendulum):
     arm, motion = pendulum
     axes = mbd.plot_phase(motion, {"phi, rad": arm.phi, "omega, rad/s": arm.omega}).axes[0]
     phi, omega = axes.lines[0].get_data()
-    assert len(phi) == 1000
+    assert len(phi) > 100
     np.testing.assert_allclose(omega**2, -3 * 9.81 * np.sin(phi), atol=1e-4)
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("phi, rad", "omega, rad/s")
     two = mbd.plot_phase({"a": motion, "b": motion}, {"x": arm.phi, "y": arm.omega}).axes[0]
@@ -31,8 +31,9 @@ def test_energy_plot(pendulum):
     """Energies, what is lost, and violations on a logarithmic axis."""
     _, motion = pendulum
     energies, change, drift = mbd.plot_energy(motion).axes
-    np.testing.assert_allclose(energies.lines[0].get_ydata(), motion.energy.kinetic)
-    np.testing.assert_allclose(change.lines[0].get_ydata(), motion.energy.total - motion.energy.total[0])
+    energy = motion.at(energies.lines[0].get_xdata()).energy
+    np.testing.assert_allclose(energies.lines[0].get_ydata(), energy.kinetic)
+    np.testing.assert_allclose(change.lines[0].get_ydata(), energy.total - energy.total[0])
     assert drift.get_yscale() == "log"
     assert max(np.max(line.get_ydata()) for line in drift.lines) == pytest.approx(
         max(motion.drift.position, motion.drift.velocity)

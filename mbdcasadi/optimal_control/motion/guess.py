@@ -157,7 +157,7 @@ def guess_from_motion(motion: Trajectory, segment_times: np.ndarray) -> PhaseGue
 
     def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
         at = motion_at(wanted)
-        rates = at._state_rates if at.z.shape[1] else at.z
+        rates = at[at.equations.z_rate].reshape(at.z.shape) if at.z.shape[1] else at.z
         return {
             "q": at.q, "v": at.v / stretch, "a": at.a / stretch**2, "z": at.z,
             "rate": rates / stretch, "lam": np.nan_to_num(at.lam), "u": np.nan_to_num(at.inputs),

@@ -14,6 +14,7 @@ from ...numerics.evaluation import Evaluator
 from ...numerics.lazy import cached_property
 from ...numerics.symbolic import symbolic
 from ...results.state import State
+from ...results.steps import Direct
 from ...results.trajectory import Statistics, Trajectory
 from ..program.phase_program import SHORTEST_SWITCH, PhaseProgram
 from ..statement.phase import Phase
@@ -309,9 +310,10 @@ class InstantSolution(PhaseSolution):
         n = eom.q.numel()
         q, v, z = np.split(self.mesh_states, [n, 2 * n], axis=1)
         u = eom.input_values[None, :]
-        refine = Recovery(self.numeric, redundant=self.redundant).refine()
-        q, v, a, lam, u = refine(self.mesh_times, q, v, z, u)
-        return Trajectory(self.phase.mechanism, self.mesh_times, q, v, a, z, lam, u, self.numeric.p, refine=refine)
+        t, complete = self.mesh_times, Recovery(self.numeric, redundant=self.redundant).complete
+        arrays = complete(t, q, v, z, u)
+        one = Direct(lambda times: complete(times, *(np.repeat(x, times.size, axis=0) for x in (q, v, z, u))), t)
+        return Trajectory(self.phase.mechanism, t, *arrays, self.numeric.p, interpolation=one)
 
     @property
     def limits(self) -> list[Condition]:

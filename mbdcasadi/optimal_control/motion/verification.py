@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -240,8 +241,8 @@ def _until(motion: Trajectory, end: State) -> Trajectory:
     count = int(np.searchsorted(motion.t, end.t))
     t, names = np.r_[motion.t[:count], end.t], ("q", "v", "a", "z", "lam", "inputs")
     q, v, a, z, lam, u = (np.vstack([getattr(motion, name)[:count], getattr(end, name)]) for name in names)
-    p, statistics = motion.parameters, motion.statistics
-    return Trajectory(motion.mechanism, t, q, v, a, z, lam, u, p, statistics=statistics, refine=motion._refine)
+    more: dict[str, Any] = {"statistics": motion.statistics, "interpolation": motion.interpolation}
+    return Trajectory(motion.mechanism, t, q, v, a, z, lam, u, motion.parameters, **more)
 
 
 def _moved(polynomial: PiecewisePolynomial, late: float, beyond: float) -> PiecewisePolynomial:

@@ -13,6 +13,7 @@ from ...equations.recovery import Recovery
 from ...model.symbols import Parameter
 from ...numerics.lazy import cached_property
 from ...numerics.symbolic import symbolic
+from ...results.steps import Direct
 from ...results.trajectory import Statistics, Trajectory
 from ..statement.phase import Phase
 from .base import Transcription
@@ -53,13 +54,9 @@ class OptimalMotion(Trajectory):
         function = ca.Function("expression", [*eom.symbols, rates], [ca.densify(expression)])
         return function, (*arguments, self._polynomials.input_rates(self.t))
 
-    def between(self, wanted: np.ndarray) -> tuple[np.ndarray, ...]:
-        return self._polynomials.states(wanted)
-
     def _at(self, t: np.ndarray, *arrays: np.ndarray) -> OptimalMotion:
-        return OptimalMotion(
-            self._phase, self._polynomials, self._extra, t, arrays, self.parameters, refine=self._refine
-        )
+        more: dict[str, Any] = {"interpolation": self.interpolation}
+        return OptimalMotion(self._phase, self._polynomials, self._extra, t, arrays, self.parameters, **more)
 
 
 class Polynomials:
@@ -135,7 +132,9 @@ class Polynomials:
         t = t.ravel()
         t[:: taus.size] = self.times
         q[-1], v[-1], z[-1] = (values[-1] for values in self.at_mesh_points)
-        refine = Recovery(self.numeric, redundant=self.scheme.redundant).refine()
-        q, v, a, lam, u = refine(t, q, v, z, u)
-        arrays = (q, v, a, z, lam, u)
-        return OptimalMotion(phase, self, extra, t, arrays, self.numeric.p, statistics=statistics, refine=refine)
+        complete = Recovery(self.numeric, redundant=self.scheme.redundant).complete
+        more: dict[str, Any] = {
+            "statistics": statistics,
+            "interpolation": Direct(lambda times: complete(times, *self.states(times)), t),
+        }
+        return OptimalMotion(phase, self, extra, t, complete(t, q, v, z, u), self.numeric.p, **more)

@@ -10,25 +10,36 @@ import numpy as np
 from ...errors import MechanismError
 from ...model.mechanism import Mechanism
 from ...numerics.lazy import cached_property
-from ...results.interpolation import hermite, linear
 from ...results.phases import PhasedTrajectory
 from ...results.state import State
 from ...results.trajectory import Trajectory
 
+#: Parts into which a line is divided between two knots of a motion; knots from which on it is not.
+PARTS, MANY = 4, 5000
+
 
 def between(motion: Trajectory, times: np.ndarray) -> Trajectory:
-    """Return a motion at times within its span.
-
-    One that was made from arrays alone cannot be brought back onto the constraints, and
-    follows its velocities and accelerations.
-    """
-    if isinstance(motion, PhasedTrajectory):
-        return motion.by_parts(np.asarray(times, float), between).with_absent_bodies(motion.last_seen)
-    if motion.interpolates:
+    """Return a motion at times within its span, with bodies that have left where they were last seen."""
+    if not isinstance(motion, PhasedTrajectory):
         return motion.at(times)
-    q, v = hermite(motion.t, motion.q, motion.v, motion.a, times)
-    a, z, lam, u = (linear(motion.t, x, times) for x in (motion.a, motion.z, motion.lam, motion.inputs))
-    return Trajectory(motion.mechanism, times, q, v, a, z, lam, u, motion.parameters)
+    return motion.at(times).with_absent_bodies(motion)
+
+
+def fine_times(motion: Trajectory) -> np.ndarray:
+    """Return times of a motion between which lines are straight to the eye, s; both sides of each jump.
+
+    One that was made from arrays alone is known at its outputs only.
+    """
+    if not motion.interpolates or len(motion) < 2:
+        return motion.t
+    knots = motion.knots
+    parts = PARTS if knots.size <= MANY else 1
+    return np.unique(np.r_[(knots[:-1, None] + np.arange(parts) / parts * np.diff(knots)[:, None]).ravel(), knots[-1]])
+
+
+def fine(motion: Trajectory) -> Trajectory:
+    """Return a motion at :func:`fine_times`."""
+    return motion.at(fine_times(motion)) if motion.interpolates and len(motion) > 1 else motion
 
 
 class Sample:

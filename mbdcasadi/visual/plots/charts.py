@@ -11,6 +11,7 @@ from ...errors import MechanismError
 from ...results.columns import read_expressions, read_lines
 from ..axes import dress, legend, over_time, readable, stacked
 from ..drawing.draw import motion_of
+from ..drawing.sample import fine
 from ..drawing.style import series_colour
 from .plot import lines_over
 
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
 
 #: Violations of constraints below this are drawn at it: a logarithm has no place for zero.
 LEAST_VIOLATION = 1e-18
-#: Points of a phase plot of a motion that can be interpolated: its corners would be seen.
-SMOOTH = 1000
 
 
 def plot_phase(motions: Any, expressions: Mapping[str, Any]) -> Figure:
@@ -60,9 +59,7 @@ def plot_phase(motions: Any, expressions: Mapping[str, Any]) -> Figure:
     axes, drawn = figure.subplots(), {}
     for k, (name, motion) in enumerate(named.items()):
         colour = series_colour(k)
-        run = motion_of(motion, "plot_phase")
-        if run.interpolates and len(run) < SMOOTH:
-            run = run.at(np.linspace(run.t[0], run.t[-1], SMOOTH))
+        run = fine(motion_of(motion, "plot_phase"))
         across, up = (run[e] for e in pair.values())
         (drawn[name],) = axes.plot(across, up, color=colour, linewidth=1.5)
         axes.plot(across[0], up[0], "o", color=colour, markersize=5)
@@ -88,7 +85,8 @@ def plot_energy(motion: Any) -> Figure:
         are constraints, the largest ``|Phi|`` and ``|Phi_q v - nu|`` by time.
     """
     run = motion_of(motion, "plot_energy")
-    energy = run.energy
+    drawn = fine(run)
+    energy = drawn.energy
     change = energy.total - energy.total[0]
     position, velocity = run.violations
     drift = {"|Phi|, m or rad": position} if run.equations.Phi.numel() else {}
@@ -96,8 +94,8 @@ def plot_energy(motion: Any) -> Figure:
     count = 3 if drift else 2
     figure, stack = stacked(7.2, 1.0 + 2.0 * count, count)
     sizes = {"kinetic": energy.kinetic, "potential": energy.potential, "total": energy.total}
-    lines_over(stack[0], run.t, sizes, "energy, J")
-    lines_over(stack[1], run.t, {"": change}, "change of total, J")
+    lines_over(stack[0], drawn.t, sizes, "energy, J")
+    lines_over(stack[1], drawn.t, {"": change}, "change of total, J")
     if drift:
         held = {name: np.maximum(values, LEAST_VIOLATION) for name, values in drift.items()}
         stack[2].set_yscale("log")

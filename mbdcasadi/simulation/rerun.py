@@ -1,0 +1,203 @@
+"""Parts of a run that are integrated again, when somebody asks for its motion between the outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..assembly.setup import Setup
+from ..errors import SimulationError
+from ..integrators import Integrator
+from ..model.events import Event
+from ..model.mechanism import Mechanism
+from ..numerics.console import Interruption, interruptible
+from ..numerics.lazy import cached_property
+from ..results.state import Arrays, State
+from ..results.steps import Continuation, Interpolation, Places, Refined, Spans, States, Stretch
+from .changes.modes import Block, Modes
+from .outputs import Outputs
+from .trajectory_builder import Span
+
+
+class Repeatable(Protocol):
+    """What of a run is needed to integrate it again; see :class:`Run`."""
+
+    setup: Setup
+    modes: Modes
+    integrator: Integrator
+    redundant: bool
+
+    @property
+    def breaks(self) -> np.ndarray: ...
+
+    def parted(self) -> Repeatable: ...
+
+    def again(self, modes: Modes, start: Stretch, interruption: Interruption) -> Block: ...
+
+    def release(self) -> None: ...
+
+
+class _HeldMode(Modes):
+    """One mode of others, which is not left."""
+
+    def __init__(self, modes: Modes, mode: Any):
+        super().__init__(modes.setup)
+        self._modes, self.mode = modes, mode
+
+    @property
+    def free(self) -> Any:
+        return self.mode
+
+    def variant(self, mode: Any) -> Mechanism:
+        return self._modes.variant(mode)
+
+    def numeric(self, mode: Any) -> Any:
+        return self._modes.numeric(mode)
+
+    def decided(self, state: State, events: Sequence[Event] = (), before: Any = None) -> tuple[Any, State]:
+        return self.mode, state
+
+
+class RunAgain(Continuation):
+    """A run that goes on from any of its states, without its events: these have been found.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    spans : sequence of Span
+        Its parts between which it jumps, or changes its equations.
+    t : numpy.ndarray
+        Times of its outputs, s.
+    arrays : tuple of numpy.ndarray
+        ``q, v, a, z, lam, u`` there.
+    """
+
+    def __init__(self, run: Repeatable, spans: Sequence[Span], t: np.ndarray, arrays: Arrays):
+        self._run, self._spans, self._t, self._arrays = run.parted(), spans, t, arrays
+        self.reltol, self.abstol = run.integrator.tolerances
+        self._modes: dict[Any, _HeldMode] = {}
+        self._outputs: dict[Any, Outputs] = {}
+
+    @cached_property
+    def size(self) -> np.ndarray:  # type: ignore[override]
+        modes = self._run.modes
+        return modes.numeric(modes.free).scale.coordinates
+
+    @cached_property
+    def breaks(self) -> np.ndarray:  # type: ignore[override]
+        return self._run.breaks
+
+    @cached_property
+    def _levels(self) -> np.ndarray:
+        return np.array([span.levels for span in self._spans]).reshape(len(self._spans), -1)
+
+    def spans(self) -> Spans:
+        n = self._arrays[0].shape[1]
+        rows = np.hstack([self._arrays[0], self._arrays[1], self._arrays[3]])
+        numbers, times, states = [], [], []
+        reached = self._t[0]
+        for k, span in enumerate(self._spans):
+            last = self._spans[k + 1].first if k + 1 < len(self._spans) else self._t.size
+            t, x = self._t[span.first : last], rows[span.first : last]
+            if not t.size or t[0] > span.start:
+                t, x = np.r_[span.start, t], np.vstack([span.x, x])
+            if span.end is not None and span.last is not None and t[-1] < span.end:
+                t, x = np.r_[t, span.end], np.vstack([x, span.last])
+            t = np.maximum(t, reached)  # an output at an event comes before it, by rounding beyond it
+            reached = t[-1]
+            numbers.append(np.full(t.size, k))
+            times.append(t)
+            states.append(x)
+        whole = np.vstack(states)
+        return Spans(np.concatenate(numbers), np.concatenate(times), States(*np.split(whole, [n, 2 * n], axis=1)))
+
+    # --- equations -------------------------------------------------------------------------------
+    def _outputs_in(self, mode: Any) -> Outputs:
+        if mode not in self._outputs:
+            run = self._run
+            self._outputs[mode] = Outputs(
+                run.modes.numeric(mode), run.setup.signals, run.modes.levels, redundant=run.redundant
+            )
+        return self._outputs[mode]
+
+    def _block(self, mode: Any, places: Places, states: States) -> Block:
+        """``t, q, v, a, z, lam, u`` in a mode at states."""
+        outputs, signals = self._outputs_in(mode), self._run.setup.signals
+        (q, v, z), (span, t, since), numeric = states, places, outputs.numeric
+        channel, levels = signals.channel_from(since), self._levels[span]
+        u = signals.values(t, q, v, z, numeric.p, numeric.eom, levels=levels, channel=channel)
+        a, lam = outputs.recovery.accelerations(t, q, v, z, u)
+        return t, q, v, a, z, lam, u
+
+    def _by_mode(self, places: Places) -> list[tuple[Any, np.ndarray]]:
+        """Modes with the rows in them."""
+        rows: dict[Any, list[int]] = {}
+        if not places.span.size:
+            return []
+        for k in np.unique(places.span).tolist():
+            rows.setdefault(self._spans[k].mode, []).append(k)
+        return [(mode, np.flatnonzero(np.isin(places.span, numbers))) for mode, numbers in rows.items()]
+
+    def rates(self, places: Places, states: States) -> tuple[np.ndarray, np.ndarray]:
+        a, rates = np.zeros_like(states.v), np.zeros_like(states.z)
+        for mode, rows in self._by_mode(places):
+            t, q, v, here, z, lam, u = self._block(mode, Places(*(x[rows] for x in places)), states.at(rows))
+            a[rows] = here
+            eom = self._outputs_in(mode).numeric.eom
+            if eom.z_rate.numel():
+                p = self._outputs_in(mode).numeric.p[:, None]
+                rates[rows] = eom.function(eom.z_rate)(t[None], q.T, v.T, here.T, z.T, lam.T, u.T, p).full().T
+        return a, rates
+
+    def complete(self, places: Places, states: States) -> Arrays:
+        found: list[tuple[np.ndarray, ...]] = []
+        for mode, rows in self._by_mode(places):
+            some = Places(*(x[rows] for x in places))
+            recovery = self._outputs_in(mode).recovery
+            q = recovery.positions(some.t, states.q[rows])
+            v = recovery.velocities(some.t, q, states.v[rows])
+            block = self._run.modes.whole_block(mode, self._block(mode, some, States(q, v, states.z[rows])))
+            found.append((rows, *block[1:]))
+        rows, *columns = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        order = np.argsort(rows)
+        q, v, a, z, lam, u = (column[order] for column in columns)
+        return q, v, a, z, lam, u
+
+    # --- integrating -------------------------------------------------------------------------------
+    def again(self, stretches: Sequence[Stretch]) -> list[States]:
+        run, results = self._run, []
+        with interruptible() as interruption:
+            try:
+                for stretch in stretches:
+                    results.append(self._states(run, stretch, interruption))
+            finally:
+                run.release()
+        return results
+
+    def _states(self, run: Repeatable, stretch: Stretch, interruption: Interruption) -> States:
+        span = self._spans[stretch.span]
+        if span.mode not in self._modes:
+            self._modes[span.mode] = _HeldMode(self._run.modes, span.mode)
+        modes, recovery = self._modes[span.mode], self._outputs_in(span.mode).recovery
+        modes.levels[:] = span.levels
+        at, q, v = np.array([stretch.start]), *(x[None] for x in stretch.state[:2])
+        q = recovery.positions(at, q)
+        stretch = stretch._replace(state=States(q, recovery.velocities(at, q, v), stretch.state.z))
+        try:
+            t, q, v, _, z, _, _ = run.again(modes, stretch, interruption)
+        except SimulationError as error:
+            raise SimulationError(
+                f"the motion between outputs near t = {stretch.start:.6g} s is asked for, and when it is integrated "
+                f"again from there {error}",
+                time=error.time,
+            ) from error
+        rows = np.searchsorted(t, stretch.times)
+        return States(q[rows], v[rows], z[rows])
+
+
+def interpolation_of(run: Repeatable, spans: Sequence[Span], t: np.ndarray, arrays: Arrays) -> Interpolation:
+    """Return the motion between the outputs of a run."""
+    return Refined(RunAgain(run, spans, t, arrays), t, arrays)
