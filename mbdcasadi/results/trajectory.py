@@ -172,7 +172,7 @@ class Trajectory(HoldsSymbols):
         wanted = self._within(times)
         return self._at(wanted, *self._between().at(wanted))
 
-    def maximum(self, expression: Any) -> Extremum:
+    def maximum(self, expression: Expression) -> Extremum:
         """Return the largest value of a scalar over the motion, with ``.value``, ``.t`` and ``.state``.
 
         It is that of the motion, wherever it lies between the outputs; at jumps the values just before and just after
@@ -195,7 +195,7 @@ class Trajectory(HoldsSymbols):
         """
         return extremum(self, expression, 1, "maximum")
 
-    def minimum(self, expression: Any) -> Extremum:
+    def minimum(self, expression: Expression) -> Extremum:
         """Return the smallest value of a scalar over the motion; see :meth:`maximum`."""
         return extremum(self, expression, -1, "minimum")
 
