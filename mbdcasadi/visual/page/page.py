@@ -65,7 +65,7 @@ def filled(
     title : str
         Title of the page.
     controls : str
-        Name of the file with the controls.
+        Name of the file with the controls of its time, and what is said of keys and pointer.
     scripts : sequence of str
         Names of the scripts, in order.
     styles : sequence of str
@@ -80,11 +80,13 @@ def filled(
         # comments and indentation stay in the package
         return "\n".join(_COMMENT.sub("", line.strip()) for line in lines if not line.lstrip().startswith("//"))
 
+    buttons, keys = text(controls).split("<!-- keys -->")
     written = json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     return Template(text("page.html")).substitute(
         title=html.escape(title or "motion"),
         style="\n".join(map(text, styles)),
-        controls=text(controls),
+        controls=buttons,
+        keys=keys,
         model=model,
         script="\n".join(map(text, scripts)),
         # neither "</script>" nor "<!--<script>" in a name may change where the script ends

@@ -77,6 +77,7 @@ function series(x, index, start = -Infinity) {
            strokes: kept.map(sample => sample.stroke), times: kept.map(sample => sample.t) };
 }
 function paths() {
+  if (!DATA.traces.length) return [];
   const strokes = past.samples.map(sample => sample.stroke), whole = sweep();
   return DATA.traces.map((frame, k) => {
     return { frame: frame, strokes: strokes, points: past.samples.map(sample => sample.places[k]), whole: whole ? whole.paths[k] : [],
