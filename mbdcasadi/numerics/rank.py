@@ -84,7 +84,8 @@ def inverse_of_independent(square: np.ndarray) -> np.ndarray | None:
     except np.linalg.LinAlgError:
         return None
     # the square of the largest singular value is at most a sum of absolute values
-    condition = np.max(np.sum(np.abs(square), axis=1), initial=0.0) * np.linalg.norm(inverse)
+    with np.errstate(over="ignore"):  # an infinite condition is that of dependent rows
+        condition = np.max(np.sum(np.abs(square), axis=1), initial=0.0) * np.linalg.norm(inverse)
     return inverse if condition < 1 / INDEPENDENT**2 else None
 
 

@@ -12,7 +12,7 @@ from ..arguments.values import inputs_and_parameters, position_in
 from ..assembly.consistent_start import consistent_start
 from ..assembly.setup import Setup
 from ..equations.numeric import NumericEquations
-from ..errors import ConditionError, MechanismError
+from ..errors import ConditionError, MechanismError, warn
 from ..model.conditions import Condition, read_conditions
 from ..model.mechanism import Mechanism
 from ..model.quantities import one_of
@@ -87,7 +87,8 @@ def equilibrium(
 ) -> Equilibrium:
     """Find the state at rest in which all forces balance.
 
-    ``Q - Phi_q^T lam = 0``, ``Phi = 0`` and ``z_rate = 0`` at ``v = 0``.
+    ``Q - Phi_q^T lam = 0``, ``Phi = 0`` and ``z_rate = 0`` at ``v = 0``. First-order states whose rates vanish at
+    rest, whatever the pose (a spring in series, trapped oil), follow the motion from the start.
 
     Parameters
     ----------
@@ -127,7 +128,8 @@ def equilibrium(
     Warns
     -----
     MechanismWarning
-        If the pose is singular, or so near to a singular one that the reactions are amplified a thousandfold.
+        If the pose is singular, or so near to a singular one that the reactions are amplified a thousandfold; if
+        first-order states remember more of the way to rest than the pose.
 
     References
     ----------
@@ -172,7 +174,7 @@ def equilibrium_of(setup: Setup, wanted: tuple[Any, ...] = (), prefer: str = "st
     # the state may come from another mechanism on the same bodies
     q, z = (np.atleast_1d(start[group]) if group.numel() else np.zeros(0) for group in (eom.q, eom.z))
     _refuse_moving_drivers(numeric, time, q)
-    statics = Statics(numeric, setup.signals, time, wanted, equalities)
+    statics = Statics(numeric, setup.signals, time, (q, z), wanted, equalities)
     values = [_value(w, eom, setup.p, start) for w in wanted]
     x = statics.follow(statics.join(q, z, np.zeros(statics.m), values))
     if prefer == "stable" and not wanted:
@@ -187,6 +189,13 @@ def equilibrium_of(setup: Setup, wanted: tuple[Any, ...] = (), prefer: str = "st
     result = Equilibrium(statics, rest)
     _check_inequalities(rows, result)
     _check_reactions(statics, rest)
+    by_the_way = statics.states_by_the_way(rest)
+    if by_the_way:
+        remember = f"s {', '.join(by_the_way)} remember" if len(by_the_way) > 1 else f" {by_the_way[0]} remembers"
+        warn(
+            f"equilibrium: the state variable{remember} the course and the speed of the way to rest: the rest that was "
+            "found is one of several, that of the straight way from the start; simulate until the motion rests"
+        )
     return result
 
 

@@ -115,7 +115,7 @@ def equilibrium_path(
         setup = Setup(mechanism, "equilibrium_path", **arguments, fixed={parameter: first})
         origin = equilibrium_of(setup, prefer=prefer)
         size = max(abs(first), abs(last))
-        statics = Statics(setup.numeric, setup.signals, setup.time, [parameter], sizes=[size])
+        statics = Statics(setup.numeric, setup.signals, setup.time, (origin.q, origin.z), [parameter], sizes=[size])
         follower = Follower(statics, parameter, first, last, count)
         return follower.run(origin)
 

@@ -73,7 +73,8 @@ def newton(statics: Statics, x: np.ndarray) -> np.ndarray | None:
     equations, weights = statics.scaled(x)
     limit = np.full(x.size, np.inf)
     limit[np.flatnonzero(statics.eom.angles)] = NEWTON_TURN
-    return newtons_method(equations, x, weights, step_limit=limit)
+    rest = newtons_method(equations, x, weights, step_limit=limit)
+    return rest if rest is None or statics.is_loaded(rest) else statics.without_reactions(rest)
 
 
 def newton_nearby(statics: Statics, x: np.ndarray) -> np.ndarray | None:

@@ -108,10 +108,11 @@ def _eigen(right: np.ndarray, left: np.ndarray, count: int) -> tuple[np.ndarray,
         return values, vectors[:, finite], np.full(values.size, 1e-7) * np.abs(values)
     matrix = np.linalg.solve(left, right)
     # displacements count by the velocities that they have at the fastest frequency
-    speed = max(float(np.max(np.abs(np.linalg.eigvals(matrix)))), np.finfo(float).tiny)
+    speed = float(np.max(np.abs(np.linalg.eigvals(matrix)))) or 1.0
     unit = np.where(np.arange(len(matrix)) < count, speed, 1.0)
     values, vectors = np.linalg.eig(matrix * unit[:, None] / unit)
     # the left eigenvectors, also if two of the right ones are all but the same
     rows = np.linalg.pinv(vectors, rcond=1e-15)
     condition = np.linalg.norm(rows, axis=1) * np.linalg.norm(vectors, axis=0)
-    return values.astype(complex), (vectors / unit[:, None]).astype(complex), EIGENVALUE_TOLERANCE * speed * condition
+    shapes = vectors * np.where(np.arange(len(matrix)) < count, 1.0, speed)[:, None]
+    return values.astype(complex), shapes.astype(complex), EIGENVALUE_TOLERANCE * speed * condition

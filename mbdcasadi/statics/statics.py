@@ -5,7 +5,8 @@
 With ``N`` a basis of the virtual displacements (``Phi_q N = 0``) the reduced
 stiffness is ``K = -N^T (Q - Phi_q^T lam)_q N``: the stiffness of springs,
 gravity and other applied forces, and the geometric one of the multipliers.
-First-order states, and multipliers on which forces depend, follow the pose.
+First-order states, and multipliers on which forces depend, follow the pose; states whose rates vanish at rest follow
+it from a start (:class:`~mbdcasadi.statics.memory.Memory`).
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from ..model.symbols import Input, Parameter, place_of
 from ..numerics.least_squares import largest, least_norm
 from ..numerics.newton import solve
 from ..numerics.rank import analyse_rank
+from .memory import Memory
 from .small_motions import SmallMotions
 
 #: Eigenvalues of the reduced stiffness below this share of the typical stiffness count as zero.
@@ -123,6 +125,8 @@ class Statics:
         Inputs; feedback is taken at zero velocity.
     t : float
         Time, s.
+    start : (numpy.ndarray, numpy.ndarray)
+        Pose and first-order states (n,), (k,) from which states that keep a memory follow the motion.
     unknowns : sequence of Input or Parameter, optional
         Inputs and parameters ``y`` that are looked for too.
     conditions : sequence of Condition, optional
@@ -137,6 +141,7 @@ class Statics:
         numeric: NumericEquations,
         signals: Signals,
         t: float,
+        start: tuple[np.ndarray, np.ndarray],
         unknowns: Sequence[Input | Parameter] = (),
         conditions: Sequence[Condition] = (),
         sizes: Sequence[float] | None = None,
@@ -168,6 +173,7 @@ class Statics:
         first = self.n + eom.Phi.numel()
         #: rows of the rates of first-order states
         self.rates = slice(first, first + self.k)
+        self.memory = Memory(numeric, signals, t, *start)
 
     # --- the unknowns ----------------------------------------------------------------
     def join(self, q: np.ndarray, z: np.ndarray, lam: np.ndarray, y: np.ndarray | Sequence[float] = ()) -> np.ndarray:
@@ -201,9 +207,35 @@ class Statics:
 
     # --- residual ------------------------------------------------------------------------
     def rows(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """All rows ``(forces, Phi, z_rate, conditions)`` and their Jacobian."""
+        """All rows ``(forces, Phi, z_rate, conditions)`` and their Jacobian; with what states remember among z_rate."""
+        values, jacobian = self._at_rest(x)
+        if self.memory.directions.size:
+            q, z, lam, _ = self.split(x)
+            missed, by_pose, by_state = self.memory.missed(q, z, lam, self.parameters(x))
+            values[self.rates] += missed
+            jacobian[self.rates, : self.n] += by_pose
+            jacobian[self.rates, self.n : self.n + self.k] += by_state
+        return values, jacobian
+
+    def _at_rest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same rows with the rates themselves."""
         values, jacobian = self._rows(x, self.t, self.numeric.p[self._known_p])
         return values.full().ravel(), jacobian.full()
+
+    def states_by_the_way(self, x: np.ndarray) -> list[str]:
+        """Names of states that remember more than the pose, and on which the equilibrium depends."""
+        if not self.k:
+            return []
+        (q, z, lam, _), (_, rest), (_, whole) = self.split(x), self._at_rest(x), self.rows(x)
+        states, free = slice(self.n, self.n + self.k), self._free(x)[1]
+        rates = whole[self.rates]
+        decide = np.hstack([rates[:, : self.n] @ free, rates[:, self.n : self.n + self.k + self.m]])
+        # rates that vanish together whatever the pose, to first order
+        left = np.any(np.abs(analyse_rank(decide.T).null_columns) > NEUTRAL, axis=1)
+        if self.memory.directions.size:
+            left |= self.memory.by_the_way(q, z, lam, self.parameters(x), free)
+        felt = np.any(rest[:, states], axis=0)
+        return [s.label for s, own in zip(self.eom.mechanism.states, left & felt, strict=True) if own]
 
     def scaled(self, x: np.ndarray):
         """The rows as equations with slopes of size one, and the metric of the unknowns, both in levers.
@@ -238,10 +270,23 @@ class Statics:
         Forces are those that act, reactions, and those that states and unknowns of the size they have would bring.
         """
         c, n = self.numeric.column_scale, self.n
+        if not self.is_loaded(x):
+            return 0.0
         _, z, lam, _ = self.split(x)
         size = np.concatenate([np.maximum(1.0, np.abs(z)), np.abs(lam), self._size_of_unknowns(x, values, jacobian)])
         force = max(largest(c * values[:n]), largest(c[:, None] * jacobian[:n, n:] * size))
         return largest(c[:, None] * jacobian[:n, :n] * c) + force / self.lever
+
+    def is_loaded(self, x: np.ndarray) -> bool:
+        """True if a force acts, or would if the pose, a state or an unknown changed; else reactions are rounding."""
+        load, slopes = self._at_rest(self.without_reactions(x))
+        others = np.delete(slopes[: self.n], range(self.n + self.k, self.n + self.k + self.m), axis=1)
+        return bool(np.any(load[: self.n]) or np.any(others))
+
+    def without_reactions(self, x: np.ndarray) -> np.ndarray:
+        """The same with multipliers of zero."""
+        q, z, lam, y = self.split(x)
+        return self.join(q, z, np.zeros(lam.size), y)
 
     def _size_of_unknowns(self, x: np.ndarray, values: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
         """Sizes of the unknowns ``y``: those that they have, or typically have, or that balance the loads at `x`."""
@@ -311,7 +356,7 @@ class Statics:
         """Small motions about an equilibrium, with damping, feedback and the rates of first-order states."""
         c, basis = self._free(x)
         n, k = self.n, self.k
-        _, jacobian = self.rows(x)
+        _, jacobian = self._at_rest(x)
         by_velocity = self._by_velocity(x, self.t, self.numeric.p[self._known_p]).full()
         inertia = np.vstack([-self.eom.masses(self.parameters(x))[:, None] * basis, np.zeros((k, basis.shape[1]))])
         # forces and rates by displacements, velocities, accelerations and states; multipliers follow

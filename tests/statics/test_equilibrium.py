@@ -1,8 +1,11 @@
 """Equilibria against closed forms: branches, stability, unknown loads, paths, buckling and snap-through."""
 
+import warnings
+
 import numpy as np
 import pytest
 from linkages import G, four_bar, pendulum
+from scipy.optimize import brentq
 
 import mbdcasadi as mbd
 
@@ -470,3 +473,91 @@ def test_smoothed_friction_on_an_incline_is_named():
     model = mbd.Mechanism([block], [guide], forces=[mbd.Gravity(), rub])
     with pytest.raises(mbd.EquilibriumError, match=r"smoothed friction \(friction 'rub'\) gives way.*DryFriction"):
         mbd.equilibrium(model)
+
+
+def series(initial=0.0):
+    """A mass on a guide that hangs on a spring and, beside it, a spring in series with a dashpot that is shut."""
+    mass = mbd.Body("mass", 10.0, 1.0)
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0, angle=np.pi / 2), mass.at(0, 0, angle=np.pi / 2))
+    force = mbd.StateVariable("series", initial)
+    strut = mbd.GeneralizedForce("strut", [(mass.y, -force - 200 * mass.vy - 100 * mass.y)])
+    states = {force: 1e3 * mass.vy}
+    return mass, force, mbd.Mechanism([mass], joints=[guide], forces=[mbd.Gravity(), strut], states=states)
+
+
+def test_a_spring_in_series_remembers_where_it_was():
+    mass, force, model = series(initial=20.0)
+    rest = mbd.equilibrium(model, [mass.y == 0.01])
+    assert rest[mass.y] == pytest.approx((1e3 * 0.01 - 20 - 98.1) / 1100, abs=1e-12)
+    assert rest[force] == pytest.approx(20 + 1e3 * (rest[mass.y] - 0.01), abs=1e-9)
+    assert rest.stable and rest.stiffness.least == pytest.approx(1100, rel=1e-12)
+    wanted = np.sort_complex(mbd.linearize(model, rest).eigenvalues)
+    np.testing.assert_allclose(np.sort_complex(rest.small_motions.eigenvalues), wanted, atol=1e-9)
+
+
+def test_a_path_keeps_the_memory_of_its_start():
+    load = mbd.Parameter("load", 0.0)
+    mass, _, model = series()
+    push = mbd.Force("push", mass.at(0, 0), (0, -load))
+    path = mbd.equilibrium_path(model.replace(forces=[*model.forces, push], parameters=[load]), load, 0, 50, steps=5)
+    np.testing.assert_allclose(path[mass.y], -(98.1 + path.values) / 1100, rtol=1e-10)
+
+
+def test_a_boom_on_trapped_oil_does_not_sink():
+    area, volume, modulus = 2e-3, 2e-3, 1.5e9
+    boom, pressure = mbd.Body("boom", 200, 100, pose=(1.5, 0, 0)), mbd.StateVariable("pressure")
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), boom.at(-1.5, 0))
+    cylinder = mbd.TSDA("cylinder", mbd.ground.at(0.3, -1), boom.at(-0.5, 0), actuator=-area * pressure)
+    first = np.hypot(0.7, 1.0)
+    states = {pressure: -modulus * area * cylinder.rate / (volume + area * (cylinder.length - first))}
+    rest = mbd.equilibrium(mbd.Mechanism([boom], joints=[pin], forces=[mbd.Gravity(), cylinder], states=states))
+
+    def moment(angle):
+        head = np.array([np.cos(angle), np.sin(angle)])
+        along = head - [0.3, -1]
+        length = np.hypot(*along)
+        force = -modulus * np.log1p(area * (length - first) / volume) * area * along / length
+        return head[0] * force[1] - head[1] * force[0] - 200 * 9.81 * 1.5 * head[0]
+
+    assert rest[boom.phi] == pytest.approx(brentq(moment, -0.1, 0.1, xtol=1e-15), abs=1e-12) and rest.stable
+
+
+def test_a_memory_of_the_way_itself_is_told_by_its_state():
+    mass, force, model = series()
+    with pytest.warns(mbd.MechanismWarning, match="state variable series remembers the course"):
+        mbd.equilibrium(model.replace(states={force: 10 * mbd.fabs(mass.vy)}), [mass.y == 0.1])
+    odometer = mbd.StateVariable("odometer")  # on which nothing depends
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mbd.equilibrium(model.replace(states={force: 1e3 * mass.vy, odometer: mass.vy**2}))
+
+
+def test_a_leak_between_chambers_forgets_what_a_change_of_volume_was():
+    mass = mbd.Body("mass", 10.0, 1.0)
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0, angle=np.pi / 2), mass.at(0, 0, angle=np.pi / 2))
+    below, above = mbd.StateVariable("below"), mbd.StateVariable("above")
+    flow = 1e-3 * mass.vy - 1e-9 * (below - above)
+    states = {below: 1e8 / (1e-3 - 1e-3 * mass.y) * flow, above: -1e8 / 1e-3 * flow}
+    strut = mbd.GeneralizedForce("strut", [(mass.y, -1e-3 * (below - 0.5 * above) - 50 * mass.y)])
+    with pytest.warns(mbd.MechanismWarning, match="state variables below, above remember"):
+        mbd.equilibrium(mbd.Mechanism([mass], joints=[guide], forces=[mbd.Gravity(), strut], states=states))
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e4])
+def test_a_linkage_without_any_load_rests_where_it_is(size):
+    crank, coupler, rocker = (
+        mbd.Body(f"body at {x}", 1.0, 0.1 * size**2, pose=(x * size, 0, 0)) for x in (0.15, 0.8, 1.15)
+    )
+    arm, bar = 0.15 * size, 0.5 * size
+    ends = [
+        (mbd.ground.at(0, 0), crank.at(-arm, 0)),
+        (crank.at(arm, 0), coupler.at(-bar, 0)),
+        (coupler.at(bar, 0), rocker.at(arm, 0)),
+        (mbd.ground.at(size, 0), rocker.at(-arm, 0)),
+    ]
+    joints = [mbd.Revolute(f"pin {k}", *pair) for k, pair in enumerate(ends)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", "equilibrium: the pose is singular", mbd.MechanismWarning)
+        rest = mbd.equilibrium(mbd.Mechanism([crank, rocker, coupler], joints=joints))
+    assert not np.any(rest.lam) and not rest.stable
