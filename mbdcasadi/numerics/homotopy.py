@@ -30,6 +30,11 @@ class StepControl:
         if easily:
             self.step = min(2 * self.step, self.largest)
 
+    def limit(self, largest: float) -> None:
+        """Set the longest step."""
+        self.largest = largest
+        self.step = min(self.step, largest)
+
     def refuse(self) -> bool:
         """A step failed; return False if the next one would be shorter than the smallest."""
         self.step /= 2

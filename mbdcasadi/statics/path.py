@@ -28,6 +28,8 @@ MOST_POINTS = 2000
 SMALLEST_STEP = 1e-6
 #: Largest turn of a body in a step, rad, and of the path itself (cosine between two directions).
 PATH_TURN, STRAIGHT = 0.2, 0.7
+#: The same of a step after which the next one may be twice as long.
+EASY_TURN, EASILY_STRAIGHT = PATH_TURN / 2, 0.9
 #: Singular values below this share vanish at a critical point: by rounding they would throw a step off the path.
 SINGULAR = 1e-9
 #: Accuracy to which a critical value is found, relative to the range.
@@ -66,7 +68,7 @@ def equilibrium_path(
     conditions, inputs, parameters, prefer, t
         Of the equilibrium at the start; see :func:`equilibrium`.
     steps : int, default 50
-        Steps from start to end if the path is straight; it takes smaller ones if it is not.
+        Steps from start to end if the path is straight; it takes smaller ones where it bends.
 
     Returns
     -------
@@ -212,8 +214,11 @@ class Follower:
         self.statics, self.parameter, self.first, self.last, self.steps = statics, parameter, first, last, steps
         n, k = statics.n, statics.k
         c = statics.numeric.column_scale
-        # advances count in turns and levers, and in shares of the range of the parameter
-        self._size = np.concatenate([c * statics.lever, np.ones(k), np.zeros(statics.m), [abs(last - first)]])
+        # advances count in turns and levers in the mean over the coordinates, and in shares of the range
+        mean = np.sqrt(n)
+        self._size = np.concatenate(
+            [mean * c * statics.lever, mean * np.ones(k), np.zeros(statics.m), [abs(last - first)]]
+        )
         self._seen = np.flatnonzero(self._size)
         self._turns = np.flatnonzero(statics.eom.angles)
         self._n = n
@@ -228,8 +233,9 @@ class Follower:
             point.tangent = -point.tangent
         self._points.append(point)
         usual = 1.0 / self.steps
-        control = StepControl(usual, SMALLEST_STEP * usual, usual)
+        control = StepControl(usual, SMALLEST_STEP * usual)
         while len(self._points) < MOST_POINTS:
+            control.limit(usual / max(abs(point.tangent[-1]), usual))  # the share of the range, or a mean lever
             following = self._advanced(point, control.step, sign)
             if following is None:
                 if not control.refuse():
@@ -242,8 +248,8 @@ class Follower:
                 continue
             self._critical += self._critical_between(point, following)
             self._points.append(following)
+            control.accept(easily=self._is_easy(point, following))
             point = following
-            control.accept()
             if (point.x[-1] - self.last) * sign >= -1e-12 * abs(self.last):
                 return self._path()
             if (self.first - point.x[-1]) * sign > abs(self.last - self.first):
@@ -253,6 +259,11 @@ class Follower:
             f"was followed to {point.x[-1]:.6g} in {len(self._points)} points"
         )
         return self._path()
+
+    def _is_easy(self, point: _Point, following: _Point) -> bool:
+        """True if the path turned little over a step, and no body far."""
+        turn = largest((following.x - point.x)[self._turns])
+        return turn < EASY_TURN and bool(following.tangent @ point.tangent > EASILY_STRAIGHT)
 
     @property
     def so_far(self) -> EquilibriumPath | None:

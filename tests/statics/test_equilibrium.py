@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from linkages import G, four_bar, pendulum
-from scipy.optimize import brentq
+from scipy.optimize import brentq, fsolve
 
 import mbdcasadi as mbd
 
@@ -561,3 +561,23 @@ def test_a_linkage_without_any_load_rests_where_it_is(size):
         warnings.filterwarnings("ignore", "equilibrium: the pose is singular", mbd.MechanismWarning)
         rest = mbd.equilibrium(mbd.Mechanism([crank, rocker, coupler], joints=joints))
     assert not np.any(rest.lam) and not rest.stable
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("links", [3, 12])
+def test_points_of_a_smooth_path_do_not_grow_with_the_number_of_bodies(links):
+    load, length = mbd.Parameter("load", 0.0), 1 / links
+    rods = [mbd.Body(f"rod {k}", 0.0, 0.0, pose=((k + 0.5) * length, 0, 0)) for k in range(links)]
+    ends = [mbd.ground.at(0, 0), *[rod.at(length / 2, 0) for rod in rods]]
+    pins = [mbd.Revolute(f"pin {k}", ends[k], rod.at(-length / 2, 0)) for k, rod in enumerate(rods)]
+    springs = [mbd.RSDA(f"spring {k}", pin.a, pin.b, stiffness=links * (1 if k else 2)) for k, pin in enumerate(pins)]
+    push = mbd.Force("push", ends[-1], (0, -load))
+    model = mbd.Mechanism(rods, joints=pins, forces=[*springs, push], parameters=[load])
+    path = mbd.equilibrium_path(model, load, 0, 10, steps=20)
+
+    def moments(angles):  # of the springs, and of the load over the rest of the chain
+        bent, arms = np.diff(angles, prepend=0.0), length * np.cumsum(np.cos(angles)[::-1])[::-1]
+        return links * np.r_[2.0, np.ones(links - 1)] * bent + 10 * arms
+
+    tip = length * np.sum(np.sin(fsolve(moments, np.linspace(-0.5, -1, links), xtol=1e-13)))
+    assert path[ends[-1].y][-1] == pytest.approx(tip, abs=1e-6) and 20 <= len(path) <= 40
