@@ -23,7 +23,6 @@ from ..results.state import State
 from ..results.trajectory import Trajectory
 from ..simulation.changes.modes import SingleMode
 from ..simulation.checks.accuracy import range_near_rounding, ranges, tolerance_for, unresolved_range
-from ..simulation.contact.watched_terms import has_gaps
 from ..simulation.path import Path
 from ..simulation.simulate import chosen_integrator, suited_to_friction
 from ..simulation.singular.regularity import Regularity, folding_pose, turns_far
@@ -173,13 +172,13 @@ class CompiledRun:
         start = setup.differentiable_start
         self.setup = setup
         self.design = DesignVariables(wrt, setup, start)
-        if has_gaps(setup.mechanism) and not (setup.integrator.is_multistep or setup.integrator.runs_whole):
-            warn(
-                f'derivatives by method="{setup.integrator.name}" through contacts are those of its steps, which the '
-                "error test does not control: through hard ones they may be off by tens of per cent while the motion "
-                'is right; use method="idas"'
-            )
         self.motion = setup.motion(self.design.varied, integrands=integrands, reversible=reversible)
+        if self.motion.roots:
+            warn(
+                f'derivatives by method="{setup.integrator.name}" through {", ".join(self.motion.roots)} are those of '
+                "its steps, which the error test does not control: where a power of a penetration begins they may be "
+                'off by per cent while the motion is right; use method="idas"'
+            )
         self.guess = start.guess
         self._expressions = list(expressions)
         self.rows = sum(e.numel() for e in self._expressions)

@@ -85,6 +85,8 @@ class DifferentiableMotion:
         True if the course depends on the parameters that change.
     pieces : int
         Pieces of the whole motion, at whose ends the state is brought back onto the constraints.
+    roots : list of str
+        Elements with powers at whose beginning the derivatives are those of steps that no error test controls.
     poses : numpy.ndarray
         Coordinates at the outputs at these values (n_t, n); none if that run fails.
     held : HeldMotion
@@ -135,7 +137,10 @@ class DifferentiableMotion:
 
     def _find_switches(self) -> None:
         """Find what jumps in the equations, inputs and integrands, and what of it in time alone."""
-        self._parts = parts_of_motion(self.numeric, self.signals, self._integrands)
+        # where slopes jump the derivatives of a step do, unless the error test takes them in
+        bends = self._in_state and not (self._integrator.is_multistep or self._integrator.runs_whole)
+        self._parts = parts_of_motion(self.numeric, self.signals, self._integrands, bends=bends)
+        self.roots = list(dict.fromkeys(part.description for part in self._parts if part.roots))
         self._in_time = SwitchesInTime(self.numeric, self.signals, self._parts)
         self._varied = self._in_time.depend_on(self._given)
         unmoved = [node for node, moves in zip(self._in_time.nodes, self._varied, strict=True) if not moves]
@@ -276,7 +281,7 @@ class DifferentiableMotion:
 
         def flips_at(times: np.ndarray) -> np.ndarray:
             flips = in_time.sides(times - width, p) != in_time.sides(times + width, p)
-            return np.any(flips, axis=1) & in_time.jump
+            return np.any(flips, axis=1) & in_time.rough
 
         # what jumps may not do so at the typical motion, or two jumps of one instant may cancel there
         flipping = flips_at(np.union1d(timed.jumps, timed.stops))
@@ -285,7 +290,7 @@ class DifferentiableMotion:
             if not needed <= self._active:
                 self._hold(self._active | needed)
         # at the end of the whole motion no cut is made: nothing comes after it
-        at_end = flips_at(self.grid[-1:]) & self._varied
+        at_end = flips_at(self.grid[-1:]) & self._varied & in_time.jump
         for name, flips in zip(in_time.descriptions, at_end, strict=True):
             if flips:
                 self._one_sided.at_output(name, float(self.grid[-1]))

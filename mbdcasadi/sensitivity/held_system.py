@@ -37,18 +37,21 @@ class SwitchesInTime:
         Operations that jump in time alone.
     jump : numpy.ndarray of bool
         False for those over which their part is known to be continuous (switches,).
+    rough : numpy.ndarray of bool
+        False for those over which nothing need be held (switches,).
     descriptions : tuple of str
         Elements in which they stand.
     """
 
     def __init__(self, numeric: NumericEquations, signals: Signals, parts: Collection[JumpingPart]):
         eom = numeric.eom
-        owned = [(part, switch) for part in parts for switch in hold(part.expressions)[1]]
+        owned = [(part, switch) for part in parts for switch in hold(part.expressions, bends=part.bends)[1]]
         switches = [switch for _, switch in owned]
         natural = ca.substitute(ca.vertcat(ca.SX(0, 1), *[s.natural for s in switches]), eom.u, signals.parametrised)
         timed = _in_time_alone(natural, eom)
         self.nodes = tuple(switches[k].node for k in timed)
         self.jump = np.array([owned[k][1].node not in owned[k][0].continuous for k in timed], bool)
+        self.rough = np.array([owned[k][1].node not in owned[k][0].smooth for k in timed], bool)
         self.descriptions = tuple(owned[k][0].description for k in timed)
         self._whole = np.array([switches[k].whole for k in timed], bool)
         self._by_parameter = ca.jacobian_sparsity(natural[timed], eom.p) if timed and eom.p.numel() else None
@@ -108,6 +111,8 @@ class HeldSystem:
         True if a switch has its borders at whole numbers.
     in_time : numpy.ndarray of bool
         True if it jumps in time alone.
+    bends : numpy.ndarray of bool
+        True if slopes jump there, and no values: the instant has no part in the derivatives.
     quantities, switching, rates : casadi.Function
         Of ``(t, x, p, levels, channel)``: the quantities; quantities, their rates, and the rates of the state; the
         rates of the state alone. x is ``(q, v, z)`` and the integrals.
@@ -133,12 +138,13 @@ class HeldSystem:
         in_time: Collection[int],
         ending: ca.SX | None = None,
     ):
-        held = [part for part in parts if part.nodes - part.continuous - set(free)]
+        held = [part for part in parts if part.nodes - part.smooth - set(free)]
         self.integrands, self.signals = ca.SX(integrands), signals
         self.numeric = numeric
         self.switches: tuple[Switch, ...] = self._hold(held, free) if held else ()
         self.whole = np.array([switch.whole for switch in self.switches], dtype=bool)
         self.in_time = np.array([switch.node in in_time for switch in self.switches], dtype=bool)
+        self.bends = np.array([switch.share.is_zero() for switch in self.switches], dtype=bool)
         self.recovery = Recovery(self.numeric, redundant=redundant)
         self.ending: ca.Function | None = None
         if self.size:

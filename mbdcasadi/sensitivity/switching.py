@@ -154,7 +154,7 @@ class BorderPassage:
         w, rates, _ = self._switching(self.sides)
         near = np.abs(margins_of(w, self.sides, self._system.whole)) <= self._near(rates)
         moving = np.abs(rates) > AT_REST * (1 + self._speed)
-        at_borders = [int(k) for k in self._watched if near[k] and moving[k]]
+        at_borders = [int(k) for k in self._watched if near[k] and moving[k] and not self._system.bends[k]]
         return [k for k in at_borders if not self._is_at_end(k, self._time, self._x)]
 
     def _is_at_end(self, k: int, time: float, x: np.ndarray) -> bool:
@@ -204,7 +204,7 @@ class BorderPassage:
         """First switch whose border is passed between states, its time, the state there, and its largest rate."""
         whole, watched = self._system.whole, self._watched
         w, rates, _ = self._call(self._system.switching, times, x, self.sides)
-        rests = self._rests(w, rates, self.sides[:, None])
+        rests = self._rests(w, rates, self.sides[:, None]) & ~self._system.bends[:, None]
         for k in np.flatnonzero(np.any(rests[:, 1:] & rests[:, :-1], axis=1) & np.isin(range(whole.size), watched)):
             raise self._resting(int(k), float(times[int(np.argmax(rests[k]))]))
         margins = margins_of(w, self.sides, whole)[watched]
@@ -251,6 +251,10 @@ class BorderPassage:
         """Change the side of a switch at its border, and of those that depend on it."""
         w, rates, _ = self._switching(self.sides)
         rate = float(rates[k])
+        if self._system.bends[k]:
+            self._flip(k, rate)
+            self._leave_borders(passed=k)
+            return
         if w[k] == 0 and rate == 0:
             raise self._resting(k, self._time)
         if abs(rate) <= STANDSTILL * fastest:
@@ -312,7 +316,7 @@ class BorderPassage:
 
     def _refuse_to_stay(self, k: int, rate: float, after: np.ndarray) -> None:
         """Raise if both sides drive the motion back to the border: it would stay there."""
-        beyond = self._switching(after)[1][k]
+        beyond = 0.0 if self._system.bends[k] else self._switching(after)[1][k]
         if beyond * rate < 0 and abs(beyond) > STANDSTILL * abs(rate):
             raise SimulationError(
                 f"{self._name(k)} jumps at t = {self._time:.6g} s and holds the motion at the border of the jump, as "
@@ -347,9 +351,12 @@ class BorderPassage:
             leaving = [int(k) for k in self._watched if near[k] and moving[k] and outwards[k] and k != passed]
             if not leaving:
                 return
+            last = leaving[0]
             self._flip(leaving[0], float(rates[leaving[0]]), at_start=at_start)
+        if self._system.bends[last]:
+            return
         raise SimulationError(
-            f"{self._name(leaving[0])} jumps back and forth at t = {self._time:.6g} s, where the motion stands at the "
+            f"{self._name(last)} jumps back and forth at t = {self._time:.6g} s, where the motion stands at the "
             "border of the jump; take a smooth law (mbd.tanh, mbd.step)",
             time=self._time,
         )
@@ -369,6 +376,7 @@ class BorderPassage:
         """Change sides at the present time; the derivative of the instant is that of the first switch."""
         k = switches[0]
         border = float(max(self.sides[k], sides[k])) if self._system.whole[k] else 0.0
+        switches = [j for j in switches if not self._system.bends[j]]
         if self._follows:
             impulse = self._strike(sides)
             switches = switches if self._jumps(switches) else ()  # without a jump the instant does not matter

@@ -89,6 +89,11 @@ def continuous_switches(held: Sequence[ca.SX], switches: Sequence[Switch], aroun
         continuous = confirmed
 
 
+def switches_without_value(held: Sequence[ca.SX], switches: Sequence[Switch], around: Surroundings) -> set[int]:
+    """Nodes of the switches beyond whose border the held expressions have no value, as a root has none."""
+    return _Trial(held, switches, around).without_value() if switches else set()
+
+
 class _Trial:
     """Points on the borders of the switches of some expressions."""
 
@@ -108,11 +113,7 @@ class _Trial:
 
     def continuous(self) -> set[int]:
         """Return the nodes of switches that are continuous."""
-        first, last = self._brackets()
-        owner = np.repeat(np.arange(len(self._switches)), [part.shape[1] for part in first])
-        low, high = self._narrowed(np.hstack(first), np.hstack(last), owner)
-        offset = OFFSET * (np.hstack(last) - np.hstack(first))
-        before, after = (sides_of(self._at(points), self._whole) for points in (low, high))
+        low, _, offset, before, after, owner = self._borders()
         crossed = before[owner, np.arange(owner.size)] != after[owner, np.arange(owner.size)]
         agrees = self._agree(low, offset, before, after, owner)
         nodes = set()
@@ -123,6 +124,23 @@ class _Trial:
                 if self._holds_beyond_others(k, *place):
                     nodes.add(switch.node)
         return nodes
+
+    def without_value(self) -> set[int]:
+        """Return the nodes of switches beyond whose borders there is no value."""
+        low, high, _, before, after, owner = self._borders()
+        lost = np.zeros(owner.size, bool)
+        for points, own, beyond in ((low, before, after), (high, after, before)):
+            values, others = (self._held(points, self._values, sides).full() for sides in (own, beyond))
+            lost |= np.any(np.isfinite(values) & ~np.isfinite(others), axis=0)
+        return {self._switches[k].node for k in owner[lost]}
+
+    def _borders(self) -> tuple[np.ndarray, ...]:
+        """Points on both sides of borders, ways across them, sides of all switches there, and whose border it is."""
+        first, last = self._brackets()
+        owner = np.repeat(np.arange(len(self._switches)), [part.shape[1] for part in first])
+        low, high = self._narrowed(np.hstack(first), np.hstack(last), owner)
+        before, after = (sides_of(self._at(points), self._whole) for points in (low, high))
+        return low, high, OFFSET * (np.hstack(last) - np.hstack(first)), before, after, owner
 
     # --- points on the borders -------------------------------------------------------------
     def _points(self, count: int) -> np.ndarray:

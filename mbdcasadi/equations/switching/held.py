@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
 from ...model.symbols import Parameter
+from ...numerics.graph import operations
 from ..derivation import Equations
 from ..numeric import NumericEquations
-from .continuity import Surroundings, continuous_switches
-from .switches import Switch, hold, jumps_anywhere, strictly_compared
+from .continuity import Surroundings, continuous_switches, switches_without_value
+from .switches import BENDING, Switch, hold, jumps_anywhere, strictly_compared
 
 #: Typical sizes of velocities, accelerations and first-order states, of multipliers and inputs, and of times.
 RATES, LOADS, TIMES = 3.0, 10.0, 3.0
@@ -35,6 +36,12 @@ class JumpingPart:
         To whom they belong, in words.
     nodes, continuous : frozenset of int
         Operations that jump, and those of them over which the expressions are continuous nevertheless.
+    smooth : frozenset of int
+        Those over which nothing need be held: the same, or those over which slopes and curvatures are continuous too.
+    roots : frozenset of int
+        Those over which nothing can be held, though slopes or curvatures jump: powers that have no value beyond.
+    bends : bool
+        True if slopes and curvatures count.
     """
 
     kind: str
@@ -43,41 +50,51 @@ class JumpingPart:
     description: str
     nodes: frozenset[int]
     continuous: frozenset[int]
+    smooth: frozenset[int]
+    roots: frozenset[int] = frozenset()
+    bends: bool = False
 
 
-def jumping_parts(numeric: NumericEquations) -> tuple[JumpingPart, ...]:
-    """Parts of the equations of motion in which something jumps; found once for a mechanism."""
+def jumping_parts(numeric: NumericEquations, *, bends: bool = False) -> tuple[JumpingPart, ...]:
+    """Parts of the equations of motion in which a value jumps, or with `bends` a slope; found once for a mechanism."""
+    return numeric.eom.mechanism.cache.get_or_create(("jumping parts", bends), lambda: tuple(_parts(numeric, bends)))
+
+
+def _parts(numeric: NumericEquations, bends: bool) -> list[JumpingPart]:
     eom = numeric.eom
-    return eom.mechanism.cache.get_or_create("jumping parts", lambda: tuple(_parts(numeric)))
-
-
-def _parts(numeric: NumericEquations) -> list[JumpingPart]:
-    eom = numeric.eom
-    if not jumps_anywhere([eom.Q, eom.z_rate, eom.gamma, eom.nu, eom.Phi_q, eom.Phi]):
+    if not jumps_anywhere([eom.Q, eom.z_rate, eom.gamma, eom.nu, eom.Phi_q, eom.Phi], bends=bends):
         return []
     parts: list[JumpingPart] = []
     for element in eom.mechanism.constraints:
         rows = [k for k, owner in enumerate(eom.row_elements) if owner is element]
         levels = eom.Phi[_among_positions(eom, rows)], eom.Phi_q[rows, :], eom.nu[rows], eom.gamma[rows]
-        parts += part_of(numeric, "rows", tuple(rows), levels, element.description)
+        parts += part_of(numeric, "rows", tuple(rows), levels, element.description, bends=bends)
     for k, state in enumerate(eom.mechanism.states):
         description = f"the rate of state variable '{state.label}'"
-        parts += part_of(numeric, "rate", k, (eom.z_rate[k],), description)
+        parts += part_of(numeric, "rate", k, (eom.z_rate[k],), description, bends=bends)
     for k, element in enumerate(eom.mechanism.elements):
-        if element.virtual_work and jumps_anywhere([ca.SX(x) for pair in element.virtual_work for x in pair]):
-            parts += part_of(numeric, "force", k, (eom.generalised_forces([element]),), element.description)
+        work = [ca.SX(x) for pair in element.virtual_work for x in pair]
+        if work and jumps_anywhere(work, bends=bends):
+            share = (eom.generalised_forces([element]),)
+            parts += part_of(numeric, "force", k, share, element.description, bends=bends)
     return parts
 
 
 def part_of(
-    numeric: NumericEquations, kind: str, place: int | tuple[int, ...], expressions: tuple[ca.SX, ...], description: str
+    numeric: NumericEquations,
+    kind: str,
+    place: int | tuple[int, ...],
+    expressions: tuple[ca.SX, ...],
+    description: str,
+    *,
+    bends: bool = False,
 ) -> list[JumpingPart]:
-    """Return expressions as a part, if something jumps in them; else nothing."""
-    if not jumps_anywhere(expressions):
+    """Return expressions as a part, if something jumps in them, or with `bends` in their slopes; else nothing."""
+    if not jumps_anywhere(expressions, bends=bends):
         return []
     eom = numeric.eom
     expressions = tuple(strictly_compared(expressions))
-    held, switches = hold(expressions)
+    held, switches = hold(expressions, bends=bends)
     n, loads = eom.q.numel(), eom.lam.numel() + eom.u.numel()
     symbols = ca.vertcat(eom.t, eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u)
     centre = np.concatenate([[0.0], *eom.estimate[:2], np.zeros(n), eom.estimate[2], np.zeros(loads)])
@@ -89,9 +106,19 @@ def part_of(
     size = np.r_[sizes, np.full(len(others), LOADS)]
     # positions do not jump in the state: a row that does, as by the angle of a direction, is one turn off
     jumping = held[1:] if kind == "rows" else held
-    continuous = continuous_switches(jumping, switches, Surroundings(symbols, centre, size, eom.p, numeric.p))
+    around = Surroundings(symbols, centre, size, eom.p, numeric.p)
+    smooth = continuous = frozenset(continuous_switches(jumping, switches, around))
+    roots: frozenset[int] = frozenset()
+    if bends:
+        levels = [ca.veccat(*jumping)]
+        for _ in range(2):
+            levels.append(ca.vertcat(ca.SX(0, 1), *ca.jacobian(levels[-1], symbols).nonzeros()))
+        smooth = continuous & continuous_switches(levels, switches, around)
+        continuous |= {node.element_hash() for _, node in operations(expressions, BENDING)}
+        roots = (continuous & switches_without_value(levels, switches, around)) - smooth
+        smooth |= roots
     nodes = frozenset(switch.node for switch in switches)
-    return [JumpingPart(kind, place, expressions, description, nodes, frozenset(continuous))]
+    return [JumpingPart(kind, place, expressions, description, nodes, continuous, smooth, roots, bends)]
 
 
 def _among_positions(eom: Equations, rows: Sequence[int]) -> list[int]:
@@ -123,14 +150,14 @@ class HeldEquations(Equations):
         self.held: dict[tuple[str, int | tuple[int, ...]], list[ca.SX]] = {}
         switches: list[Switch] = []
         for part in parts:
-            left = {*part.continuous, *free}
+            left = {*part.smooth, *free}
 
             def side(name: str, owner: str = f"{part.description}, {part.kind}") -> Parameter:
                 return Parameter(f"{owner}, {name}", 0.0)
 
-            held, switches_here = hold(part.expressions, part.description, free=left, symbol=side)
+            held, found = hold(part.expressions, part.description, free=left, bends=part.bends, symbol=side)
             self.held[part.kind, part.place] = held
-            switches += switches_here
+            switches += [replace(s, share=ca.SX(0)) if s.node in part.continuous else s for s in found]
         self.switches = tuple(switches)
         sides = tuple(switch.side for switch in switches)
         self.mechanism = eom.mechanism.replace(parameters=(*eom.mechanism.parameters, *sides))

@@ -66,9 +66,13 @@ class Switch:
     share: ca.SX = field(default_factory=lambda: ca.SX(1))
 
 
-def jumps_anywhere(expressions: Sequence[ca.SX]) -> bool:
-    """True if expressions contain an operation whose value jumps."""
-    return any(operations(expressions, JUMPING))
+def jumps_anywhere(expressions: Sequence[ca.SX], *, bends: bool = False) -> bool:
+    """True if expressions contain an operation whose value jumps; with `bends` also one whose slope does."""
+    return any(operations(expressions, _held_operations(bends)))
+
+
+def _held_operations(bends: bool) -> frozenset[int]:
+    return JUMPING | frozenset(BENDING) if bends else JUMPING
 
 
 def hold(
@@ -76,6 +80,7 @@ def hold(
     description: str = "",
     *,
     free: Collection[int] = (),
+    bends: bool = False,
     symbol: Callable[[str], ca.SX] = ca.SX.sym,
 ) -> tuple[list[ca.SX], list[Switch]]:
     """Put symbols in the place of operations whose value jumps.
@@ -88,6 +93,8 @@ def hold(
         To whom they belong, in words.
     free : collection of int
         Hashes of operations that are left as they are.
+    bends : bool
+        True if operations whose slope jumps are held too.
     symbol : callable
         Makes the symbol of a side from its name.
 
@@ -106,10 +113,11 @@ def hold(
     ([SX(side 0)], SX((x-2)))
     """
     switches: list[Switch] = []
+    of_interest = _held_operations(bends)
 
     def held(op: int, node: ca.SX, now: list[ca.SX]) -> ca.SX | None:
         key = node.element_hash()
-        if op not in JUMPING or key in free:
+        if op not in of_interest or key in free:
             return None
         side, whole = symbol(f"side {len(switches)}"), op in _AT_WHOLE_NUMBERS
         quantity, natural = quantity_of(op, now), quantity_of(op, operands(node))
@@ -240,6 +248,11 @@ def _held(op: int, operands: Sequence[ca.SX], side: ca.SX) -> ca.SX:
     sign = 2 * side - 1
     if op in (ca.OP_LT, ca.OP_LE, ca.OP_FLOOR):
         return side
+    if op == ca.OP_FABS:
+        return a * sign
+    if op in (ca.OP_FMAX, ca.OP_FMIN):
+        above, below = (a, b) if op == ca.OP_FMAX else (b, a)
+        return side * above + (1 - side) * below
     if op == ca.OP_SIGN:
         return sign
     if op == ca.OP_CEIL:

@@ -33,16 +33,16 @@ AT_EVENT = 1e-3
 
 
 def parts_of_motion(
-    numeric: NumericEquations, signals: Signals, integrands: ca.SX | None = None
+    numeric: NumericEquations, signals: Signals, integrands: ca.SX | None = None, *, bends: bool = False
 ) -> tuple[JumpingPart, ...]:
-    """Return the parts of the equations, of inputs and of integrands in which something jumps."""
-    parts = list(jumping_parts(numeric))
+    """Return the parts of equations, inputs and integrands in which a value jumps, or with `bends` a slope."""
+    parts = list(jumping_parts(numeric, bends=bends))
     for k in signals.given_by_expressions:
         description = f"input '{numeric.eom.mechanism.inputs[k].label}'"
-        parts += part_of(numeric, "input", k, (signals.parametrised[k],), description)
+        parts += part_of(numeric, "input", k, (signals.parametrised[k],), description, bends=bends)
     integrands = ca.SX(0, 1) if integrands is None else integrands
     for k in range(integrands.numel()):
-        parts += part_of(numeric, "integrand", k, (integrands[k],), "the running cost")
+        parts += part_of(numeric, "integrand", k, (integrands[k],), "the running cost", bends=bends)
     return tuple(parts)
 
 
