@@ -122,6 +122,12 @@ class Experiment(Immutable):
         return names
 
 
+def range_of(experiment: Experiment) -> np.ndarray:
+    """Return the range of each row of samples; the size of one that does not vary, one for zeros."""
+    rows = [row[there] for row, there in zip(experiment.samples, experiment.measured, strict=True)]
+    return np.array([(np.ptp(row) if row.size else 0.0) or np.max(np.abs(row), initial=0.0) or 1.0 for row in rows])
+
+
 def read_experiments(times: Any, data: Any, experiments: Any, **of_one: Any) -> tuple[Experiment, ...]:
     """One experiment from the arguments of ``identify``, or the list of them."""
     if experiments is None:

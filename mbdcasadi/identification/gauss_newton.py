@@ -12,7 +12,7 @@ from ..errors import MechanismError
 from ..numerics.console import quiet
 from ..numerics.least_squares import largest
 from ..numerics.newton import backtrack
-from .data import Experiment
+from .data import range_of
 from .loss import LINEAR, Loss
 from .shooting import Shooting
 
@@ -90,7 +90,7 @@ class GaussNewton:
 
         A robust loss knows outliers from the noise only near to the solution: the first round takes the squares.
         """
-        noise, loss = [np.maximum(0.01 * _range(e), 1e-300) for e in self._experiments], self._final_loss
+        noise, loss = [np.maximum(0.01 * range_of(e), 1e-300) for e in self._experiments], self._final_loss
         for _ in range(ROUNDS):
             robust = self._loss.is_robust
             self._weights = [
@@ -177,15 +177,9 @@ class GaussNewton:
         noise = []
         for e, r in residuals:
             rows = [spread(row[there]) for row, there in zip(r, e.measured, strict=True)]
-            least = NOISE_TOLERANCE * _range(e)
+            least = NOISE_TOLERANCE * range_of(e)
             noise.append(np.full(len(rows), max(factor, 1e-300)) if e.weighted else np.maximum(rows, least))
         return noise
-
-
-def _range(experiment: Experiment) -> np.ndarray:
-    """Range of each row of samples; the size of one that does not vary, one for zeros."""
-    rows = [row[there] for row, there in zip(experiment.samples, experiment.measured, strict=True)]
-    return np.array([(np.ptp(row) if row.size else 0.0) or np.max(np.abs(row), initial=0.0) or 1.0 for row in rows])
 
 
 def _step(jacobian: np.ndarray, residual: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:

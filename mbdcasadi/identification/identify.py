@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arguments.values import position_in
 from ..equations import equations
-from ..errors import Interrupted, ModelError, warn
+from ..errors import Interrupted, ModelError, SimulationError, warn
 from ..integrators import Integrator
 from ..model.events import Event
 from ..model.mechanism import Mechanism
@@ -28,6 +28,9 @@ from .shooting import FitSetup, Shooting
 TOLERANCE = 1e-9
 #: Samples in a segment, and segments, unless the user says otherwise.
 SAMPLES, MOST_SEGMENTS = 8, 10
+#: Departure of a motion from the data over a segment, in ranges of the data, from which segments are halved: farther
+#: away linearised motions say little of the unknowns.
+FAR = 0.5
 
 
 def identify(
@@ -78,7 +81,8 @@ def identify(
     experiments : sequence of Experiment, optional
         Several motions, instead of times, data, initial, inputs, parameters and weights.
     segments : int, optional
-        Segments of each motion; 1 is single shooting. About eight samples each if left out, at most ten.
+        Segments of each motion; 1 is single shooting. About eight samples each if left out, at most ten; more if the
+        motion with the first values leaves the data by half their range within a segment.
     iterations : int, default 50
         Largest number of Gauss–Newton steps.
     loss : {"linear", "huber", "soft_l1"}
@@ -102,7 +106,8 @@ def identify(
     Raises
     ------
     IdentificationError
-        If the steps do not converge; ``.partial`` is the last fit.
+        If the steps do not converge, or the motion cannot be followed with the values tried; ``.partial`` is the last
+        fit, None before the first one.
     Interrupted
         On Ctrl-C; ``.partial`` is the best fit so far, None before the first one.
 
@@ -145,10 +150,16 @@ def identify(
             shootings = _shootings(mechanism, motions, places, segments, chosen)
             theta = shootings[0].setup.p[places]
             limits = np.array([u.lower for u in wanted]), np.array([u.upper for u in wanted])
-            for shooting in shootings:
-                shooting.prepare(theta)
             search = GaussNewton(shootings, limits, counts, most_steps)
-            outcome = search.run(theta)
+            try:
+                outcome = search.run(theta)
+            except SimulationError as error:
+                last = search.so_far
+                raise IdentificationError(
+                    f"identify: the motion cannot be followed from the values tried: {error}; start nearer, or take "
+                    "more segments=; .partial holds the last fit",
+                    partial=None if last is None else Fit(mechanism, motions, wanted, last, counts),
+                ) from error
     except KeyboardInterrupt:
         if search is None or search.so_far is None:
             raise Interrupted("identify: stopped by the user before the first fit") from None
@@ -180,7 +191,7 @@ def _tolerances(method: str | Integrator, reltol: float | None, abstol: float | 
 def _shootings(
     mechanism: Mechanism, motions: Sequence[Experiment], places: list[int], segments: int | None, chosen: dict[str, Any]
 ) -> list[Shooting]:
-    """The experiments in segments."""
+    """The experiments in segments that start on the data."""
     shootings = []
     for e in motions:
         arguments = {"initial": e.initial, "inputs": e.inputs, "parameters": e.parameters, **chosen}
@@ -188,7 +199,13 @@ def _shootings(
         most = e.times.size - 1
         usual = max(1, min(MOST_SEGMENTS, most // SAMPLES))
         count = usual if segments is None else whole(segments, "identify", "segments", 1, most)
-        shootings.append(Shooting(setup, e, places, count))
+        shooting = Shooting(setup, e, places, count)
+        departure = shooting.prepare(setup.p[places])
+        while segments is None and departure > FAR and count < most:
+            count = min(2 * count, most)
+            shooting = Shooting(setup, e, places, count)
+            departure = shooting.prepare(setup.p[places])
+        shootings.append(shooting)
     return shootings
 
 

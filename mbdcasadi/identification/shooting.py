@@ -25,7 +25,7 @@ from ..errors import SimulationError
 from ..integrators.failures import reason_of
 from ..integrators.native import build
 from ..model.cache import Cache
-from ..numerics.least_squares import least_norm, project_velocity
+from ..numerics.least_squares import largest, least_norm, project_velocity
 from ..numerics.newton import solve
 from ..numerics.rank import analyse_rank
 from ..sensitivity.compiled_run import PATTERNS, MotionSetup
@@ -33,7 +33,7 @@ from ..sensitivity.cuts import Cuts
 from ..sensitivity.derivatives import Compiled, lengths_of
 from ..sensitivity.differentiable_start import found
 from ..simulation.contact.compiled_elements import has_many_contacts
-from .data import Experiment
+from .data import Experiment, range_of
 
 #: Singular values below this share of the largest one belong to directions, or combinations of unknowns, that leave no
 #: trace in the data.
@@ -120,15 +120,25 @@ class Shooting:
         return ca.Function("segment", [x0, theta, *arguments], [end, outputs, states])
 
     # --- evaluation --------------------------------------------------------------------
-    def prepare(self, theta: np.ndarray) -> None:
-        """Set the starts of the segments from a simulation, led by the data if it departs from them."""
-        self.nodes[0] = self._start(theta)[0]
+    def prepare(self, theta: np.ndarray) -> float:
+        """Set the starts of the segments from a simulation, led by the data if it departs from them.
+
+        Returns
+        -------
+        float
+            Largest departure from the data over a segment, in ranges of the data; infinite if the simulation stops.
+        """
+        self.nodes[0], departure = self._start(theta)[0], 0.0
+        samples, size = self.experiment.samples, range_of(self.experiment)
         for k, (first, _) in enumerate(self.spans[1:], start=1):
             try:
-                guess = self._run(k - 1, self.nodes[k - 1], theta)[0]
+                guess, outputs = self._run(k - 1, self.nodes[k - 1], theta)
+                off = np.abs(outputs[:, -1] - samples[:, first]) / size
+                departure = max(departure, largest(off[self.experiment.measured[:, first]]))
             except SimulationError:
-                guess = self.nodes[k - 1]
+                guess, departure = self.nodes[k - 1], np.inf
             self.nodes[k] = nodes_from_data(self.setup, self.experiment, first, guess)
+        return departure
 
     def evaluate(self, theta: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Outputs (n_y, n_t), gaps, and the starts, the first one as the conditions require."""

@@ -412,3 +412,25 @@ def test_data_that_the_model_cannot_follow_take_no_more_steps():
     ]
     assert fits[0].iterations <= 6
     np.testing.assert_allclose(fits[0].values, fits[1].values, rtol=1e-7)
+
+
+@pytest.mark.slow
+def test_a_standing_double_pendulum_from_a_tenth_of_its_springs():
+    """It falls with the first values, within a tenth of the samples."""
+    true = (150.0, 12.0, 60.0, 5.0)
+    unknowns = [mbd.Parameter(f"p{k}", 0.1 * value, lower=0, upper=1e4) for k, value in enumerate(true)]
+    legs = mbd.Body("legs", 5, 0.4, pose=(0, 0.5, np.pi / 2))
+    trunk = mbd.Body("trunk", 3, 0.2, pose=(0, 1.4, np.pi / 2))
+    ankle, hip = (mbd.ground.at(0, 0), legs.at(-0.5, 0)), (legs.at(0.5, 0), trunk.at(-0.4, 0))
+    k1, c1, k2, c2 = unknowns
+    springs = [
+        mbd.RSDA("ankle spring", *ankle, stiffness=k1, free_angle=np.pi / 2, damping=c1),
+        mbd.RSDA("hip spring", *hip, stiffness=k2, damping=c2),
+    ]
+    joints = [mbd.Revolute("ankle", *ankle), mbd.Revolute("hip", *hip)]
+    model = mbd.Mechanism([legs, trunk], joints=joints, forces=[mbd.Gravity(), *springs], parameters=unknowns)
+    start = [legs.phi == np.pi / 2 + 0.03, trunk.phi == np.pi / 2 - 0.02, legs.omega == 0, trunk.omega == 0]
+    times = np.linspace(0, 4, 201)
+    seen = mbd.simulate(model, times, initial=start, parameters=dict(zip(unknowns, true, strict=True)))
+    fit = mbd.identify(model, times, {legs.phi: seen[legs.phi], trunk.phi: seen[trunk.phi]}, unknowns, start)
+    np.testing.assert_allclose(fit.values, true, rtol=1e-5)

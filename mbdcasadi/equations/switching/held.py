@@ -39,7 +39,7 @@ class JumpingPart:
     smooth : frozenset of int
         Those over which nothing need be held: the same, or those over which slopes and curvatures are continuous too.
     roots : frozenset of int
-        Those over which nothing can be held, though slopes or curvatures jump: powers that have no value beyond.
+        Those of them over which nothing can be held, as powers of a penetration have no value beyond.
     bends : bool
         True if slopes and curvatures count.
     """
@@ -115,7 +115,7 @@ def part_of(
             levels.append(ca.vertcat(ca.SX(0, 1), *ca.jacobian(levels[-1], symbols).nonzeros()))
         smooth = continuous & continuous_switches(levels, switches, around)
         continuous |= {node.element_hash() for _, node in operations(expressions, BENDING)}
-        roots = (continuous & switches_without_value(levels, switches, around)) - smooth
+        roots = continuous & switches_without_value(levels, switches, around)
         smooth |= roots
     nodes = frozenset(switch.node for switch in switches)
     return [JumpingPart(kind, place, expressions, description, nodes, continuous, smooth, roots, bends)]
