@@ -77,7 +77,8 @@ def animate(
     Returns
     -------
     Animation
-        ``.save(path)`` writes it again, in another form as well if it shows a motion.
+        ``.save(path)`` writes it again, in another form as well if it shows a motion; ``.widget()`` of a live page is
+        a widget of a notebook whose values go both ways (extra ``notebook``).
 
     Raises
     ------
