@@ -28,11 +28,11 @@ function stepTowards(body, place, target) {
   const cx = (d * ex - b * ey) / det, cy = (a * ey - b * ex) / det;
   return { dt: 0, dq: now.q.map((_, i) => (cx * g[0][i] + cy * g[1][i]) * projectionRoots[i]) };
 }
-// The share of a step that turns and shifts nothing far.
-function shareOf(dq) {
+// The multiple of a step that turns and shifts nothing far; infinite for none.
+function longest(dq) {
   let turn = 0, shift = 0;
   for (let i = 0; i < N; i++) { if (LIVE.angles[i]) turn = Math.max(turn, Math.abs(dq[i])); else shift = Math.max(shift, Math.abs(dq[i])); }
-  return Math.min(1, TURN / Math.max(turn, 1e-12), SHIFT * LIVE.size / Math.max(shift, 1e-12));
+  return Math.min(TURN / turn, SHIFT * LIVE.size / shift);
 }
 // Move a state by a share of a step, onto the constraints; false if that leads elsewhere.
 function stepped(x, dq, dt, share) {
@@ -56,7 +56,7 @@ function followPointer(body, place, target) {
     const before = apart(), { dt, dq } = stepTowards(body, place, target), t = now.t[0];
     let better = false;
     kept.set(now.q);
-    for (let half = 0, share = shareOf(dq); half < 8 && !better; half++, share /= 2) {
+    for (let half = 0, share = Math.min(1, longest(dq)); half < 8 && !better; half++, share /= 2) {
       better = stepped(now, dq, dt, share) && apart() < before * (1 - 1e-6);
       if (!better) { now.q.set(kept); now.t[0] = t; }
     }
@@ -71,8 +71,8 @@ function followPointer(body, place, target) {
 }
 
 // The whole way of a linkage of one freedom, or of one that drivers hold in its time: paths of points, and a box about
-// all bodies; null if it has more freedoms, and no box if the way does not end.
-const MOST_STEPS = 500, FAR = 8;                              // steps of a way, and sizes of the mechanism that it may lead to
+// all bodies; null if it has more freedoms, or leads far away.
+const MOST_STEPS = 500, FAR = 8, LONGEST_TIME = 0.1;          // steps of a way, sizes of the mechanism that it may lead to, and seconds of a step
 let swept = null;
 function sweep() {
   if (swept === null) swept = { way: LIVE.holds || N - ranks.position === 1 ? walkedWay() : null };
@@ -113,10 +113,8 @@ function walkedWay() {
     if (!LIVE.holds) along = freedom(null).map(d => way ? -d : d);
     for (end = ""; !end;) {
       if (LIVE.holds) speeds(x, new Float64Array(N), projectionRoots, false); else along = freedom(along);
-      const dq = LIVE.holds ? x.v : along.map((d, i) => d * projectionRoots[i]), least = LIVE.holds ? 0.1 : Infinity;
-      let turn = 0, shift = 0;
-      for (let i = 0; i < N; i++) { if (LIVE.angles[i]) turn = Math.max(turn, Math.abs(dq[i])); else shift = Math.max(shift, Math.abs(dq[i])); }
-      let size = Math.min(TURN / turn, SHIFT * LIVE.size / shift, least), met = false;
+      const dq = LIVE.holds ? x.v : along.map((d, i) => d * projectionRoots[i]);
+      let size = Math.min(longest(dq), LIVE.holds ? LONGEST_TIME : Infinity), met = false;
       if (!(size > 0 && size < Infinity)) { end = "locked"; break; }
       for (let half = 0; half < 5 && !met; half++, size /= 2) met = stepped(x, dq, LIVE.holds ? 1 : 0, size);
       if (!met) { end = "locked"; break; }
@@ -131,8 +129,7 @@ function walkedWay() {
   shownRevision = -1;
   const all = [...steps[1].reverse(), ...steps[0]];
   const boxes = all.flatMap(step => step.boxes);
-  let corners = DATA.box.slice();
-  for (const b of boxes) corners = around(corners, [[b[0], b[1]], [b[2], b[3]]]);
+  const corners = boxes.reduce((sum, b) => around(sum, [[b[0], b[1]], [b[2], b[3]]]), DATA.box);
   if (end === "far") return null;
   return { paths: DATA.traces.map((_, k) => all.map(step => step.places[k])), box: corners };
 }

@@ -84,7 +84,7 @@ function paths() {
              past: () => past.at === null ? past.samples.length : past.at + 1 };
   });
 }
-function wholeBox() { const whole = sweep(); return whole && whole.box ? whole.box.slice() : DATA.box.slice(); }
+function wholeBox() { const whole = sweep(); return (whole ? whole.box : DATA.box).slice(); }
 // Everything that is read or plotted, as a table over what was run.
 function table() {
   const columns = quantities();

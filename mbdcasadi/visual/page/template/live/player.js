@@ -104,13 +104,17 @@ for (const slider of LIVE.sliders) {
 
 // --- pulling: kinematic while paused, by a spring while it runs; by the pointer, or by keys ---
 let hint = null, byKey = null;                                // the body and the point to drag first; the item that keys pull at
+// The place on a body, in its axes, that is seen at a point.
+function placeOn(body, at) {
+  const target = fromScreen(at), k = 3 * body, c = Math.cos(now.q[k + 2]), s = Math.sin(now.q[k + 2]);
+  const dx = target[0] - now.q[k], dy = target[1] - now.q[k + 1];
+  return [c * dx + s * dy, -s * dx + c * dy];
+}
 function grab(at, item) {
   const body = item === null ? null : LIVE.bodyOfItem[item];
   hint = byKey = null;
   if (body === null || body === undefined) { pull = null; return false; }
-  const target = fromScreen(at), k = 3 * body, c = Math.cos(now.q[k + 2]), s = Math.sin(now.q[k + 2]);
-  const dx = target[0] - now.q[k], dy = target[1] - now.q[k + 1];
-  pull = { body: body, place: [c * dx + s * dy, -s * dx + c * dy], target: target, stiffness: LIVE.pull.stiffness, damping: LIVE.pull.damping };
+  pull = { body: body, place: placeOn(body, at), target: fromScreen(at), stiffness: LIVE.pull.stiffness, damping: LIVE.pull.damping };
   return true;
 }
 function drag(at) {
@@ -164,11 +168,10 @@ function nudge(x, y, event) {
 // What moves most easily is shown as the first thing to drag.
 function findHint() {
   let most = 0;
-  DATA.items.forEach(item => {
-    const body = item.kind === "body" ? LIVE.bodyOfItem[DATA.items.indexOf(item)] : null, at = body === null ? null : controls.place(item.name);
+  DATA.bodies.forEach((item, body) => {
+    const at = controls.place(DATA.items[item].name);
     if (!at) return;
-    const target = fromScreen(at), k = 3 * body, c = Math.cos(now.q[k + 2]), s = Math.sin(now.q[k + 2]), dx = target[0] - now.q[k], dy = target[1] - now.q[k + 1];
-    const place = [c * dx + s * dy, -s * dx + c * dy], { g, size } = responses(body, place);
+    const place = placeOn(body, at), { g, size } = responses(body, place);
     const free = LIVE.holds ? Math.hypot(pointOf(body, place, now).vx, pointOf(body, place, now).vy) : (dot(g[0], g[0]) + dot(g[1], g[1])) / size;
     if (free > most * 1.01 && free > 1e-6) { most = free; hint = { body: body, place: place }; }
   });
