@@ -12,8 +12,6 @@ from ..model.symbols import as_expression
 from .motion import Motion
 from .state import State
 
-#: Parts into which the time between two knots is divided at first: steps follow polynomials of degree five.
-PARTS = 4
 #: Parts into which the time around a candidate is divided, and how often: to a part in 10⁹ of that between two knots.
 NARROWER, ROUNDS = 16, 10
 #: Values that are evaluated at once.
@@ -58,14 +56,10 @@ def extremum(motion: Motion, expression: Any, sign: int, what: str) -> Extremum:
     expression = as_expression(expression, f"motion.{what}(…)")
     if expression.numel() != 1:
         raise MechanismError(f"motion.{what} takes a scalar, got an expression of shape {expression.shape}; take norm")
-    knots = motion.knots
-    if not knots.size:
+    if not len(motion):
         raise MechanismError(f"motion.{what}: the trajectory holds no times")
-    smooth = np.diff(knots) > 4 * np.spacing(np.abs(knots[1:]))
-    shares = np.arange(PARTS) / PARTS
-    inner = knots[:-1, None] + np.where(smooth[:, None], shares, 0.0) * np.diff(knots)[:, None]
-    t = np.unique(np.append(inner.ravel(), knots[-1]))
-    values = _values(motion, expression, sign, t)
+    _ = motion.knots  # which one that was made from arrays alone does not have
+    t, values = motion.fine.t, sign * motion.fine[expression]
     if np.all(np.isnan(values)):
         raise MechanismError(f"motion.{what}: the expression has no value at any time of the motion")
     values = np.where(np.isnan(values), -np.inf, values)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import casadi as ca
 import numpy as np
 
 from ..model.expressions import norm
-from .columns import columns, effort_unit, has_multipliers, joints_of, reaction_of
+from .columns import effort_unit, has_multipliers, joints_of, reaction_of
+from .extrema import extremum
 from .motion import Motion
 
 _WIDTH = 20
@@ -60,8 +62,9 @@ def _efforts(motion: Motion) -> dict[str, str]:
     entries = {}
     for driver in motion.mechanism.drivers:
         unit = effort_unit(driver)
-        for name, values in columns(motion, {driver.name: -driver.multipliers}).items():
-            entries[name] = f"{_rounded(np.nanmin(values))} … {_rounded(np.nanmax(values))} {unit}"
+        for name, effort in zip(driver.row_names, ca.vertsplit(-driver.multipliers), strict=True):
+            least, most = (_extreme(motion, effort, sign)[0] for sign in (-1, 1))
+            entries[name] = f"{_rounded(least)} … {_rounded(most)} {unit}"
     return entries
 
 
@@ -69,11 +72,21 @@ def _reactions(motion: Motion) -> dict[str, str]:
     entries = {}
     for joint in joints_of(motion.mechanism):
         reaction = reaction_of(joint)
-        sizes = columns(motion, {"N": norm(reaction.force), "N m": norm(reaction.torque)})
-        largest = {unit: int(np.nanargmax(size)) for unit, size in sizes.items() if np.nanmax(size) > _NOTHING}
-        parts = [f"{_rounded(sizes[unit][k])} {unit} at t = {motion.t[k]:.4g} s" for unit, k in largest.items()]
+        loads = (("N", norm(reaction.force)), ("N m", norm(reaction.torque)))
+        largest = [(unit, *_extreme(motion, size, 1)) for unit, size in loads]
+        parts = [f"{_rounded(size)} {unit} at t = {t:.4g} s" for unit, size, t in largest if size > _NOTHING]
         entries[joint.name] = ", ".join(parts) or "none"
     return entries
+
+
+def _extreme(motion: Motion, expression: ca.SX, sign: int) -> tuple[float, float]:
+    """Largest value of a scalar, or for sign -1 the smallest, and its time; of a motion from arrays at its outputs."""
+    if motion.interpolates:
+        found = extremum(motion, expression, sign, "maximum")
+        return found.value, found.t
+    values = motion[expression]
+    k = int(np.nanargmax(sign * values))
+    return float(values[k]), float(motion.t[k])
 
 
 def _rounded(value: float) -> str:

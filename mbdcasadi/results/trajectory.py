@@ -14,6 +14,7 @@ from ..model.forces.friction.modes import switches
 from ..model.immutable import HoldsSymbols
 from ..model.mechanism import Mechanism
 from ..model.symbols import Expression, as_expression
+from ..numerics.lazy import cached_property
 from ..numerics.real import real_array
 from .export import to_csv, to_pandas, to_xarray
 from .extrema import Extremum, extremum
@@ -24,6 +25,9 @@ from .saving import save
 from .state import Arguments, EventOccurrence, State, six
 from .steps import Interpolation
 from .summary import summary_lines
+
+#: Parts into which the time between two knots is divided for lines and extrema; knots from which on it is not.
+PARTS, MANY = 4, 20_000
 
 
 class Trajectory(HoldsSymbols):
@@ -213,6 +217,22 @@ class Trajectory(HoldsSymbols):
         if self.t.size < 2:
             return self.t
         return self._between().knots(float(self.t[0]), float(self.t[-1]))
+
+    @property
+    def fine(self) -> Trajectory:
+        """The motion at its knots and at times between them, such that lines through them are smooth to the eye.
+
+        One that was made from arrays alone is known at its outputs only: itself.
+        """
+        # a trajectory that kept itself would stay in memory until the garbage collector comes
+        return self._fine if self.t.size > 1 and self.interpolates else self
+
+    @cached_property
+    def _fine(self) -> Trajectory:
+        knots = self.knots
+        parts = PARTS if knots.size <= MANY else 1
+        between = knots[:-1, None] + np.arange(parts) / parts * np.diff(knots)[:, None]
+        return self.at(np.unique(np.append(between, knots[-1])))
 
     def _between(self) -> Interpolation:
         if self.interpolation is None:

@@ -14,32 +14,12 @@ from ...results.phases import PhasedTrajectory
 from ...results.state import State
 from ...results.trajectory import Trajectory
 
-#: Parts into which a line is divided between two knots of a motion; knots from which on it is not.
-PARTS, MANY = 4, 5000
-
 
 def between(motion: Trajectory, times: np.ndarray) -> Trajectory:
     """Return a motion at times within its span, with bodies that have left where they were last seen."""
     if not isinstance(motion, PhasedTrajectory):
         return motion.at(times)
     return motion.at(times).with_absent_bodies(motion)
-
-
-def fine_times(motion: Trajectory) -> np.ndarray:
-    """Return times of a motion between which lines are straight to the eye, s; both sides of each jump.
-
-    One that was made from arrays alone is known at its outputs only.
-    """
-    if not motion.interpolates or len(motion) < 2:
-        return motion.t
-    knots = motion.knots
-    parts = PARTS if knots.size <= MANY else 1
-    return np.unique(np.r_[(knots[:-1, None] + np.arange(parts) / parts * np.diff(knots)[:, None]).ravel(), knots[-1]])
-
-
-def fine(motion: Trajectory) -> Trajectory:
-    """Return a motion at :func:`fine_times`."""
-    return motion.at(fine_times(motion)) if motion.interpolates and len(motion) > 1 else motion
 
 
 class Sample:

@@ -11,7 +11,6 @@ from ...errors import MechanismError
 from ...results.columns import read_expressions, read_lines
 from ..axes import dress, legend, over_time, readable, stacked
 from ..drawing.draw import motion_of
-from ..drawing.sample import fine
 from ..drawing.style import series_colour
 from .plot import lines_over
 
@@ -59,7 +58,7 @@ def plot_phase(motions: Any, expressions: Mapping[str, Any]) -> Figure:
     axes, drawn = figure.subplots(), {}
     for k, (name, motion) in enumerate(named.items()):
         colour = series_colour(k)
-        run = fine(motion_of(motion, "plot_phase"))
+        run = motion_of(motion, "plot_phase").fine
         across, up = (run[e] for e in pair.values())
         (drawn[name],) = axes.plot(across, up, color=colour, linewidth=1.5)
         axes.plot(across[0], up[0], "o", color=colour, markersize=5)
@@ -85,7 +84,7 @@ def plot_energy(motion: Any) -> Figure:
         are constraints, the largest ``|Phi|`` and ``|Phi_q v - nu|`` by time.
     """
     run = motion_of(motion, "plot_energy")
-    drawn = fine(run)
+    drawn = run.fine
     energy = drawn.energy
     change = energy.total - energy.total[0]
     position, velocity = run.violations

@@ -21,7 +21,6 @@ from ...results.columns import (
 from ...results.trajectory import Trajectory
 from ..axes import dress, legend, over_time, readable, stacked
 from ..drawing.draw import draw, motion_of
-from ..drawing.sample import fine
 from ..drawing.style import SERIES_LIGHT, series_colour
 
 if TYPE_CHECKING:
@@ -61,7 +60,7 @@ def plot(motion: Any, expressions: Mapping[str, Any]) -> Figure:
     if not quantities:
         raise MechanismError("plot: there is nothing to draw; give {label: expression}")
     run = motion_of(motion, "plot")
-    drawn = fine(run)
+    drawn = run.fine
     figure, stack = stacked(7.2, 0.8 + 2.0 * len(quantities), len(quantities))
     for axes, (label, (names, column)) in zip(stack, quantities.items(), strict=True):
         values = drawn[column].reshape(len(drawn), -1)
@@ -89,7 +88,7 @@ def overview(motion: Trajectory) -> Figure:
 
     if not len(motion):
         raise MechanismError("overview: the trajectory holds no times")
-    drawn = fine(motion)
+    drawn = motion.fine
     left, right = _coordinates(drawn), _loads(drawn)
     rows = len(left) * len(right)
     figure = Figure(figsize=(15.0, 7.6), layout="constrained")
