@@ -19,8 +19,10 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
+    "sphinx.ext.viewcode",
     "numpydoc",
     "gallery",
+    "api_links",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = ["_build", "_pages"]
@@ -53,7 +55,8 @@ autodoc_typehints = "none"
 autodoc_docstring_signature = False
 numpydoc_show_class_members = False
 numpydoc_attributes_as_param_list = True
-numpydoc_xref_param_type = False
+numpydoc_xref_param_type = True
+numpydoc_xref_ignore = {"optional", "default", "of", "or", "and", "in", "if", "to", "from", "it", "the", "them", "expression"}
 
 html_theme = "furo"
 html_title = "mbdcasadi"
