@@ -1,8 +1,8 @@
 """Sphinx extension: links between the API reference and the pages that use it.
 
-In the overview, names of the package become links to the reference. On a page of the reference whose docstring has no
-example of its own, the shortest statement of the documentation, the examples or the tests that uses the name is shown; all
-of these are run by the tests.
+In the overview, names of the package become links to the reference. A page of the reference whose docstring has no example
+of its own shows the shortest statement of the documentation, the examples or the tests that uses the name; all of these are
+run by the tests.
 """
 
 from __future__ import annotations
@@ -63,7 +63,8 @@ def uses() -> dict[str, tuple[str, str]]:
 def add_example(app, what, name, thing, options, lines):
     """Append the statement that uses a public name to its docstring."""
     short = name.removeprefix("mbdcasadi.")
-    if "." in short or short not in uses() or any(line.strip() in (".. rubric:: Examples", "Examples") for line in lines):
+    has_example = any(line.strip() in (".. rubric:: Examples", "Examples") for line in lines)
+    if "." in short or short not in uses() or has_example:
         return
     code, place = uses()[short]
     lines += ["", ".. rubric:: Examples", "", ".. code-block:: python", ""]

@@ -56,7 +56,7 @@ autodoc_docstring_signature = False
 numpydoc_show_class_members = False
 numpydoc_attributes_as_param_list = True
 numpydoc_xref_param_type = True
-numpydoc_xref_ignore = {"optional", "default", "of", "or", "and", "in", "if", "to", "from", "it", "the", "them", "expression"}
+numpydoc_xref_ignore = set("optional default of or and in if to from it the them expression".split())
 
 html_theme = "furo"
 html_title = "mbdcasadi"
