@@ -1,8 +1,8 @@
 """Sphinx extension: links between the API reference and the pages that use it.
 
-In the overview, names of the package become links to the reference. A page of the reference whose docstring has no example
-of its own shows the shortest statement of the documentation, the examples or the tests that uses the name; all of these are
-run by the tests.
+In the overview, names of the package become links to the reference. A page of the reference whose docstring
+has no example of its own shows the shortest statement of the documentation, the examples or the tests that
+uses the name; all of these are run by the tests.
 """
 
 from __future__ import annotations
