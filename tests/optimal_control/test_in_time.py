@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from mbdcasadi.optimal_control.search.search.in_time import least_times, out_of_time
 from motions import crank_rocker, pendulum, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
 from mbdcasadi.numerics.symbolic import LOCK
 from mbdcasadi.optimal_control.program.problem_setup import ProblemSetup
 from mbdcasadi.optimal_control.program.setup import Settings
+from mbdcasadi.optimal_control.search.in_time import least_times, out_of_time
 
 
 def late(problem):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mbdcasadi.optimal_control.search.search.coarse_mesh import COARSE_MEASURES
-from mbdcasadi.optimal_control.search.search.refine import MEASURES
 from motions import crank_rocker, half_turn, rest_to_rest
 
 import mbdcasadi as mbd
 from mbdcasadi.optimal_control.measures.local_error import LocalErrors
 from mbdcasadi.optimal_control.measures.measure import PIECES, pieces_of
+from mbdcasadi.optimal_control.search.coarse_mesh import COARSE_MEASURES
+from mbdcasadi.optimal_control.search.refine import MEASURES
 
 
 def test_pieces_go_with_the_power_of_the_length():

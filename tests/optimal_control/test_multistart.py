@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mbdcasadi.optimal_control.search.search.detours import LATENESS, SWINGS, swings
-from mbdcasadi.optimal_control.search.search.multistart import at_rest
 
 import mbdcasadi as mbd
 from mbdcasadi.optimal_control.program.setup import Settings
 from mbdcasadi.optimal_control.program.statistics import Attempt
+from mbdcasadi.optimal_control.search.detours import LATENESS, SWINGS, swings
+from mbdcasadi.optimal_control.search.multistart import at_rest
 from mbdcasadi.optimal_control.solve.problem_solver import ProblemSolver
 from mbdcasadi.optimal_control.solve.solvers.base import GIVEN_UP
 from mbdcasadi.optimal_control.transcription.mesh import Mesh

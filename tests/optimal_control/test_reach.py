@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from mbdcasadi.optimal_control.search.search.multistart import guesses, other_ends
-from mbdcasadi.optimal_control.search.search.reach import check_reach
 from motions import LENGTHS, crank_rocker, half_turn
 
 import mbdcasadi as mbd
 from mbdcasadi import library
 from mbdcasadi.optimal_control.program.setup import Settings
+from mbdcasadi.optimal_control.search.multistart import guesses, other_ends
+from mbdcasadi.optimal_control.search.reach import check_reach
 from mbdcasadi.optimal_control.solve.problem_solver import ProblemSolver
 
 

@@ -5,13 +5,13 @@ import warnings
 import numpy as np
 import pytest
 from keyboard import interrupted_in
-from mbdcasadi.optimal_control.search.search.refine import adapted
 from motions import crank_rocker, guided_block, half_turn, pendulum, rest_to_rest, sprung_block
 from scipy.linalg import expm
 from scipy.optimize import minimize
 
 import mbdcasadi as mbd
 from mbdcasadi.optimal_control.search import coarse_mesh, slow_first
+from mbdcasadi.optimal_control.search.refine import adapted
 from mbdcasadi.optimal_control.search.search import DETOURS, multistart
 from mbdcasadi.optimal_control.solve.problem_solver import ProblemSolver
 from mbdcasadi.optimal_control.transcription.mesh import Mesh
