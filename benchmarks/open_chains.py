@@ -1,11 +1,10 @@
 """Swing-ups of open chains from the automatic guess: cost, iterations of each start, error of the mesh, seconds.
 
-Acrobots and pendubots have the parameters of Spong and of Kelly. Chains with a
-motor in every joint are links of 1 m and 1 kg that have 2 s. Each chain goes
-from hanging to standing upright with the least integral of the squared
-torques. ``python open_chains.py`` prints both tables; seconds are those of the
-processor. With ``--peer`` the acrobots and pendubots are also solved by plain
-collocation in angles, see ``open_chain_peer.py``, each in turn.
+Acrobots and pendubots have the parameters of Spong and of Kelly. Each goes from
+hanging to standing upright with the least integral of the squared torque.
+``python open_chains.py`` prints the table; seconds are those of the processor.
+With ``--peer`` they are also solved by plain collocation in angles, see
+``open_chain_peer.py``, each in turn.
 
 References
 ----------
@@ -52,32 +51,6 @@ def swing_up(chain: str, driven: str, duration: float) -> mbd.OptimalControlProb
     )
 
 
-#: Chains with a motor in every joint: links, and what ``optimize`` is given.
-DRIVEN: tuple[tuple[int, dict], ...] = (
-    (5, {"tolerance": 1e-6}),
-    (10, {"intervals": 50}),
-    (10, {"intervals": 100}),
-)
-
-
-def driven_chain(links: int, duration: float = 2.0) -> mbd.OptimalControlProblem:
-    """The problem of uniform bars of 1 m and 1 kg with a motor in every joint."""
-    torques = [mbd.Input(f"torque {k + 1}") for k in range(links)]
-    bars = [mbd.Body(f"link {k + 1}", mass=1.0, inertia=1 / 12, pose=(0, -k - 0.5, -np.pi / 2)) for k in range(links)]
-    before = [mbd.ground, *bars]
-    joints, forces = [], [mbd.Gravity()]
-    for k, (bar, torque) in enumerate(zip(bars, torques, strict=True)):
-        joints.append(mbd.Revolute(f"joint {k + 1}", before[k].at(0.5 if k else 0.0, 0), bar.at(-0.5, 0)))
-        forces.append(mbd.Torque(f"motor {k + 1}", bar, torque, before[k]))
-    return mbd.OptimalControlProblem(
-        mbd.Mechanism(bars, joints, forces=forces, inputs=torques),
-        duration=duration,
-        initial=[c for bar in bars for c in (bar.phi == -np.pi / 2, bar.omega == 0)],
-        final=[c for bar in bars for c in (bar.phi == np.pi / 2, bar.omega == 0)],
-        running_cost=sum(torque**2 for torque in torques),
-    )
-
-
 def row(problem: mbd.OptimalControlProblem, **options: Any) -> str:
     """Solve a problem; its cells of a table."""
     began = time.process_time()
@@ -99,7 +72,7 @@ def peer_row(chain: str, driven: str, duration: float) -> str:
 
 
 def main(*, peer: bool) -> None:
-    """Solve all cases and print the tables; with the peer the first one alone."""
+    """Solve all cases and print the table."""
     if peer:  # what is loaded at the first solve counts for neither
         row(swing_up("Kelly", "elbow", 2.5), intervals=10, starts=1)
         open_chain_peer.swing_up(*CHAINS["Kelly"], "elbow", 2.5)
@@ -112,13 +85,6 @@ def main(*, peer: bool) -> None:
                 found = row(swing_up(chain, driven, duration))
                 found += peer_row(chain, driven, duration) if peer else ""
                 print(f"| {chain} | {driven} | {duration:g} | {found}", flush=True)
-    if peer:
-        return
-    print(f"\n| links, all driven | given | {cells}")
-    print("|---|---|---|---|---|---|---|")
-    for links, options in DRIVEN:
-        given = ", ".join(f"{name}={value:g}" for name, value in options.items())
-        print(f"| {links} | {given} | {row(driven_chain(links), **options)}", flush=True)
 
 
 if __name__ == "__main__":

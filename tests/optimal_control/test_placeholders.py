@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from mbdcasadi.optimal_control.statement.statement.placeholders import placeholders_in
 from motions import crank_rocker, rest_to_rest
 
 import mbdcasadi as mbd
+from mbdcasadi.optimal_control.statement.placeholders import placeholders_in
 
 at_end, at_start, integral = mbd.at_end, mbd.at_start, mbd.integral
 

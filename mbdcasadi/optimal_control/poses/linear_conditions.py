@@ -22,17 +22,13 @@ LINEAR_TOLERANCE = 1e-12
 
 
 def state_by_linear_conditions(
-    numeric: NumericEquations,
-    conditions: Sequence[Condition],
-    t: float,
-    z: np.ndarray,
-    eom: ReducedEquations | None = None,
+    numeric: NumericEquations, conditions: Sequence[Condition], t: float, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Coordinates and velocities (n,) that linear conditions decide at a time; None if they do not.
 
-    They are linear in the independent coordinates of reduced equations without rows: the usual ones, or `eom`.
+    They are linear in the independent coordinates of the reduced equations, if these leave no rows.
     """
-    eom = _without_rows(numeric) if eom is None else eom
+    eom = _without_rows(numeric)
     if eom is None or not all(c.equality for c in conditions):
         return None
     x = ca.vertcat(eom.q, eom.v)

@@ -56,8 +56,7 @@ class SolveStatistics:
     iterations : int
         Iterations of the solver.
     status : str
-        Message of the solver. Of Levenberg–Marquardt steps ``"Least_Effort_Found"`` if the last one lowered the cost
-        by less than 5e-6 of it, else ``"Least_Effort_Approached"``.
+        Message of the solver.
     seconds, build_seconds : float
         Time of building and solving, and of building alone, s.
     variables, rows : int
@@ -70,8 +69,8 @@ class SolveStatistics:
         Values of a continuation, including those inserted in between.
     stages : list of Attempt
         Stages of a search with limits that close in, if the solver failed at first, and runs of fatrop that failed.
-    solver : {"ipopt", "fatrop", "levenberg-marquardt"}
-        Solver that found the solution; the last one finds motions of least effort of arms with a motor in every joint.
+    solver : {"ipopt", "fatrop"}
+        Solver that found the solution.
     at_saddle : bool or None
         True if the cost falls to second order in a direction that rows and limits leave; None if this was not looked
         for, as of a solve from a solution of the same problem. It is False if IPOPT had no curvature to add.

@@ -34,7 +34,6 @@ from ..transcription.mesh import Mesh
 from .coarse_first import solve_coarse_first
 from .coarse_mesh import is_lost
 from .detours import random_detour, swings, swings_suffice
-from .least_effort import least_effort
 from .whole_guess import guess_of, start_of, through_poses
 
 #: Reports of the solves from a guess, and the solution or the error in which they ended.
@@ -124,12 +123,9 @@ def _value_in(motion: Trajectory, parameter: Any, otherwise: float) -> float:
 def _usual_guesses(solver: ProblemSolver) -> list[Guess]:
     """The usual guess; for a chain in angles, which is solved twice in less time than in all coordinates, two.
 
-    The motion of least effort if each of many coordinates has an input. Of 28 made-up chains of two to four links with
-    a motor in every joint, on meshes that hold, the first of the two led to the lower cost in 8, the second one in 5.
+    Of 28 made-up chains of two to four links with a motor in every joint, on meshes that hold, the first of the two led
+    to the lower cost in 8, the second one in 5.
     """
-    motion = least_effort(solver)
-    if motion is not None:
-        return [motion]
     usual = _usual_guess(solver)
     is_chain = solver.setups[0].scheme.eom.is_chain
     return [usual, at_rest(solver)] if is_chain and not _stays_at_rest(solver) else [usual]
@@ -280,10 +276,9 @@ def best_of(
     A guess that is another solution is tried with the settings of a warm start first, and if these fail at once without
     them. `warm` if the guesses are solutions of nearly the same problem. `settle` returns a solution on a finer mesh,
     and whether this holds: the cost on a coarse mesh may be false, and the best is chosen by what it is on a mesh that
-    holds. Each solve takes at most `limit` iterations. With `further` the guesses are solved from if there is no motion
-    of least effort without limits from which these close in, the last guess first, and once one has succeeded the
-    others take at most so many; those of :func:`swings` follow. If none succeeds, the error of the last candidate is
-    raised.
+    holds. Each solve takes at most `limit` iterations. With `further` the guesses are solved from the
+    last to the first, and once one has succeeded the others take at most so many; those of :func:`swings` follow. If
+    none succeeds, the error of the last candidate is raised.
     """
     solver.best.new_stage()
     tries = partial(_tried, meshes=meshes, warm=warm)
@@ -291,9 +286,7 @@ def best_of(
         outcomes = _side_by_side(partial(tries, limit=limit), solver, candidates, executor)
     elif further is not None:
         enough = partial(swings_suffice, solver)
-        outcomes = _from_free_motion(tries, solver, limit)
-        if not any(map(_is_solved, outcomes)):
-            outcomes += _from_last_to_first(partial(tries, solver), candidates, limit, further, enough)
+        outcomes = _from_last_to_first(partial(tries, solver), candidates, limit, further, enough)
     else:
         outcomes = [tries(solver, guess, limit=limit) for guess in candidates]
     failures = [result for _, result in outcomes if isinstance(result, OptimizationError)]
@@ -379,13 +372,6 @@ def _from_swings(
         if any(map(_is_solved, outcomes[len(before) :])):
             break
     return outcomes[len(before) :]
-
-
-def _from_free_motion(tries: Callable[..., Outcome], solver: ProblemSolver, limit: int | None) -> list[Outcome]:
-    """Outcome of the motion of least effort without limits, from which these close in; none for other problems."""
-    free = solver.unlimited()
-    guess = least_effort(free) if solver.driven is None and free.driven is not None else None
-    return [] if guess is None else [tries(solver, guess, limit=limit, cold=_closing_in)]
 
 
 def _closing_in(solver: ProblemSolver, meshes: Sequence[Mesh], guess: Guess, *, limit: int | None) -> Solution:

@@ -92,7 +92,6 @@ class _Refinement:
 
     def __init__(self, solver: ProblemSolver, solution: Solution, tolerance: float):
         self.solver, self.solution, self.tolerance = solver, solution, tolerance
-        solver.is_exact = True
         #: factor by which the cost counts for more in the solver, if it is far smaller than its typical size
         self.raised = solver.raise_cost(solution)
         self.passes: list[Attempt] = []

@@ -5,8 +5,7 @@ Before them it is looked whether the linkage reaches the waypoints and the end a
 1. The problem is solved from every guess, see :func:`best_of`: an open chain in its angles alone, in which fewer
    iterations are needed, from poses without speeds and then from a motion through them, or, if it has fewer inputs than
    angles, from motions that swing, see :func:`swings`, and in all coordinates if that fails; on a fine mesh from the
-   solution on a coarse one, see :func:`solve_coarse_first`. A chain of many angles with an input for each is solved
-   among motions, see :mod:`driven`, under limits from there.
+   solution on a coarse one, see :func:`solve_coarse_first`.
 2. If no mesh was given, intervals that are too coarse are split before costs are compared, since a
    coarse mesh may promise a cost that no motion has: :func:`refine_if_coarse`. The best one of those that all stay
    coarse is refined once more; if that does not help, or all are no motions, the problem is solved slowly first, and

@@ -44,7 +44,7 @@ def undecided(solution: SolvedMotion) -> tuple[int, list[str]]:
     by as much more as the curvature is smaller that is added for all variables.
     """
     places = _free_places(solution)
-    if not places or solution.statistics.solver == "levenberg-marquardt":  # whose multipliers are not known
+    if not places:
         return 0, []
     program = solution.program
     times = [part.segment_times for part in solution.phases]

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from ...errors import OptimizationError
-from ...numerics.lazy import cached_property
 from ...results.state import State
 from ..motion.guess import Guess
 from ..motion.held_limits import LIMIT_TOLERANCE, ROUNDS, largest_share, points_to_hold
@@ -26,8 +25,6 @@ from ..program.statistics import Answer
 from ..solution import Solution
 from ..transcription.mesh import Mesh, interval_count
 from .best_so_far import BestSoFar
-from .driven.motions import DrivenMotions
-from .driven.run import run_among_motions
 from .expressions import kinks_in_costs
 from .failure import explain_failure
 from .rounded_program import RoundedProgram
@@ -79,8 +76,6 @@ class ProblemSolver(ProblemSetup):
         self.pace: list[np.ndarray] | None = None
         #: whether limits do not count: no solution of the problem, but perhaps a guess for one
         self.is_unlimited = False
-        #: whether solutions are optima of their programs to the tolerance of the solver
-        self.is_exact = False
         #: cost above which a solve by IPOPT is given up after a while
         self.ceiling = np.inf
         self.best = BestSoFar() if best is None else best
@@ -143,35 +138,8 @@ class ProblemSolver(ProblemSetup):
         past = _further(solution, partial(self._solve, meshes, self.motion_of(solution), warm=True, limit=limit))
         return solution if past is None or past.cost >= solution.cost else past
 
-    @property
-    def driven(self) -> DrivenMotions | None:
-        """The motions among which that of least effort is looked for; None for problems with more demands."""
-        return self._motions if self._motions is not None and (self.is_unlimited or not self._is_limited) else None
-
-    @cached_property
-    def _motions(self) -> DrivenMotions | None:
-        """The motions without limits."""
-        return DrivenMotions.of(self.problem, self.setups[0], self.start) if len(self.setups) == 1 else None
-
-    @cached_property
-    def _is_limited(self) -> bool:
-        phase = self.problem.phases[0]
-        return bool(phase.path) or any(np.isfinite([u.lower, u.upper]).any() for u in phase.mechanism.inputs)
-
-    def _run_among_motions(self, begin: Beginning, warmth: str) -> Result | None:
-        """The end of :func:`run_among_motions`; None for other problems, and for exact solutions near a guess."""
-        others = self.pace is not None or self._has_own_limit or (self.is_exact and warmth != "cold")
-        if self.driven is None or others or begin.program.nlp.is_kinked:
-            return None
-        return run_among_motions(
-            self.driven, self._nlp_solver, begin, is_near=warmth != "cold", must_be_exact=self.is_exact
-        )
-
     def _run(self, begin: Beginning, warmth: str, limit: int | None) -> Result:
         """Run the solver; with rounded kinks if it does not get past one, and else with all its iterations."""
-        among_motions = self._run_among_motions(begin, warmth)
-        if among_motions is not None:
-            return among_motions
         run = partial(self._nlp_solver.run, begin, begin.bounds, warmth, begin.iterate)
         most = SHARP_ITERATIONS if limit is None else min(limit, SHARP_ITERATIONS)
         if not begin.program.nlp.is_kinked or kinks_in_costs(self.problem) or self._has_own_limit:

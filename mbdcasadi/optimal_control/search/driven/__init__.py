@@ -1,1 +1,0 @@
-"""Random motions of mechanisms with an input for each coordinate."""
