@@ -25,8 +25,9 @@ LOOKS, BENDS = np.array([0.2, 0.5, 0.8]), 0.192
 BY_RATE = 0.28
 #: Integral of ``s² (1 - s)²``.
 AREA = 1 / 30
-#: Parts into which a step is divided at once, at most; steps shorter than this share of the motion are not divided.
-MOST_PARTS, SHORTEST = 16, 1e-9
+#: Parts into which a step is divided at once, at most, and over those that its error asks for: powers of two, as an
+#: integrator of CasADi is made for each pattern of outputs. Steps shorter than this share of the motion are not divided.
+MOST_PARTS, MARGIN, SHORTEST = 16, 1.2, 1e-9
 #: Steps that are integrated again together, at most: each start of a method costs, and a motion that goes on for long
 #: parts from the stored one by the error of the run (measured: from 20 on nothing is gained).
 TOGETHER = 20
@@ -403,17 +404,15 @@ class Refined(Interpolation):
 
     def _divided(self, steps: _Steps, bad: np.ndarray, error: np.ndarray) -> _Steps:
         """Steps with some of them divided: the motion in them is integrated again."""
-        parts = np.clip(np.ceil(1.2 * np.minimum(error, 1e12) ** 0.2), 2, MOST_PARTS).astype(int)
-        inner = [
-            self._division(steps, int(k), int(n)) for k, n in zip(bad.tolist(), parts.tolist(), strict=True)
-        ]
+        parts = np.clip(2.0 ** np.ceil(np.log2(MARGIN * np.minimum(error, 1e12) ** 0.2)), 2, MOST_PARTS).astype(int)
         ends = np.flatnonzero((np.diff(bad) > 1) | (np.diff(steps.span[bad]) != 0)) + 1
         groups = np.split(np.arange(bad.size), ends)
         groups = [g[i : i + TOGETHER] for g in groups for i in range(0, g.size, TOGETHER)]
         stretches = []
         for group in groups:
             first, span = int(bad[group[0]]), int(steps.span[bad[group[0]]])
-            times = np.concatenate([np.r_[inner[j], steps.t1[bad[j]]] for j in group])
+            inner = [self._division(steps, int(bad[j]), int(parts[group].max())) for j in group]
+            times = np.concatenate([np.r_[some, steps.t1[bad[j]]] for some, j in zip(inner, group, strict=True)])
             stretches.append(Stretch(span, float(steps.t0[first]), steps.start(first), times))
         replaced, others = [], []
         for group, stretch, states in zip(groups, stretches, self._motion.again(stretches), strict=True):
