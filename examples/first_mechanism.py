@@ -23,7 +23,7 @@ print(mbd.equations(pendulum))
 
 motion = mbd.simulate(pendulum, duration=3.0, initial=[upper.phi == 0, lower.phi == np.pi / 3])
 print(motion)
-print(f"largest load of the elbow: {np.linalg.norm(motion[elbow.reaction_on(lower).force], axis=1).max():.1f} N")
+print(f"largest load of the elbow: {motion.maximum(mbd.norm(elbow.reaction_on(lower).force)).value:.1f} N")
 energy = motion.energy.total
 print(f"energy stays within {np.ptp(energy):.1e} J of {energy[0]:.4f} J")
 

@@ -26,7 +26,7 @@ BY_RATE = 0.28
 #: Integral of ``s² (1 - s)²``.
 AREA = 1 / 30
 #: Parts into which a step is divided at once, at most, and over those that its error asks for: powers of two, as an
-#: integrator of CasADi is made for each pattern of outputs. Steps shorter than this share of the motion are not divided.
+#: integrator of CasADi is made for each pattern of outputs. Steps below this share of the motion are not divided.
 MOST_PARTS, MARGIN, SHORTEST = 16, 1.2, 1e-9
 #: Steps that are integrated again together, at most: each start of a method costs, and a motion that goes on for long
 #: parts from the stored one by the error of the run (measured: from 20 on nothing is gained).
