@@ -53,6 +53,13 @@ class XmlElement:
             raise self.refuse(f"has no attribute '{name}'")
         return value
 
+    def word(self, name: str, *known: str) -> str:
+        """Return an attribute that is one of some words, the first by default; another one is refused."""
+        value = self.get(name, known[0])
+        if value not in known:
+            raise self.refuse(f"has {name} = '{value}', which must be {' or '.join(known)}")
+        return value
+
     def numbers(self, name: str, default: str | None = None, sizes: tuple[int, ...] = ()) -> np.ndarray:
         """Return an attribute that is a list of finite numbers, as many as one of `sizes`; else it is refused."""
         text = self.get(name, default)

@@ -157,12 +157,12 @@ class _Reader:
         self._count = 0
 
     def _read_compiler(self, element: XmlElement) -> None:
-        self.degrees = element.get("angle", "degree") == "degree"
+        self.degrees = element.word("angle", "degree", "radian") == "degree"
         self.sequence = element.get("eulerseq", "xyz")
         if len(self.sequence) != 3 or not set(self.sequence.lower()) <= set("xyz"):
             raise element.refuse(f"has eulerseq = '{self.sequence}', which must be three of x, y, z, X, Y, Z")
-        self.from_geoms = element.get("inertiafromgeom", "auto")
-        self.has_auto_limits = element.get("autolimits", "true") == "true"
+        self.from_geoms = element.word("inertiafromgeom", "auto", "true", "false")
+        self.has_auto_limits = element.word("autolimits", "true", "false") == "true"
         self.total_mass = element.number("settotalmass", "-1")
         if element.get("coordinate", "local") != "local":
             raise element.refuse("has coordinate = 'global', which MuJoCo no longer supports; give local ones")
@@ -183,7 +183,7 @@ class _Reader:
 
     def _is_limited(self, element: XmlElement, switch: str, limits: str) -> bool:
         """True if limits of an element are in force."""
-        limited = element.get(switch, "auto")
+        limited = element.word(switch, "auto", "true", "false")
         return limited == "true" or (limited == "auto" and self.has_auto_limits and element.has(limits))
 
     # --- the tree ------------------------------------------------------------------------
@@ -197,7 +197,7 @@ class _Reader:
             element, link, childclass = waiting.pop()
             if element.tag == "body":
                 link = self._link(element, link)
-                if element.get("mocap", "false") == "true":
+                if element.word("mocap", "false", "true") == "true":
                     robot.left_out.append(f"the motion of body '{link.name}' by a program (mocap)")
             waiting += reversed(self._read_children(element, link, childclass))
         self._scale_masses([mass for link in robot.links for mass in link.masses])
@@ -285,7 +285,7 @@ class _Reader:
         return np.eye(3)
 
     def _joint(self, element: XmlElement, link: Link, frame: Link) -> SpatialJoint:
-        kind = "free" if element.tag == "freejoint" else element.get("type", "hinge")
+        kind = "free" if element.tag == "freejoint" else element.word("type", "hinge", "slide", "ball", "free")
         if kind not in ("hinge", "slide"):
             raise element.refuse(f"is of the type '{kind}', which moves in space; planar are hinge and slide")
         refuse_unread(element)
@@ -364,7 +364,7 @@ class _Reader:
     def _read_equality(self, element: XmlElement) -> None:
         element = self._filled(element, "main", "equality")
         robot = self._robot
-        if element.get("active", "true") == "false" or "equality" in self.off:
+        if element.word("active", "true", "false") == "false" or "equality" in self.off:
             return
         self._count += 1
         name = self._name(element, f"{element.tag} {self._count}")
@@ -422,7 +422,9 @@ class _Reader:
         refuse_unread(element, "general")
         joint = element.get("joint")
         robot.joint(joint, element)
-        name = element.get("name", f"{joint} {element.tag}")
+        usual = f"{joint} {element.tag}"
+        alike = sum(drive.label.startswith(usual) for drive in robot.inputs)
+        name = element.get("name", f"{usual} {alike + 1}" if alike else usual)
         limits = [-np.inf, np.inf]
         if "clampctrl" not in self.off and self._is_limited(element, "ctrllimited", "ctrlrange"):
             limits = [float(x) for x in element.numbers("ctrlrange", None, (2,))]

@@ -86,7 +86,7 @@ _ADVICE = {
     ),
     **dict.fromkeys(("springdamper", "dampratio"), _SAVED.format("stiffness and damping")),
     "inheritrange": _SAVED.format("range"),
-    "tendon": "leave it out, and add its force to the mechanism (Rope, TranslationalSpring)",
+    "tendon": "leave it out, and add its force to the mechanism (Rope, TSDA)",
 }
 MESH_ADVICE = "give the body an inertial, or " + _SAVED.format("masses")
 #: What flags turn off, several things by some, and flags that change nothing else.
@@ -119,7 +119,8 @@ def turned_off(flags: Iterable[XmlElement]) -> set[str]:
     """Return what the flags of options turn off; later ones count."""
     off = set[str]()
     for flag in flags:
-        for name, text in flag.attributes.items():
+        for name in flag.attributes:
+            text = flag.word(name, "enable", "disable")
             if name in FLAGS:
                 (off.add if text == "disable" else off.discard)(name)
             elif name not in _HARMLESS_FLAGS and text != "enable":

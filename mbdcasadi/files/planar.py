@@ -181,16 +181,16 @@ class PlanarBuilder:
                 self._connect(link)
         for loop in robot.loops:
             self._close(loop)
-        for laws, elements in ((robot.constraints, self.joints), (robot.forces, self.forces)):
-            for names, law in laws:
-                element = law([self.coordinates[name] for name in names])
-                if element is not None:
-                    elements.append(element)
         down = self.plane.axes[:2] @ robot.gravity
         weight = [Gravity(tuple(float(x) for x in np.round(down, 12)))] if np.any(np.abs(down) > 1e-12) else []
         if robot.left_out:
             warn(f"{robot.source.file}: left out {'; '.join(robot.left_out)}")
         try:
+            for laws, elements in ((robot.constraints, self.joints), (robot.forces, self.forces)):
+                for names, law in laws:
+                    element = law([self.coordinates[name] for name in names])
+                    if element is not None:
+                        elements.append(element)
             return Mechanism(
                 bodies=[*self.bodies.values(), *self.rotors],
                 joints=self.joints,

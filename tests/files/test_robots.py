@@ -206,6 +206,10 @@ MJCF = """<mujoco>
         ("", '<option><flag actuation="disable"/></option>', "flag has actuation = 'disable', which is not read"),
         ("", '<actuator><position joint="j" timeconst="1"/></actuator>', "position has timeconst = '1', which is not"),
         ("", '<equality><weld body1="arm" relpose="1 0 0 1 0 0 0"/></equality>', "weld has relpose = '1 0 0 1 0 0 0'"),
+        ("", '<compiler angle="Degree"/>', "compiler has angle = 'Degree', which must be degree or radian"),
+        ("", '<option><flag gravity="off"/></option>', "flag has gravity = 'off', which must be enable or disable"),
+        ('<joint type="revolute"/>', "", "joint has type = 'revolute', which must be hinge or slide or ball or free"),
+        ('<joint limited="yes"/>', "", "joint has limited = 'yes', which must be auto or true or false"),
         ("", "<nonsense/>", "line 9: nonsense is not read in mujoco"),
         ('<body name="c" quat="0 0 0 0"/>', "", "body 'c' has a zero vector as quat"),
         ('<geom type="capsule" size="1" fromto="0 0 0 0 0 0"/>', "", "geom has a zero vector as fromto"),
@@ -382,6 +386,16 @@ def test_files_that_include_each_other(tmp_path):
         read(tmp_path / "m.xml", MJCF.format("", '<include file="other.xml"/>'))
 
 
+def test_actuators_without_names(tmp_path):
+    """Several on one joint have numbers, and their forces add up."""
+    motors = '<actuator><motor joint="j"/><motor joint="j"/></actuator>'
+    machine = read(tmp_path / "m.xml", MJCF.format("", motors))
+    assert [drive.label for drive in machine.inputs] == ["j motor", "j motor 2"]
+    alpha = machine.bodies[0].alpha
+    first, second = (mbd.assemble(machine, inputs=dict(zip(machine.inputs, u, strict=True))) for u in ((1, 2), (3, 0)))
+    assert first[alpha] == pytest.approx(second[alpha], rel=1e-12)
+
+
 def test_flags_and_shared_defaults(tmp_path):
     """Forces that flags turn off, and defaults of one kind of actuator that are those of the others."""
     text = """<mujoco>
@@ -419,6 +433,7 @@ def test_flags_and_shared_defaults(tmp_path):
         (('<link name="world"/>', '<link name="world"/><xacro:include/>'), "xacro:include is a macro; expand the file"),
         (('<link name="world"/>', '<link name="world"/><loop_joint name="l"/>'), "loop_joint 'l' is not known"),
         (("<robot", "<model"), "not valid XML"),
+        (('type="continuous">', 'type="continuous"><mimic joint="shoulder"/>'), "r.urdf: constraint 'shoulder mimic'"),
     ],
 )
 def test_wrong_robots(change, words, tmp_path):

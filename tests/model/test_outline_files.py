@@ -301,6 +301,16 @@ def test_blocks_of_dxf(tmp_path):
     assert mbd.Polygon.from_dxf(path, layer="off").area == pytest.approx((6 + 4 + 1) * 100e-6)
 
 
+@pytest.mark.parametrize(("name", "words"), [("missing", '"missing" does not exist'), ("block", "nested too deeply")])
+def test_blocks_of_dxf_that_are_not_there_or_hold_themselves(name, words, tmp_path):
+    drawing, path = ezdxf.new(units=ezdxf.units.MM), tmp_path / "a.dxf"
+    drawing.blocks.new("block").add_blockref("block", (0, 0))
+    drawing.modelspace().add_blockref(name, (0, 0))
+    drawing.saveas(path)
+    with pytest.raises(mbd.FileError, match=words):
+        mbd.Polygon.from_dxf(path)
+
+
 def test_bad_drawings(tmp_path, monkeypatch):
     """One sentence each: missing, broken, without an outline, without the library."""
     for read, name in ((mbd.Polygon.from_svg, "a.svg"), (mbd.Polygon.from_dxf, "a.dxf")):

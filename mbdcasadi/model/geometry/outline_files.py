@@ -127,7 +127,12 @@ def loops_of_dxf(
     except Exception as error:
         raise FileError(f"{path}: this is not a DXF drawing: {error}") from None
     factor = _unit(document, path) if scale is None else _positive(scale, path, "scale")
-    entities = list(_entities(document.modelspace()))
+    try:
+        entities = list(_entities(document.modelspace()))
+    except RecursionError:
+        raise FileError(f"{path}: the blocks of the drawing are nested too deeply; dissolve them") from None
+    except library.DXFError as error:  # a block that is not in the drawing
+        raise FileError(f"{path}: the drawing cannot be read: {error}") from None
     groups = [group for entity in _selected(entities, document, layer, path) if (group := _lines(entity))]
     ends = np.vstack([np.zeros((0, 2)), *(_ends(line) for lines in groups for line in lines)])
     size = float(np.max(np.ptp(ends, axis=0), initial=0.0)) if ends.size else 0.0
