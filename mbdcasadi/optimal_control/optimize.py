@@ -58,7 +58,6 @@ def optimize(
     continuation: Any = None,
     transcription: str | type[Transcription] | Transcription = "gauss-legendre",
     control: str = "polynomial",
-    solver: str = "ipopt",
     progress: bool = False,
     options: dict[str, Any] | None = None,
 ) -> Solution:
@@ -108,15 +107,10 @@ def optimize(
     control : {"polynomial", "linear", "constant"}
         Course of the inputs on the intervals. Polynomials are those that the stages determine, of one degree less if
         an input drives a first-order state. Limits of inputs hold everywhere on the intervals.
-    solver : {"ipopt", "fatrop"}
-        Solver of the nonlinear program. Fatrop factors it interval by interval, densely: it is the faster one for
-        mechanisms of few coordinates and rows, such as carts and arms in their angles, and the slower one for closed
-        loops of bodies. IPOPT solves what it does not, from the same guess; ``statistics.solver`` is the one that
-        found the solution. On a degenerate program fatrop may compute without end, out of reach of Ctrl-C.
     progress : bool, default False
         Show iteration, cost and largest violation.
     options : dict, optional
-        Options of CasADi, as ``{"ipopt.max_iter": 500}`` or ``{"fatrop.mu_init": 1e-3}``.
+        Options of CasADi, as ``{"ipopt.max_iter": 500}``.
 
     Returns
     -------
@@ -156,7 +150,7 @@ def optimize(
     try:
         with LOCK, keyboard_interrupts("optimize"):
             accuracy = _tolerance(tolerance)
-            settings = Settings.read(transcription, degree, control, options, progress, solver)
+            settings = Settings.read(transcription, degree, control, options, progress)
             search = Search(problem, intervals, initial, settings, best, executor)
             if continuation is None:
                 solution = search.solve(parameters, guess, starts, accuracy)

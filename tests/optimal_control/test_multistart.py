@@ -136,7 +136,7 @@ def swinging_paths(begin=-np.pi / 2, end=np.pi / 2, **changes):
     problem, upper, lower, _ = two_links("shoulder", 2.5, **changes)
     rest = [upper.omega == 0, lower.omega == 0]
     initial, final = ([upper.phi == phi, lower.phi == phi, *rest] for phi in (begin, end))
-    settings = replace(Settings.read("gauss-legendre", 3, "polynomial", None, False, "ipopt"), angles=True)
+    settings = replace(Settings.read("gauss-legendre", 3, "polynomial", None, False), angles=True)
     solver = ProblemSolver(problem.replace(initial=initial, final=final), settings)
     guesses = swings(solver, [Attempt("", 1.0, iterations, "", 0.0, 40) for iterations in (30, 40)])
     assert len(guesses) == len(SWINGS)
@@ -183,9 +183,7 @@ def test_a_chain_that_hangs_is_not_solved_from_detours():
 def test_a_solve_is_given_up_if_its_cost_stays_above_a_ceiling():
     """A ceiling far below the optimum ends a solve after so many iterations, one above it changes nothing."""
     problem, *_ = two_links("shoulder", 2.5)
-    solver = ProblemSolver(
-        problem, replace(Settings.read("gauss-legendre", 3, "polynomial", None, False, "ipopt"), angles=True)
-    )
+    solver = ProblemSolver(problem, replace(Settings.read("gauss-legendre", 3, "polynomial", None, False), angles=True))
     meshes, guess = [Mesh.equal(20, np.array([0, 2.5]))], at_rest(solver)
     known = solver.solve(meshes, guess)
     assert known.statistics.iterations > GIVEN_UP

@@ -91,12 +91,3 @@ def test_costates_of_a_cost_that_is_raised_are_its_own():
     costates = mbd.optimize(problem, tolerance=1e-5).costates
     (end,) = [value for label, value in costates.items() if label.startswith("final: wheel.phi")]
     assert np.abs(end) == pytest.approx((more - less) / (2 * step), rel=1e-4)
-
-
-def test_fatrop_finds_a_cost_far_below_its_size_as_precisely():
-    """It does not raise a cost: its tolerance is as much tighter."""
-    problem, work = motor("with limits eight times as far")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        solution = mbd.optimize(problem, tolerance=1e-5, solver="fatrop")
-    assert solution.cost == pytest.approx(work, rel=1e-5)

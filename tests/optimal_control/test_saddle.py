@@ -17,7 +17,6 @@ def pushed(limit=1.0, **demands):
     return mbd.OptimalControlProblem(mechanism, 1.0, initial=start, **made), block, force
 
 
-@pytest.mark.parametrize("solver", ["ipopt", "fatrop"])
 @pytest.mark.parametrize(
     ("demands", "least"),
     [
@@ -26,11 +25,11 @@ def pushed(limit=1.0, **demands):
         ({"waypoints": lambda block, force: [mbd.Waypoint(0.5, cost=-(block.x**2))]}, -1 / 64),
     ],
 )
-def test_a_saddle_is_left(solver, demands, least):
+def test_a_saddle_is_left(demands, least):
     """The block gets as far, or as fast, as 1 N brings it; at rest the cost is the greatest of all."""
     problem, *_ = pushed(**demands)
     for starts in (None, 1):
-        solution = mbd.optimize(problem, solver=solver, starts=starts)
+        solution = mbd.optimize(problem, starts=starts)
         assert solution.cost == pytest.approx(least, rel=1e-6) and solution.statistics.at_saddle is False
         assert solution.statistics.starts[0].cost == pytest.approx(0, abs=1e-9)
 
@@ -94,10 +93,9 @@ def test_no_saddle_is_seen_where_inputs_are_not_decided():
         final=[block.x == 1, block.vx == 0],
         terminal_cost=mbd.t,
     )
-    for solver in ("ipopt", "fatrop"):
-        solution = mbd.optimize(problem, solver=solver)
-        assert solution.cost == pytest.approx(2, rel=1e-6)
-        assert solution.statistics.at_saddle is False and not solution.statistics.starts
+    solution = mbd.optimize(problem)
+    assert solution.cost == pytest.approx(2, rel=1e-6)
+    assert solution.statistics.at_saddle is False and not solution.statistics.starts
 
 
 def test_a_saddle_that_is_not_left_is_reported(monkeypatch):

@@ -99,6 +99,7 @@ def _restored(problem: OptimalControlProblem, content: Archive) -> tuple[Any, ..
         raise _another(content, other or "its size is another one")
     _check_values(problem, program, program.data(parameters, meshes, times), times, content)
     statistics = content.json("statistics")
+    statistics.pop("solver", None)  # earlier versions had several
     for name in ("starts", "passes", "steps", "stages"):
         statistics[name] = [_attempt(one) for one in statistics.get(name, [])]
     return (

@@ -26,7 +26,6 @@ from .instant_program import InstantProgram
 from .phase_program import PhasePlace, PhaseProgram
 from .setup import PhaseSetup
 from .sparse_program import SparseProgram
-from .staged_program import StagedProgram
 
 #: Variables of all programs that are kept for the same problem stated again.
 KEPT_VARIABLES = 100_000
@@ -257,12 +256,6 @@ class CollocationProgram:
             intervals.append(np.column_stack([mesh.begin, mesh.length] if free else [points[:-1], np.diff(points)]))
         seen = [intervals[k][i] for block in self.blocks for copy in block.copies for k, i in copy]
         return np.concatenate([*p, *seen])
-
-    @cached_property
-    def staged(self) -> StagedProgram:
-        """The same program in stages."""
-        intervals = [(phase.number, i) for phase in self.phases for i in range(max(phase.count, 1))]
-        return StagedProgram(self.nlp, [block.copies for block in self.blocks], intervals)
 
     @cached_property
     def rows(self) -> list[Row]:

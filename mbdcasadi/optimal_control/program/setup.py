@@ -49,7 +49,6 @@ class Settings:
     progress: bool
     #: the transcription as it was given
     chosen: Any
-    solver: str = "ipopt"
     #: whether open chains are left with their angles alone
     angles: bool = False
 
@@ -64,9 +63,7 @@ class Settings:
         return contents_of(self.chosen) is not None
 
     @classmethod
-    def read(
-        cls, transcription: Any, degree: Any, control: Any, options: Any, progress: Any, solver: Any = "ipopt"
-    ) -> Settings:
+    def read(cls, transcription: Any, degree: Any, control: Any, options: Any, progress: Any) -> Settings:
         """Check what ``optimize`` is given."""
         scheme = _scheme(transcription, degree)
         if control not in CONTROLS:
@@ -75,7 +72,7 @@ class Settings:
         chosen = {} if options is None else options
         if not isinstance(chosen, dict) or not all(isinstance(name, str) for name in chosen):
             raise ModelError(f"optimize: options takes a dict such as {{'ipopt.max_iter': 500}}, got {options!r}")
-        return cls(scheme, control, dict(chosen), shown, transcription, solver)
+        return cls(scheme, control, dict(chosen), shown, transcription)
 
 
 def _scheme(transcription: Any, degree: Any) -> Transcription:

@@ -114,21 +114,14 @@ class SparseProgram:
     def derivatives(self) -> dict[str, ca.Function]:
         """Derivatives as IPOPT takes them; all solvers of the program share them."""
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.row_count)
-        cost = self._cost_and_gradient([(piece.cost, []) for piece in self.pieces])
+        symbols = self._x, self._p, lam_f, lam_g
         hessian = self._hessian(lam_f, lam_g)
-        return derivatives_for_ipopt((self._x, self._p, lam_f, lam_g), cost, self._rows_and_jacobian(), hessian)
+        return derivatives_for_ipopt(symbols, self._cost_and_gradient(), self._rows_and_jacobian(), hessian)
 
     def solver(self, options: dict) -> ca.Function:
         """IPOPT with all derivatives given."""
         nlp = {"x": self._x, "p": self._p, "f": self._cost, "g": self._rows}
         return ca.nlpsol("motion", "ipopt", nlp, self.derivatives | options)
-
-    @cached_property
-    def lagrangian_gradient(self) -> ca.Function:
-        """``(x, p, lam_f, lam_g) -> gradient of lam_f cost + lam_g rows``."""
-        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.row_count)
-        _, gradient = self._cost_and_gradient(self._lagrangian(lam_f, lam_g))
-        return ca.Function("gradient", [self._x, self._p, lam_f, lam_g], [gradient])
 
     @cached_property
     def evaluate(self) -> ca.Function:
@@ -167,14 +160,13 @@ class SparseProgram:
             rows.append(_in_shape(self._mapped(piece, data, [ca.densify(piece.rows)], [])[0]))
         return ca.densify(ca.vertcat(*rows))
 
-    def _cost_and_gradient(self, parts: list[Part]) -> tuple[ca.MX, ca.MX]:
-        """Sum of one expression for each piece, and its gradient."""
+    def _cost_and_gradient(self) -> tuple[ca.MX, ca.MX]:
         total, places, values = ca.MX(0), [np.zeros(0, int)], [ca.MX(0, 1)]
-        for piece, data, (expression, extra) in zip(self.pieces, self._data, parts, strict=True):
-            if expression.is_zero():
+        for piece, data in zip(self.pieces, self._data, strict=True):
+            if piece.cost.is_zero():
                 continue
-            slopes = ca.densify(piece.jacobian(expression).T)
-            value, gradient = self._mapped(piece, data, [expression, slopes], extra)
+            slopes = ca.densify(piece.jacobian(piece.cost).T)
+            value, gradient = self._mapped(piece, data, [piece.cost, slopes], [])
             total += ca.sum2(value)
             places.append(piece.index.T.ravel())
             values.append(_in_shape(gradient))

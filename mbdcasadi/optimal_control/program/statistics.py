@@ -68,9 +68,7 @@ class SolveStatistics:
     steps : list of Attempt
         Values of a continuation, including those inserted in between.
     stages : list of Attempt
-        Stages of a search with limits that close in, if the solver failed at first, and runs of fatrop that failed.
-    solver : {"ipopt", "fatrop"}
-        Solver that found the solution.
+        Stages of a search with limits that close in, if the solver failed at first.
     at_saddle : bool or None
         True if the cost falls to second order in a direction that rows and limits leave; None if this was not looked
         for, as of a solve from a solution of the same problem. It is False if IPOPT had no curvature to add.
@@ -89,7 +87,6 @@ class SolveStatistics:
     passes: list[Attempt] = field(default_factory=list)
     steps: list[Attempt] = field(default_factory=list)
     stages: list[Attempt] = field(default_factory=list)
-    solver: str = "ipopt"
     at_saddle: bool | None = None
     rounding: float = 0.0
 

@@ -28,8 +28,8 @@ from .best_so_far import BestSoFar
 from .expressions import kinks_in_costs
 from .failure import explain_failure
 from .rounded_program import RoundedProgram
-from .solvers import make_solver
-from .solvers.base import Beginning, Elsewhere, Result
+from .solvers.base import Beginning, Elsewhere, NLPSolver, Result
+from .solvers.ipopt import Ipopt
 
 #: Miss of an implied condition from which a solution is refused, as a share of the window that is left to it.
 BRANCH_TOLERANCE = 1e-3
@@ -67,7 +67,7 @@ class ProblemSolver(ProblemSetup):
         initial: Any = None,
         best: BestSoFar | None = None,
     ):
-        self._nlp_solver = make_solver(settings)
+        self._nlp_solver: NLPSolver = Ipopt(settings.options, settings.progress)
         #: points at which path limits are held besides stages and mesh points
         self.held: Held = ()
         #: share of its size by which a path limit may be passed between them
@@ -84,7 +84,7 @@ class ProblemSolver(ProblemSetup):
     def on(self, elsewhere: Elsewhere) -> ProblemSolver:
         """Return the same solver with its runs on an executor; several of these work beside each other."""
         other = copy(self)
-        other._nlp_solver = make_solver(self.settings, elsewhere)
+        other._nlp_solver = Ipopt(self.settings.options, self.settings.progress, elsewhere)
         return other
 
     def raise_cost(self, solution: Solution) -> float:

@@ -47,7 +47,6 @@ class RoundedProgram:
             rounded.append(_rounded(piece, width, np.max(sizes, axis=0, initial=0.0)))
         self._first = nlp.parameters.numel()
         self._program = copy(program)
-        self._program.__dict__.pop("staged", None)
         self._program.nlp = SparseProgram(nlp.size, rounded, ca.vertcat(nlp.parameters, width))
         self._program.solvers, self._program.packed = Lending(alike=np.inf), Cache(OPTION_SETS)
 

@@ -163,7 +163,7 @@ class NLPSolver(ABC):
     """Base class of solvers.
 
     A subclass sets :attr:`name`, :attr:`defaults` and :attr:`warm_start`, and writes :meth:`make`,
-    :meth:`make_watched` and :meth:`least_violation`; :data:`SOLVERS` lists it.
+    :meth:`make_watched` and :meth:`least_violation`.
 
     Parameters
     ----------
@@ -254,8 +254,7 @@ class NLPSolver(ABC):
         solvers = begin.program.solvers
         lent = solvers.borrow(key, make)
         result = self._call(begin, *lent, arguments)
-        if not result.interrupted:  # fatrop fails after a solve that was stopped by numbers that are none
-            solvers.give_back(key, lent)
+        solvers.give_back(key, lent)
         return result
 
     def _call(self, begin: Beginning, solver: ca.Function, watch: SolverWatch, arguments: dict[str, Any]) -> Result:
