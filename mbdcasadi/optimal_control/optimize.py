@@ -2,17 +2,17 @@
 
 In the order in which they are passed:
 
-1. :mod:`problem`, of phases (:mod:`phase`): the statement, checked by :mod:`checks.consistency`.
-2. :mod:`search`: the attempts that are made, and what follows if they fail; :mod:`checks.reach` looks before them
+1. :mod:`problem`, of phases (:mod:`phase`): the statement, checked by :mod:`poses.consistency`.
+2. :mod:`search`: the attempts that are made, and what follows if they fail; :mod:`search.reach` looks before them
    whether the linkage reaches waypoints and ends.
-3. :mod:`nlp.problem_setup`: parameters, first state, poses on the way, and what the programs of a phase share.
-4. :mod:`guess.multistart`: motions to start from.
-5. :mod:`nlp.collocation_program`, by a scheme of :mod:`transcription`: the nonlinear program on a mesh.
-6. :mod:`nlp.problem_solver`: one solve, by a solver of :mod:`nlp.solvers`; :mod:`checks.failure` says why one failed.
-7. :mod:`refinement.coarse_first`: fine meshes; :mod:`refinement.refine`: other meshes, until all
-   :mod:`refinement.measure` meet a tolerance; without one :mod:`refinement.coarse_mesh`,
-   :mod:`refinement.slow_first` and :mod:`refinement.second_try`.
-8. :mod:`solution`: the motion, its limits and costates, and :mod:`refinement.verification`.
+3. :mod:`program.problem_setup`: parameters, first state, poses on the way, and what the programs of a phase share.
+4. :mod:`search.multistart`: motions to start from.
+5. :mod:`program.collocation_program`, by a scheme of :mod:`transcription`: the nonlinear program on a mesh.
+6. :mod:`solve.problem_solver`: one solve, by :mod:`solve.solvers.ipopt`; :mod:`solve.failure` says why one failed.
+7. :mod:`search.coarse_first`: fine meshes; :mod:`search.refine`: other meshes, until all
+   :mod:`measures.measure` meet a tolerance; without one :mod:`search.coarse_mesh`,
+   :mod:`search.slow_first` and :mod:`search.second_try`.
+8. :mod:`solution`: the motion, its limits and costates, and :mod:`motion.verification`.
 """
 
 from __future__ import annotations

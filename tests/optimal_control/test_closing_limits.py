@@ -6,8 +6,7 @@ import pytest
 from motions import crank_rocker, half_turn, pendulum, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.search import search
-from mbdcasadi.optimal_control.search.search import closing_limits
+from mbdcasadi.optimal_control.search import closing_limits, search
 from mbdcasadi.optimal_control.solve.problem_solver import ProblemSolver
 
 

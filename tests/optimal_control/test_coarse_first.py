@@ -5,7 +5,7 @@ import pytest
 from motions import four_bar, rest_to_rest
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.search.search import coarse_first
+from mbdcasadi.optimal_control.search import coarse_first
 from mbdcasadi.optimal_control.solve.problem_solver import ProblemSolver
 from mbdcasadi.optimal_control.transcription.mesh import Mesh
 

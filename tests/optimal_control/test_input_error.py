@@ -155,7 +155,7 @@ def test_an_input_that_no_cost_sees():
 
 def test_inputs_that_are_not_found_are_reported(monkeypatch):
     """One pass leaves the mesh as it is."""
-    monkeypatch.setattr("mbdcasadi.optimal_control.search.search.refine.PASSES", 1)
+    monkeypatch.setattr("mbdcasadi.optimal_control.search.refine.PASSES", 1)
     problem, *_ = damped(20.0)
     with pytest.warns(mbd.MechanismWarning, match=r"meet the tolerance 1e-06, but not the inputs, which are off by"):
         mbd.optimize(problem, intervals=10, tolerance=1e-6)

@@ -10,9 +10,9 @@ from scipy.linalg import expm
 from scipy.optimize import minimize
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.search import coarse_mesh, slow_first
+from mbdcasadi.optimal_control.search import coarse_mesh, multistart, slow_first
 from mbdcasadi.optimal_control.search.refine import adapted
-from mbdcasadi.optimal_control.search.search import DETOURS, multistart
+from mbdcasadi.optimal_control.search.search import DETOURS
 from mbdcasadi.optimal_control.solve.problem_solver import ProblemSolver
 from mbdcasadi.optimal_control.transcription.mesh import Mesh
 
@@ -318,7 +318,7 @@ def test_a_mesh_is_refined_for_a_state():
 
 def test_a_tolerance_that_is_not_reached(monkeypatch):
     """An error of optimal control, with the solution on the last mesh."""
-    monkeypatch.setattr("mbdcasadi.optimal_control.search.search.refine.PASSES", 1)
+    monkeypatch.setattr("mbdcasadi.optimal_control.search.refine.PASSES", 1)
     _, problem = metered_motor(terminal=False)
     with pytest.raises(mbd.OptimizationError, match=r"above the tolerance 1e-09: 1 passes are made") as error:
         mbd.optimize(problem, intervals=10, tolerance=1e-9)

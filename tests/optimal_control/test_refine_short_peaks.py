@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from motions import rest_to_rest
-from test_refinement import motor_at_rest, work_by_hand
+from test_refine import motor_at_rest, work_by_hand
 
 import mbdcasadi as mbd
 

@@ -5,7 +5,7 @@ import pytest
 from motions import crank_rocker, guided_block, half_turn, pendulum, rest_to_rest
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.search.search import saddle
+from mbdcasadi.optimal_control.search import saddle
 
 
 def pushed(limit=1.0, **demands):

@@ -160,7 +160,7 @@ def test_a_switch_in_a_phase(tmp_path):
 
 def test_what_is_not_resolved_is_reported(monkeypatch):
     """One pass leaves the switch where it is."""
-    monkeypatch.setattr("mbdcasadi.optimal_control.search.search.refine.PASSES", 1)
+    monkeypatch.setattr("mbdcasadi.optimal_control.search.refine.PASSES", 1)
     problem, *_ = fast_block()
     with pytest.warns(mbd.MechanismWarning, match=r"meet the tolerance 1e-07, but not the switching time t = 1\.04"):
         solution = mbd.optimize(problem, intervals=10, tolerance=1e-7)

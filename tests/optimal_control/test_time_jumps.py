@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from motions import guided_block, rest_to_rest
 from scipy.optimize import brentq, fsolve, minimize, minimize_scalar
-from test_refinement import motor_at_rest, work_by_hand
+from test_refine import motor_at_rest, work_by_hand
 
 import mbdcasadi as mbd
 

@@ -1,6 +1,6 @@
 """Search for a solution: the attempts that are made, in their order.
 
-Before them it is looked whether the linkage reaches the waypoints and the end at all, see :mod:`checks.reach`.
+Before them it is looked whether the linkage reaches the waypoints and the end at all, see :mod:`reach`.
 
 1. The problem is solved from every guess, see :func:`best_of`: an open chain in its angles alone, in which fewer
    iterations are needed, from poses without speeds and then from a motion through them, or, if it has fewer inputs than
