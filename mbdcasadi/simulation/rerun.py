@@ -78,13 +78,12 @@ class RunAgain(Continuation):
     def __init__(self, run: Repeatable, spans: Sequence[Span], t: np.ndarray, arrays: Arrays):
         self._run, self._spans, self._t, self._arrays = run.parted(), spans, t, arrays
         self.reltol, self.abstol = run.integrator.tolerances
-        self._modes: dict[Any, _HeldMode] = {}
+        self._whole, self._modes = run.modes, dict[Any, _HeldMode]()
         self._outputs: dict[Any, Outputs] = {}
 
     @cached_property
     def size(self) -> np.ndarray:  # type: ignore[override]
-        modes = self._run.modes
-        return modes.numeric(modes.free).scale.coordinates
+        return self._whole.numeric(self._whole.free).scale.coordinates
 
     @cached_property
     def breaks(self) -> np.ndarray:  # type: ignore[override]
@@ -119,7 +118,7 @@ class RunAgain(Continuation):
         if mode not in self._outputs:
             run = self._run
             self._outputs[mode] = Outputs(
-                run.modes.numeric(mode), run.setup.signals, run.modes.levels, redundant=run.redundant
+                self._whole.numeric(mode), run.setup.signals, self._whole.levels, redundant=run.redundant
             )
         return self._outputs[mode]
 
@@ -159,7 +158,7 @@ class RunAgain(Continuation):
             recovery = self._outputs_in(mode).recovery
             q = recovery.positions(some.t, states.q[rows])
             v = recovery.velocities(some.t, q, states.v[rows])
-            block = self._run.modes.whole_block(mode, self._block(mode, some, States(q, v, states.z[rows])))
+            block = self._whole.whole_block(mode, self._block(mode, some, States(q, v, states.z[rows])))
             found.append((rows, *block[1:]))
         rows, *columns = (np.concatenate(parts) for parts in zip(*found, strict=True))
         order = np.argsort(rows)
@@ -180,7 +179,7 @@ class RunAgain(Continuation):
     def _states(self, run: Repeatable, stretch: Stretch, interruption: Interruption) -> States:
         span = self._spans[stretch.span]
         if span.mode not in self._modes:
-            self._modes[span.mode] = _HeldMode(self._run.modes, span.mode)
+            self._modes[span.mode] = _HeldMode(self._whole, span.mode)
         modes, recovery = self._modes[span.mode], self._outputs_in(span.mode).recovery
         modes.levels[:] = span.levels
         at, q, v = np.array([stretch.start]), *(x[None] for x in stretch.state[:2])
