@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..errors import MechanismError
 from .interpolation import cubic_step, quintic_step
 from .state import Arrays
 
@@ -36,6 +37,8 @@ BLOCK = 256
 #: Difference from a stored state, in tolerances of the run, from which a motion that is integrated again has parted
 #: from the one that was stored: it starts anew from there.
 PARTED = 1000.0
+#: Length of a step, in that of the motion, below which it may hold a jump of forces that no method passes.
+JUMP = 1e-6
 #: What keeps a division by no tolerance of nothing from failing.
 TINY = 1e-300
 #: Roundings of a time by which equations are evaluated beside their jump, as runs do.
@@ -143,7 +146,7 @@ class Continuation(ABC):
 
     @abstractmethod
     def again(self, stretches: Sequence[Stretch]) -> list[States]:
-        """Return the states of stretches at their times."""
+        """Return the states of stretches at their times, or at those before the motion could not be followed."""
 
 
 @dataclass
@@ -416,13 +419,33 @@ class Refined(Interpolation):
             stretches.append(Stretch(span, float(steps.t0[first]), steps.start(first), times))
         replaced, others = [], []
         for group, stretch, states in zip(groups, stretches, self._motion.again(stretches), strict=True):
+            if not len(states.q):
+                self._leave(steps, int(bad[group[0]]))
+                continue
             count, divided = self._joined(steps, bad[group], stretch, states)
             replaced.append(bad[group][:count])
             others.append(divided)
+        if not others:
+            return steps
         numbers, t0, t1 = (np.concatenate([x[j] for x in others]) for j in range(3))
         starts, ends_of = (States(*(np.concatenate([x[j][i] for x in others]) for i in range(3))) for j in (3, 4))
         joined = np.concatenate([x[5] for x in others])
         return steps.replaced(np.concatenate(replaced), self._through(numbers, t0, t1, starts, ends_of, joined))
+
+    def _leave(self, steps: _Steps, k: int) -> None:
+        """Leave a very short step as it is, from whose start the motion cannot be integrated: forces jump in it.
+
+        Raises
+        ------
+        MechanismError
+            For a longer one.
+        """
+        if steps.t1[k] - steps.t0[k] > JUMP * np.ptp(self._t):
+            raise MechanismError(
+                f"the motion between t = {steps.t0[k]:.9g} and {steps.t1[k]:.9g} s cannot be integrated again; "
+                "simulate with outputs there"
+            )
+        steps.good[k] = True
 
     def _division(self, steps: _Steps, k: int, parts: int) -> np.ndarray:
         """Times at which a step is divided: evenly, and where equations or inputs change."""
@@ -441,7 +464,12 @@ class Refined(Interpolation):
 
         These are joined to the stored states; from where they have parted too far from these on, nothing is divided.
         """
-        ends = np.searchsorted(stretch.times, steps.t1[bad])
+        ends, reached, times = np.searchsorted(stretch.times, steps.t1[bad]), len(states.q), stretch.times
+        if reached < times.size and not (ends < reached).any():
+            # it stopped inside the first step, of which the rest is one step
+            bad, ends, times = bad[:1], np.array([reached]), np.r_[times[:reached], steps.t1[bad[:1]]]
+            states = States(*(np.vstack([x, y]) for x, y in zip(states, steps.ends(bad), strict=True)))
+        bad, ends = bad[ends < len(states.q)], ends[ends < len(states.q)]
         stored = steps.ends(bad)
         off = States(*(known - found[ends] for known, found in zip(stored, states, strict=True)))
         apart = np.zeros(bad.size)
@@ -451,7 +479,7 @@ class Refined(Interpolation):
         parted = np.flatnonzero(apart > PARTED)
         count = bad.size if not parted.size else max(int(parted[0]), 1)
         used = int(ends[count - 1]) + 1
-        times = stretch.times[:used]
+        times = times[:used]
         step = np.searchsorted(ends[:count], np.arange(used))  # the stored one of each knot
         share = (times - steps.t0[bad[step]]) / (steps.t1 - steps.t0)[bad[step]]
         weight = (share**2 * (3 - 2 * share))[:, None]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import math
 import time as clock
@@ -186,7 +187,10 @@ class Run:
         return other
 
     def again(self, modes: Modes, start: Stretch, interruption: Interruption) -> Block:
-        """Return ``t, q, v, a, z, lam, u`` of the motion that goes on from a state in the one mode of `modes`."""
+        """Return ``t, q, v, a, z, lam, u`` of the motion that goes on from a state in the one mode of `modes`.
+
+        It begins with that state, and ends early where the motion cannot be followed.
+        """
         self.modes, self._interruption = modes, interruption
         grid = np.r_[start.start, start.times]
         share = (grid[-1] - grid[0]) / self._span
@@ -205,7 +209,8 @@ class Run:
         nothing = np.zeros(self.setup.eom.a.numel()), z, np.zeros(0), np.zeros(0)
         mechanism = modes.numeric(modes.free).eom.mechanism
         self._enter(State(mechanism, start.start, q, v, *nothing, self.setup.p))
-        with simulated_time_bar(self._span, show=False) as bar:
+        self._keep(np.array([self._time]), self._x[None, :], np.array([self._time]))
+        with simulated_time_bar(self._span, show=False) as bar, contextlib.suppress(SimulationError):
             self._pieces(bar)
         return tuple(np.concatenate(parts) for parts in zip(*self._builder.blocks, strict=True))
 

@@ -8,7 +8,6 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..assembly.setup import Setup
-from ..errors import SimulationError
 from ..integrators import Integrator
 from ..model.events import Event
 from ..model.mechanism import Mechanism
@@ -44,7 +43,7 @@ class _HeldMode(Modes):
 
     def __init__(self, modes: Modes, mode: Any):
         super().__init__(modes.setup)
-        self._modes, self.mode = modes, mode
+        self._modes, self.mode, self.mechanism = modes, mode, modes.variant(mode)
 
     @property
     def free(self) -> Any:
@@ -185,15 +184,8 @@ class RunAgain(Continuation):
         at, q, v = np.array([stretch.start]), *(x[None] for x in stretch.state[:2])
         q = recovery.positions(at, q)
         stretch = stretch._replace(state=States(q, recovery.velocities(at, q, v), stretch.state.z))
-        try:
-            t, q, v, _, z, _, _ = run.again(modes, stretch, interruption)
-        except SimulationError as error:
-            raise SimulationError(
-                f"the motion between outputs near t = {stretch.start:.6g} s is asked for, and when it is integrated "
-                f"again from there {error}",
-                time=error.time,
-            ) from error
-        rows = np.searchsorted(t, stretch.times)
+        t, q, v, _, z, _, _ = run.again(modes, stretch, interruption)
+        rows = np.searchsorted(t, stretch.times[stretch.times <= t[-1]])
         return States(q[rows], v[rows], z[rows])
 
 

@@ -158,3 +158,18 @@ def test_many_equal_peaks_and_what_is_no_scalar():
         motion.maximum(body.position)
     with pytest.raises(mbd.ExpressionError):
         motion.minimum(mbd.Body("other", 1, 1).x)
+
+
+def test_many_modes_of_friction_between_outputs():
+    """A block on a spring comes to rest after several swings, each of them integrated again in its own mode."""
+    block = mbd.Body("block", mass=1.0, inertia=0.1)
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
+    rub = mbd.JointFriction("rub", guide, mbd.DryFriction(0.3))
+    spring = mbd.Force("spring", block.at(0, 0), (-100 * block.x, 0))
+    mechanism = mbd.Mechanism([block], joints=[guide], forces=[mbd.Gravity(), rub, spring])
+    motion = mbd.simulate(mechanism, [0.0, 2.0], initial=[guide.displacement == 0.2, guide.speed == 0])
+    t = np.linspace(0, np.pi / 5, 60)
+    loss, swing = 0.3 * G / 100, np.minimum(np.floor(t / (np.pi / 10) + 1e-9), 1)
+    exact = (0.2 - (2 * swing + 1) * loss) * np.cos(10 * t) + (-1) ** swing * loss
+    np.testing.assert_allclose(motion.at(t)[block.x], exact, atol=1e-7)
+    assert motion.maximum(mbd.fabs(rub.force)).value == pytest.approx(0.3 * G, rel=1e-7)
