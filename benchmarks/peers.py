@@ -9,7 +9,6 @@ functions, Jacobians with their sparsity) counts as set-up for every package.
 
 from __future__ import annotations
 
-import os
 import time
 import warnings
 from collections.abc import Iterator, Sequence
@@ -240,29 +239,14 @@ def integrators_watched() -> Iterator[Ledger]:
 
 
 class MbdMethod(Method):
-    """``mbdcasadi.simulate``; everything the call does counts, but for making the integrators, which is set-up.
+    """``mbdcasadi.simulate``; everything the call does counts, but for making the integrators, which is set-up."""
 
-    Without a compiler the environment names one that does not exist.
-    """
-
-    def __init__(self, name: str, settings: Sequence[float], *, compiler: bool = True, **options: Any):
+    def __init__(self, name: str, settings: Sequence[float], **options: Any):
         self.name = name
         self.settings = settings
         self._options = options
-        self._compiler = compiler
 
     def run(self, problem: Problem, setting: float) -> Run:
-        if self._compiler:
-            return self._run(problem, setting)
-        given = os.environ.get("CC")
-        os.environ["CC"] = "no-such-compiler"
-        try:
-            return self._run(problem, setting)
-        finally:
-            os.environ.pop("CC")
-            os.environ.update({} if given is None else {"CC": given})
-
-    def _run(self, problem: Problem, setting: float) -> Run:
         times = problem.model.times
         began = clock()
         with integrators_watched() as ledger:
@@ -471,7 +455,6 @@ def all_methods(jit: bool = True) -> list[Method]:
     tolerances = [10.0**-k for k in range(3, 12)]
     methods: list[Method] = [
         MbdMethod("mbdcasadi, default (idas)", tolerances),
-        MbdMethod("mbdcasadi, dop853, no compiler", tolerances, method="dop853", compiler=False),
         MbdMethod("mbdcasadi, erk", tolerances, method="erk"),
         MbdMethod("mbdcasadi, rosenbrock", tolerances, method="rosenbrock"),
         ScipyMethod("DOP853", tolerances),

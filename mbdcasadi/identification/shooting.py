@@ -23,7 +23,6 @@ import numpy as np
 from ..arguments.values import RunValues
 from ..errors import SimulationError
 from ..integrators.failures import reason_of
-from ..integrators.native import build
 from ..model.cache import Cache
 from ..numerics.least_squares import largest, least_norm, project_velocity
 from ..numerics.newton import solve
@@ -67,10 +66,10 @@ class Linearised:
 
 
 class FitSetup(MotionSetup):
-    """The arguments of an identification; "auto" takes DOP853 if there is a C compiler, but for many contacts."""
+    """The arguments of an identification; "auto" takes DOP853 if it runs here, but for many contacts."""
 
-    def _may_run_in_c(self) -> bool:
-        return build.compiler() is not None and not has_many_contacts(self.numeric)
+    def _in_c(self) -> tuple[ca.SX, ...] | None:
+        return None if has_many_contacts(self.numeric) else ()
 
 
 class Shooting:

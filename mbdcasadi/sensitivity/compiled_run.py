@@ -76,7 +76,7 @@ class MotionSetup(Setup):
         self.differentiable_start = DifferentiableStart(self.numeric, self.initial, self.time, self.signals)
         _ = self.start[self.eom.a]  # raises where there are no accelerations
         chooses = isinstance(method, str) and method == "auto"
-        in_c = chooses and self._may_run_in_c()
+        in_c = self._in_c() if chooses else None
         integrator = chosen_integrator(
             method, SingleMode(self), reltol=reltol, abstol=abstol, analysis=analysis, in_c=in_c
         )
@@ -85,9 +85,9 @@ class MotionSetup(Setup):
         self._is_tried = chooses and self.integrator.runs_whole
         self._analysis, self._keeps_abstol = analysis, stated if keeps_abstol is None else keeps_abstol
 
-    def _may_run_in_c(self) -> bool:
-        """True if the analysis takes methods that run in C of their own, and the mechanism suits them."""
-        return False
+    def _in_c(self) -> Sequence[ca.SX] | None:
+        """What methods in C would evaluate beside the equations; None if the analysis takes none for this mechanism."""
+        return None
 
     @cached_property
     def start(self) -> State:

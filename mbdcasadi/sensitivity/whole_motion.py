@@ -41,6 +41,11 @@ class WholeIntegrator(CompiledIntegrator):
         Rates of integrals, which are states.
     integrator : Integrator
         Method and tolerances.
+
+    Raises
+    ------
+    SimulationError
+        Without a C compiler, and for operations that are not written as C.
     """
 
     def __init__(self, numeric: NumericEquations, signals: Signals, integrands: ca.SX, integrator: Integrator):
@@ -52,6 +57,7 @@ class WholeIntegrator(CompiledIntegrator):
         # functions within functions ask for one motion again and again, each for its own derivative
         self._known: OrderedDict[tuple[bytes, ...], np.ndarray] = OrderedDict()
         self._lock = threading.Lock()
+        self._run_of(0, ())  # raises where the method cannot run: within a function of CasADi the reason would be lost
         self.restart_counting()
 
     # --- functions of CasADi -------------------------------------------------------------------
@@ -117,13 +123,16 @@ class WholeIntegrator(CompiledIntegrator):
         # no step may cross a change of the inputs
         changes = np.append(np.any(np.diff(problem.channel, axis=1) != 0, axis=0), True)
         problem = replace(problem, stops=problem.stops | changes)
-        key = variations, parameters
         with self._lock:
-            if key not in self._runs:
-                system, cache = self._equations.with_variations(*key)
-                weights = np.tile(self._weights, 1 + variations)
-                self._runs[key] = ExplicitIntegrator(system, self.integrator, cache, weights)
-            return self._runs[key]._attempt(problem, steps)
+            return self._run_of(variations, parameters)._attempt(problem, steps)
+
+    def _run_of(self, variations: int, parameters: tuple[int, ...]) -> ExplicitIntegrator:
+        key = variations, parameters
+        if key not in self._runs:
+            system, cache = self._equations.with_variations(*key)
+            weights = np.tile(self._weights, 1 + variations)
+            self._runs[key] = ExplicitIntegrator(system, self.integrator, cache, weights)
+        return self._runs[key]
 
     def _states(
         self, problem: InitialValueProblem, variations: int = 0, parameters: tuple[int, ...] = ()

@@ -36,6 +36,7 @@ from .checks.accuracy import (
 from .contact.compiled_elements import has_many_contacts
 from .loop import Run
 from .phases import PhasedRun
+from .stepping.whole_stepper import runs_in_c
 from .tolerances import absolute_tolerance, default_abstol
 
 #: Explicit steps that stability may ask for in one output chunk before the motion counts as stiff.
@@ -89,8 +90,8 @@ def simulate(
         bodies that no joint holds, several times faster; Rosenbrock of order
         5 for stiff motion at tight tolerance; "erk" is CasADi's explicit
         Runge–Kutta 5(4), for redundant constraints too. "auto" takes BDF for many
-        such contacts if there is a C compiler, DOP853 if the motion at the start is not
-        stiff, no rows are redundant and no force depends on reactions, else "erk" or "idas".
+        such contacts, and DOP853 if the motion at the start is not stiff, no rows are redundant and no
+        force depends on reactions; both need a C compiler. Else it takes "erk" or, if the motion is stiff, "idas".
     reltol, abstol : float, default 1e-8
         Tolerances of the integrator; `abstol` is a millionth of the size of a mechanism that is smaller than 1 cm. A
         motion that stays within so small a range that the default `abstol` does not
@@ -143,7 +144,7 @@ def simulate(
             return _through_phases(mechanism, read, method, chosen, arguments, progress=progress)
         setup = Setup(mechanism, "simulate", **arguments, takes_controller=True)
         modes = _modes(setup, read)
-        asked = chosen_integrator(method, modes, **chosen, analysis="simulate", in_c=True)
+        asked = chosen_integrator(method, modes, **chosen, analysis="simulate", in_c=_expressions(read))
         integrator = suited_to_friction(asked, modes.numeric(modes.free))
         run = Run(setup, modes, read, integrator, progress=progress, interruption=interruption)
         trajectories.append(run.run())
@@ -173,7 +174,7 @@ def _through_phases(
     """Simulate through mechanisms that change at events."""
 
     def integrator_of(modes: Modes) -> Integrator:
-        asked = chosen_integrator(method, modes, **chosen, analysis="simulate", in_c=True)
+        asked = chosen_integrator(method, modes, **chosen, analysis="simulate", in_c=_expressions(events))
         return suited_to_friction(asked, modes.numeric(modes.free))
 
     run = PhasedRun(mechanism, events, _modes, integrator_of, arguments, progress=progress)
@@ -222,15 +223,26 @@ def _modes(setup: Setup, events: Sequence[Event]) -> Modes:
     return modes
 
 
+def _expressions(events: Sequence[Event]) -> list[ca.SX]:
+    return [event.expression for event in events]
+
+
 def chosen_integrator(
-    method: Any, modes: Modes, *, analysis: str, options: Any = None, in_c: bool = False, **settings: Any
+    method: Any,
+    modes: Modes,
+    *,
+    analysis: str,
+    options: Any = None,
+    in_c: Sequence[ca.SX] | None = None,
+    **settings: Any,
 ) -> Integrator:
     """The integrator that ``method=`` asks for, with its settings; "auto" decides by the motion at the start.
 
     Parameters
     ----------
-    in_c : bool
-        True if the analysis takes methods that run in C of their own; "auto" may then choose one.
+    in_c : sequence of casadi.SX, optional
+        Given if the analysis takes methods that run in C of their own, of which "auto" may then choose one: what they
+        evaluate beside the equations, as events and outputs.
     """
     if options is not None and not isinstance(options, dict):
         raise SimulationError(f"{analysis}: options= takes a dict for the integrator, got {options!r}")
@@ -241,9 +253,12 @@ def chosen_integrator(
         redundant = numeric.has_redundant_rows(start.t, start.q)
         by_reactions = numeric.eom.Q_depends_on_lam or any(map(_rubs_by_reactions, frictions))
         stiff = by_reactions or _is_stiff(numeric, start, setup.grid, redundant)
-        in_c = in_c and not options and not redundant
-        method = "idas" if stiff else "dop853" if in_c else "erk"
-        method = "bdf" if in_c and has_many_contacts(numeric) else method
+        if in_c is None or options or redundant:
+            method = "idas" if stiff else "erk"
+        elif has_many_contacts(numeric):
+            method = "bdf"
+        else:
+            method = "idas" if stiff else "dop853" if runs_in_c(numeric, setup.signals, in_c) else "erk"
     if settings.get("abstol") is None and isinstance(method, str):
         settings["abstol"] = default_abstol(modes.numeric(modes.free))
     return as_integrator(method, **settings, options=options, besides=("auto",))

@@ -128,6 +128,7 @@ def sweep(
     batch_size(batch, count)
     fixed = [(key, value) for key, value in mapping_of(parameters, "parameters=").items() if key not in varied]
     arguments = {"initial": initial, "inputs": inputs, "method": method, "reltol": reltol, "abstol": abstol}
+    arguments["outputs"] = [expression for _, expression in named]
     plan = Plan(mechanism, times, fixed, varied, arguments)
     result = Sweep(plan.setup.grid, varied, named)
     store = None if file is None else SweepFile(file, plan.fingerprint(named))

@@ -12,8 +12,7 @@ import numpy as np
 from ..equations.switching.switches import jumps_anywhere
 from ..errors import SimulationError
 from ..integrators.dop853.runner import ExplicitRunner
-from ..integrators.native import build
-from ..integrators.native.stretch import Cases, Progress, Status, Stretch
+from ..integrators.native.stretch import Cases, Status, Stretch
 from ..model.cache import Cache
 from ..numerics.lending import Lending
 from ..sensitivity.compiled_run import MotionSetup
@@ -81,10 +80,22 @@ class Times:
 
 
 class SweepSetup(MotionSetup):
-    """The arguments of a sweep; "auto" takes DOP853 for cases that are smooth, if there is a C compiler."""
+    """The arguments of a sweep; "auto" takes DOP853 for cases that are smooth, if it runs here.
 
-    def _may_run_in_c(self) -> bool:
-        return build.compiler() is not None and is_smooth(self) and not timed_equations(self).has_switching_rows
+    Parameters
+    ----------
+    outputs : list of casadi.SX
+        Quantities that are kept.
+    *arguments, **settings
+        As for :class:`MotionSetup`.
+    """
+
+    def __init__(self, *arguments: Any, outputs: list[ca.SX], **settings: Any):
+        self._outputs = outputs
+        super().__init__(*arguments, **settings)
+
+    def _in_c(self) -> list[ca.SX] | None:
+        return self._outputs if is_smooth(self) and not timed_equations(self).has_switching_rows else None
 
 
 def is_smooth(setup: MotionSetup) -> bool:
@@ -150,6 +161,11 @@ class WholeParcel:
         Quantities that are kept.
     count : int
         Number of cases in all.
+
+    Raises
+    ------
+    SimulationError
+        Without a C compiler, and for operations that are not written as C.
     """
 
     def __init__(self, setup: MotionSetup, path: StartPath, outputs: list[ca.SX], count: int):
@@ -163,6 +179,7 @@ class WholeParcel:
         self._count, self._may_fold = setup.grid.size, eom.has_loops
         self.size = self._count * self._outputs.numel_out(0)
         self._keep_runners(setup.eom.mechanism.cache)
+        ExplicitRunner(self._system, None, self._cache).code_of(self._outputs)  # raises here, and not in a thread
 
     def _keep_runners(self, cache: Cache) -> None:
         self._cache, self._free, self._stopped = cache, Lending(), threading.Event()
@@ -216,79 +233,31 @@ class WholeParcel:
         """Outputs of cases in one thread."""
         count = len(cases.starts)
         values = np.full((count, self._count, self._outputs.numel_out(0)), np.nan)
-        outcome = runner.run_cases(cases, self._stretch(cases, 0), self._outputs, values)
+        status, reached = runner.run_cases(cases, self._first(cases), self._outputs, values)
         self.said = runner.said
-        if outcome is None:
-            return self._run_each(runner, cases)
-        failed = outcome[0] != Status.DONE
+        failed = status != Status.DONE
         values[failed] = np.nan
         reasons = [""] * count
         for k in np.flatnonzero(failed):
-            reasons[k] = f"{REASONS.get(outcome[0][k], STOPPED)} at t = {outcome[1][k]:.6g} s"
-        return Results(values.reshape(count, -1), reasons, outcome[0] == Status.SINGULAR)
-
-    def _run_each(self, runner: ExplicitRunner, cases: Cases) -> Results:
-        """The same without C: case by case."""
-        count = len(cases.starts)
-        values, messages = np.full((count, self.size), np.nan), [""] * count
-        folds = np.zeros(count, bool)
-        motions: dict[int, tuple[np.ndarray, ...]] = {}
-        for k in range(count):
-            wanted = cases.wanted[k if len(cases.wanted) > 1 else 0]
-            motion, status = self._motion(runner, self._stretch(cases, k), wanted)
-            folds[k] = status == Status.SINGULAR
-            if isinstance(motion, str):
-                messages[k] = motion
-            else:
-                motions[k] = motion
-        if not motions:
-            return Results(values, messages, folds)
-        chosen = np.array(list(motions))
-        columns = [np.concatenate(parts, axis=-1) for parts in zip(*motions.values(), strict=True)]
-        rows = self._outputs(*columns, np.repeat(cases.p[chosen].T, self._count, axis=1)).full().T
-        rows = np.broadcast_to(rows, (chosen.size * self._count, rows.shape[1])).reshape(chosen.size, -1)
-        for k, row in zip(chosen, rows, strict=True):
-            if np.all(np.isfinite(row)):
-                values[k] = row
-            else:
-                messages[k] = REASONS[Status.NOT_FINITE]
-        return Results(values, messages, folds)
+            reasons[k] = f"{REASONS.get(status[k], STOPPED)} at t = {reached[k]:.6g} s"
+        return Results(values.reshape(count, -1), reasons, status == Status.SINGULAR)
 
     def _runner(self) -> ExplicitRunner:
         return ExplicitRunner(self._system, None, self._cache, compiles=self._compiles)
 
-    def _stretch(self, cases: Cases, k: int) -> Stretch:
-        """The run of a case."""
-        times, stops, columns, max_step = (
-            part[k if len(part) > 1 else 0] for part in (cases.times, cases.stops, cases.channels, cases.max_step)
-        )
+    def _first(self, cases: Cases) -> Stretch:
+        """The run of the first case."""
         return Stretch(
             self._start,
-            cases.starts[k],
-            times,
-            stops,
-            columns,
-            cases.p[k],
-            cases.levels[k],
+            cases.starts[0],
+            cases.times[0],
+            cases.stops[0],
+            cases.channels[0],
+            cases.p[0],
+            cases.levels[0],
             self._weights,
             *self._tolerances,
-            float(max_step),
+            float(cases.max_step[0]),
             most_steps=MOST_STEPS,
             fall=ENTRY if self._may_fold else 0.0,
         )
-
-    def _motion(
-        self, runner: ExplicitRunner, case: Stretch, wanted: np.ndarray
-    ) -> tuple[tuple[np.ndarray, ...] | str, Status]:
-        """``t, q, v, a, z, lam, u`` of a case, a column for each output, or why it has none; and how it ended."""
-        reached = runner.advance(case, Progress())
-        if reached.status != Status.DONE:
-            time = float(reached.times[-1]) if reached.times.size else self._start
-            return f"{REASONS.get(reached.status, STOPPED)} at t = {time:.6g} s", reached.status
-        kept = wanted[reached.index]
-        grid, states = np.r_[self._start, reached.times[kept]], np.vstack([case.x, reached.x[kept]])
-        held = np.vstack([case.channels[:1], case.channels[wanted]])  # the first output takes the first interval
-        a, lam, u = runner.run.complete(grid, states, held, case.p, case.levels)
-        n = a.shape[1]
-        columns = grid[None, :], states[:, :n].T, states[:, n : 2 * n].T, a.T, states[:, 2 * n :].T, lam.T, u.T
-        return columns, reached.status

@@ -84,17 +84,6 @@ def test_random_mechanisms_as_by_runge_kutta_of_casadi(seed):
 
 
 @pytest.mark.slow
-def test_without_a_compiler_the_same_derivatives(monkeypatch):
-    in_c = heated_cost("dop853", 1e-10, [0.1, 0.4, 0.2, -0.3, 0.0, 0.2])
-    value, gradient = in_c.value_and_gradient(in_c.start)
-    monkeypatch.setenv("CC", "no-such-compiler")
-    step_by_step = heated_cost("dop853", 1e-10, [0.1, 0.4, 0.2, -0.3, 0.0, 0.2])
-    other, other_gradient = step_by_step.value_and_gradient(step_by_step.start)
-    assert other == pytest.approx(value, rel=1e-12)
-    np.testing.assert_allclose(other_gradient, gradient, rtol=1e-9)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("stiffness", [1e4, 1e6])
 def test_derivative_through_a_contact_that_opens_again(stiffness):
     ball, k, drop, start = dropped(stiffness)

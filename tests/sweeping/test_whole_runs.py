@@ -21,14 +21,7 @@ def fall():
     return g, u, stone, mbd.Mechanism(bodies=[stone], forces=forces, parameters=[g], inputs=[u])
 
 
-@pytest.fixture(params=["in C", "stepwise"])
-def way(request, monkeypatch):
-    """With and without a compiler."""
-    if request.param == "stepwise":
-        monkeypatch.setenv("CC", "no-such-compiler")
-
-
-def test_closed_form(way):
+def test_closed_form():
     g, u, stone, mechanism = fall()
     gravities, pushes = np.linspace(1, 10, 7), np.linspace(-2, 2, 7)
     swept = mbd.sweep(
@@ -72,8 +65,8 @@ def test_auto_without_a_compiler_takes_a_compiled_integrator(monkeypatch):
     assert swept.notes == [] and swept["y"][:, -1] == pytest.approx([-0.5, -1.0], abs=1e-8)
 
 
-def test_the_code_that_ran_is_named(monkeypatch):
-    """In C or step by step, here and in other processes; CasADi's methods need no remark."""
+def test_the_code_that_ran_is_named():
+    """Here and in other threads; CasADi's methods need no remark."""
     g, _, stone, mechanism = fall()
 
     def notes(**given):
@@ -84,14 +77,11 @@ def test_the_code_that_ran_is_named(monkeypatch):
     with ThreadPoolExecutor(1) as executor:
         assert notes(method="dop853", executor=executor) == [note]
     assert notes(method="idas") == []
-    monkeypatch.setenv("CC", "no-such-compiler")
-    (note,) = notes(method="dop853")
-    assert note == "dop853 ran step by step, without C: $CC names 'no-such-compiler', which is not on the path"
     swept = mbd.sweep(mechanism, [0, 1], {g: [1.0, 2.0]}, {"y": stone.y}, method="dop853")
     assert repr(swept).endswith(f"note: {note}")
 
 
-def test_samples_and_time(way):
+def test_samples_and_time():
     """Samples with a kink, and an expression in time with a short pulse."""
     g, u, stone, mechanism = fall()
     times = np.linspace(0, 2, 9)
@@ -109,7 +99,7 @@ def test_samples_and_time(way):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [3, 60])
-def test_times_of_their_own(way, count):
+def test_times_of_their_own(count):
     """Short pulses at a time that varies: each case has stops of its own, and all their momentum is there."""
     late, stone = mbd.Parameter("late", 0.5), mbd.Body("stone", mass=2.0, inertia=1.0)
     pulse = mbd.Force("pulse", stone.at(0, 0), (mbd.exp(-(((mbd.t - late) / 0.01) ** 2)), 0))
@@ -122,7 +112,7 @@ def test_times_of_their_own(way, count):
     np.testing.assert_allclose(swept["x"][:, -1], speed * (1.0 - instants), atol=1e-9)
 
 
-def test_single_runs(way):
+def test_single_runs():
     """Every case is the run that simulate makes, with reactions."""
     u = mbd.Input("u", value=0.0)
     f = four_bar(0.5, forces=lambda f: [mbd.Gravity(), mbd.Torque("motor", f.crank, u)], inputs=[u])
@@ -192,7 +182,7 @@ def test_a_parcel_travels():
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-def test_interruption(way):
+def test_interruption():
     """Ctrl-C ends the cases that run, and leaves what was finished."""
     g, _, stone, mechanism = fall()
     method = mbd.DOP853(max_step=1e-4)

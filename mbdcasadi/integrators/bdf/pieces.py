@@ -6,27 +6,24 @@ from functools import cache
 from pathlib import Path
 from typing import ClassVar
 
-from ...errors import SimulationError
 from ..base import tightened
 from ..native.pieces import NativeIntegrator
-from ..native.runner import Run, Runner
+from ..native.runner import Runner
 
 #: Tolerances are divided by this: the error accumulates, as that of IDAS does; and the tightest one.
 TIGHTER, TIGHTEST = 100.0, 1e-13
 
 
 class ImplicitRunner(Runner):
-    """Runs one system by differentiation formulas, in C alone."""
+    """Runs one system by differentiation formulas."""
 
     method: ClassVar[str] = "bdf"
+    instead: ClassVar[str] = 'method="idas"'
 
     @staticmethod
     @cache
     def _steps() -> str:
         return (Path(__file__).parent / "steps.c").read_text(encoding="utf-8")
-
-    def _without_c(self, reason: str) -> Run:
-        raise SimulationError(f'method="bdf" runs in C alone, and {reason}; use method="idas"')
 
 
 class ImplicitIntegrator(NativeIntegrator):

@@ -1,16 +1,13 @@
 """DOP853, compiled: a whole run in C around the equations of a mechanism.
 
-==================  =====================================================
-``method``          the strategy object
-``steps.c``         steps, projection, dense output, events
-``constants``       of the decisions between steps
-``coefficients``    of the method, from SciPy
-``pieces``          the method over pieces, from starts that may be off the constraints
-``runner``          the choice between C and steps as CasADi functions
-``stepwise``        the run without a compiler
-``step_functions``  a step as CasADi functions
-``recording``       the states that such a run returns
-==================  =====================================================
+================  =====================================================
+``method``        the strategy object
+``steps.c``       steps, projection, dense output, events
+``constants``     of the decisions between steps
+``coefficients``  of the method, from SciPy
+``pieces``        the method over pieces, from starts that may be off the constraints
+``runner``        its engine
+================  =====================================================
 
 The run in C stands on the room ``native``.
 """

@@ -1,6 +1,6 @@
-"""Coefficients of the method, for Python as arrays and for C as code; both from SciPy.
+"""Coefficients of the method as C code, from SciPy.
 
-The functions in C leave out what is zero: ``combine_3`` is ``out = y + h sum(a_3j k_j)``.
+The functions leave out what is zero: ``combine_3`` is ``out = y + h sum(a_3j k_j)``.
 
 References
 ----------

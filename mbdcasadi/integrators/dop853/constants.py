@@ -1,4 +1,4 @@
-"""Constants of the decisions between steps; the same for the run in C and the one without a compiler."""
+"""Constants of the decisions between steps."""
 
 from __future__ import annotations
 

@@ -17,16 +17,15 @@ class DOP853(NativeMethod):
 
     The equations are interpreted in C at first, and compiled by the compiler of the
     system once that pays; what was compiled is kept for later (in the folder
-    ``$MBDCASADI_CACHE``, or that of the user's platform). Without a compiler the
-    same method runs step by step, up to 20 times slower. ``motion.statistics.notes``
-    names the code that ran.
+    ``$MBDCASADI_CACHE``, or that of the user's platform). ``motion.statistics.notes``
+    names the code that ran. Without a C compiler the method is refused, and ``method="auto"`` takes another one.
 
     Sweeps run it in threads. In derivatives, which it finds forward, the variations of the motion are states like
     others, in the error test and in the projection: gradients are nearer to those of the motion than with other methods
     at the same tolerance.
 
-    It needs rows that do not depend on each other, and forces that do not depend on
-    reactions. Stiff motion, as with stiff bushings or lasting hard contacts, ends in an
+    It needs a C compiler (gcc, clang, cc, or what ``$CC`` names), rows that do not depend on each other, and forces
+    that do not depend on reactions. Stiff motion, as with stiff bushings or lasting hard contacts, ends in an
     error or takes long: use :class:`IDAS` or :class:`Rosenbrock`.
 
     Parameters
@@ -41,7 +40,8 @@ class DOP853(NativeMethod):
     Raises
     ------
     SimulationError
-        For tolerances and steps that are not positive, for options, and without a compiler for ``jit=True``.
+        For tolerances and steps that are not positive, for options, and without a compiler for ``jit=True``; by the
+        analysis without a compiler, and for equations and outputs that are not written as C.
 
     References
     ----------

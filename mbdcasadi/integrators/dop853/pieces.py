@@ -17,7 +17,7 @@ NEAR = 1e-8
 
 
 class ExplicitIntegrator(NativeIntegrator):
-    """An integrator of an explicit system by DOP853, in C or step by step; a start may be off the constraints."""
+    """An integrator of an explicit system by DOP853; a start may be off the constraints."""
 
     runner = ExplicitRunner
 

@@ -1,4 +1,4 @@
-"""The choice of what runs DOP853: C, or steps as CasADi functions."""
+"""The engine of DOP853."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from typing import ClassVar
 
 from ...numerics.roots import TOUCHES
 from ..native.run import defined
-from ..native.runner import Run, Runner
+from ..native.runner import Runner
 from . import constants
 from .coefficients import coefficients_in_c
-from .stepwise import StepwiseRun
 
 
 @cache
@@ -23,14 +22,11 @@ def steps_in_c() -> str:
 
 
 class ExplicitRunner(Runner):
-    """Runs one system by DOP853, in C or step by step."""
+    """Runs one system by DOP853."""
 
     method: ClassVar[str] = "dop853"
+    instead: ClassVar[str] = 'method="erk" or "idas"'
 
     @staticmethod
     def _steps() -> str:
         return steps_in_c()
-
-    def _without_c(self, reason: str) -> Run:
-        self.said = f"dop853 ran step by step, without C: {reason}"
-        return StepwiseRun(self.system, self.watched, self._cache)

@@ -6,7 +6,7 @@
 ``cases.c``  many runs
 ``run``      the engine of a method, from this C and its own, called from Python
 ``pieces``   runs over pieces of an output grid, in the place of an integrator of CasADi
-``runner``   the choice of what runs: compiled or interpreted equations, or what does without C
+``runner``   the choice of what runs: compiled or interpreted equations
 ``code``     equations interpreted, and compiled once that pays
 ``build``    shared libraries, and the folder in which they are kept
 ===========  =====================================================================================

@@ -1,4 +1,4 @@
-"""Task and result of a method over a stretch of time; the same for a run in C and one without a compiler."""
+"""Task and result of a method over a stretch of time."""
 
 from __future__ import annotations
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ...arguments.inputs import Signals
@@ -62,6 +63,26 @@ def refuse_redundant_rows(integrator: Integrator, numeric: NumericEquations, sta
         f'method="{integrator.name}" needs constraints that do not depend on each other, and {some} do (see check); '
         'use method="idas", or remove the redundant rows'
     )
+
+
+def runs_in_c(numeric: NumericEquations, signals: Signals, further: Sequence[ca.SX] = ()) -> bool:
+    """Return True if DOP853 may run: there is a C compiler, and equations and further expressions are written as C.
+
+    Parameters
+    ----------
+    further : sequence of casadi.SX
+        Events or outputs.
+    """
+    eom = numeric.eom
+    try:
+        system = explicit_system(numeric, signals, watched_terms(eom))  # that of a simulation, which is made once
+        runner = ExplicitRunner(system, None, eom.mechanism.cache)
+        for expression in further:
+            if eom.contains(expression):  # an event of another mechanism is not evaluated here
+                runner.code_of(eom.function(expression))
+    except SimulationError:
+        return False
+    return True
 
 
 class WholeStepper(Stepper):
