@@ -50,7 +50,7 @@ shove = 4 * mbd.cos(np.pi * mbd.t / 0.8) * mbd.if_else(mbd.t < 0.8, 1, 0)
 soft = {tolerance: 0.1, stiffness: 300}
 guess = mbd.simulate(board, duration=DURATION, initial=problem.initial, inputs={push: shove}, parameters=soft)
 sharper = {tolerance: [0.1, 0.03, 0.01], stiffness: [300, 1000, 3000]}
-solution = mbd.optimize(problem, intervals=80, guess=guess, continuation=sharper)
+solution = mbd.optimize(problem, intervals=40, tolerance=1e-4, guess=guess, continuation=sharper)
 for step in solution.statistics.steps:
     print(", ".join(f"{name} = {value:g}" for name, value in step.values.items()), end=": ")
     print(f"effort {step.cost:.4f} N²s after {step.iterations} iterations")
