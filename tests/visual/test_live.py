@@ -11,6 +11,7 @@ import pytest
 
 import mbdcasadi as mbd
 from mbdcasadi.printing.javascript import to_javascript
+from mbdcasadi.visual.drawing.style import LIGHT
 
 WINDOW = {"width": 1280, "height": 800}
 library = mbd.library
@@ -397,6 +398,7 @@ def test_it_plays_steps_and_plots(opened):
     np.testing.assert_allclose(points[5:20, 1], motion[load][1:], rtol=1e-5)
     tab.locator("#stage").focus()
     tab.keyboard.press("r")
+    assert tab.locator("#slider").input_value() == "0"
     assert tab.evaluate("mechanism.time") == 0 and len(tab.evaluate("mechanism.plot('B, N')")[""]["points"]) == 1
 
 
@@ -443,7 +445,7 @@ def test_a_plot_over_another_quantity(opened):
     crank, _, rocker = mechanism.bodies
     tab = opened(mechanism, initial=start, plots={"rocker, rad": rocker.phi})
     tab.evaluate("mechanism.run(0.4)")
-    tab.select_option(".plot select", label="crank: phi, rad")
+    tab.select_option(".plot select", label="crank: phi")
     points = np.array(tab.evaluate("mechanism.plot('rocker, rad')")[""]["points"])
     motion = mbd.simulate(mechanism, [0, 0.1, 0.2, 0.4], initial=start)
     for angle, other in zip(motion[crank.phi], motion[rocker.phi], strict=True):
@@ -491,6 +493,22 @@ def test_the_view_follows_what_leaves_it(opened):
     x, y = tab.evaluate("mechanism.place('ball')")
     box = tab.locator("#stage").bounding_box()
     assert 0 < x < box["width"] and 0 < y < box["height"]
+
+
+@pytest.mark.parametrize("slope", [0.0, -0.3])
+def test_the_ground_goes_as_far_as_the_picture(opened, slope):
+    """Under a ball that has gone far: the line of the ground crosses the whole picture, in pieces that join."""
+    along = np.array([np.cos(slope), np.sin(slope)])
+    ball = mbd.Body("ball", 1.0, 0.01, pose=(-0.1 * np.sin(slope), 0.1 * np.cos(slope), 0), velocity=(*(30 * along), 0))
+    ground = mbd.HalfPlane(mbd.ground.at(0, 0, angle=slope))
+    touch = mbd.Contact("touch", mbd.Circle(ball.at(0, 0), 0.1), ground, mbd.HuntCrossley(1e4))
+    tab = opened(mbd.Mechanism([ball], forces=[touch]), initial=[ball.vx == 30 * along[0], ball.vy == 30 * along[1]])
+    tab.evaluate("mechanism.run(20)")
+    line = rf'd="([^"]*)" fill="none" stroke="{LIGHT["ground"]}" stroke-width="1.9'
+    (path,) = re.findall(line, tab.evaluate("mechanism.svg()"))
+    ends = np.array(re.findall(r"(-?[\d.]+) (-?[\d.]+)", path), float).reshape(-1, 2, 2)
+    np.testing.assert_allclose(ends[1:, 0], ends[:-1, 1], atol=0.02)
+    assert ends[0, 0, 0] <= 0 and ends[-1, 1, 0] >= tab.locator("#stage").bounding_box()["width"]
 
 
 def test_a_large_load_is_written_with_its_prefix(opened):

@@ -292,6 +292,8 @@ def draw_scale(axes: Axes, scale: dict[str, float], box: np.ndarray, corner: np.
     float
         Height of the lowest line, m.
     """
+    from matplotlib.ticker import EngFormatter
+
     diagonal = diagonal_of(box)
     row = max(ROW * diagonal, least)
     right, lowest = float(corner[0]), float(corner[1]) - len(scale) * row
@@ -303,7 +305,8 @@ def draw_scale(axes: Axes, scale: dict[str, float], box: np.ndarray, corner: np.
             ends = dict(arrowstyle="-|>" if kind == "N" else "|-|, widthA=0.25, widthB=0.25", color=LIGHT["ink"],
                         shrinkA=0, shrinkB=0, linewidth=1.2, mutation_scale=10)  # fmt: skip
             axes.annotate("", (right, place), (right - length, place), arrowprops=ends)
-            text = f"{value:g} {kind}" + (" (radius)" if kind == "N m" else "")
+            text = EngFormatter(kind)(value) if value >= 1e3 else f"{value:g} {kind}"
+            text += " (radius)" if kind == "N m" else ""
             axes.annotate(text, (right - length, place), (-5, 0), textcoords="offset points", ha="right", va="center",
                           fontsize="small", color=LIGHT["ink"])  # fmt: skip
             place += row

@@ -52,14 +52,16 @@ class Frame:
             return points + np.array([self.shift[0], 0.0, self.shift[1], 0.0])
         return self.shift + lines.turned(points, self.angle)
 
-    def draw(self, style: str, *loops: Any, closed: bool = False, layer: int = scene.SPRING, group: str = "") -> None:
-        """Put lines, or areas if they close, into the frame."""
+    def draw(self, style: str, *loops: Any, closed: bool = False, layer: int = scene.SPRING, group: str = "",
+             step: Any = None) -> None:  # fmt: skip
+        """Put lines, or areas if they close, into the frame; with a step (2,), m, a piece of a line without an end."""
         body = None if self.body is None else self.pen.number_of(self.body)
         placed = tuple(self.local(points) for points in loops if len(points))
         if placed:
             if style == "body" and self.body is not None:
                 self.pen.loops.setdefault(self.body, []).extend(placed)
-            mark = Mark(self.number, placed, closed, style, layer, body, self.pen.item, group)
+            along = None if step is None else tuple(lines.turned(np.asarray(step, float), self.angle).tolist())
+            mark = Mark(self.number, placed, closed, style, layer, body, self.pen.item, group, along)
             self.pen.scene.marks.append(mark)
 
     def area(self, style: str, *loops: Any, layer: int = scene.BODY, group: str = "") -> None:
@@ -244,18 +246,19 @@ class Pen:
         """A filled point."""
         frame.area("dot", lines.circle((0, 0), radius * self.unit, 24), layer=scene.PIN)
 
-    def hatched(self, frame: Frame, start: Any, end: Any, layer: int = scene.GROUND) -> None:
+    def hatched(self, frame: Frame, start: Any, end: Any, layer: int = scene.GROUND, step: Any = None) -> None:
         """A line of the ground, hatched to the right of the line from start to end."""
         u = self.unit
-        frame.draw("hatch", *lines.hatching(start, end, 0.62 * u, 0.75 * u), layer=layer)
-        frame.draw("ground line", [start, end], layer=layer)
+        frame.draw("hatch", *lines.hatching(start, end, 0.62 * u, 0.75 * u), layer=layer, step=step)
+        frame.draw("ground line", [start, end], layer=layer, step=step)
 
-    def wall(self, frame: Frame, start: Any, end: Any) -> None:
+    def wall(self, frame: Frame, start: Any, end: Any, endless: bool = False) -> None:
         """A surface to the left of the line from start to end: hatched on the ground, a line on a body."""
+        step = np.subtract(end, start) if endless else None
         if frame.body is None:
-            self.hatched(frame, start, end)
+            self.hatched(frame, start, end, step=step)
         else:
-            frame.draw("body line", [start, end], layer=scene.GUIDE)
+            frame.draw("body line", [start, end], layer=scene.GUIDE, step=step)
 
     def is_new(self, place: np.ndarray, taken: set[tuple]) -> bool:
         """Return True if nothing of a kind, there at the same times, is drawn at a place (2,) yet, and take it."""

@@ -36,6 +36,8 @@ class Mark:
         Number of the item it belongs to.
     group : str
         "" for a mark that is always there, or the name of a group that can be left out ("loads").
+    step : tuple of float or None
+        From the beginning to the end of a piece of a line without an end (2,), m: pages repeat it as far as they show.
     """
 
     frame: int
@@ -46,6 +48,7 @@ class Mark:
     body: int | None = None
     item: int | None = None
     group: str = ""
+    step: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)

@@ -203,6 +203,6 @@ def _mark(mark: Mark, shapes: Shapes) -> dict[str, Any]:
     number, _ = shapes.setdefault(repr(points), (len(shapes), points))
     described = {
         "f": mark.frame, "s": mark.style, "b": mark.body, "i": mark.item, "l": mark.layer, "c": int(mark.closed),
-        "g": mark.group, "k": mark.loops[0].shape[1], "p": number,
+        "g": mark.group, "k": mark.loops[0].shape[1], "p": number, "e": mark.step,
     }  # fmt: skip
-    return {key: value for key, value in described.items() if value or key not in ("c", "g")}
+    return {key: value for key, value in described.items() if value or key not in ("c", "g", "e")}

@@ -70,6 +70,6 @@ def _half_plane(outline: HalfPlane, pen: Pen) -> None:
         corners = np.array([(cx, cy) for cx in box[:, 0] for cy in box[:, 1]]) - [x, y]
         places = lines.turned(corners, -angle)[:, 0]
         margin = 2 * pen.unit
-        pen.wall(frame, (places.min() - margin, 0), (places.max() + margin, 0))
+        pen.wall(frame, (places.min() - margin, 0), (places.max() + margin, 0), endless=True)
 
     pen.later(draw)

@@ -19,7 +19,7 @@ function addPlot(plot) {
   canvas.title = plot.label;
   over.title = "what it is plotted over";
   over.add(new Option("over time", ""));
-  quantities().forEach(([label], k) => { over.add(new Option(label, String(k))); });
+  quantities().forEach(([label], k) => { over.add(new Option(parted(label)[0], String(k))); });
   holder.append(canvas, over);
   document.getElementById("plots").appendChild(holder);
   const added = { holder: holder, canvas: canvas, still: document.createElement("canvas"), stillFor: null, label: plot.label, unit: parted(plot.label)[1],

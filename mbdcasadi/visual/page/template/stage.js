@@ -72,11 +72,21 @@ function* placesOn(loop, k, pose) {
     yield [pose[0] + c * u - s * w, pose[1] + s * u + c * w];
   }
 }
+// The poses of a mark: of a piece of a line without an end those that cover the picture.
+function piecesOf(mark, pose) {
+  if (!mark.e) return [pose];
+  const x = pose[2] * mark.e[0] - pose[3] * mark.e[1], y = pose[3] * mark.e[0] + pose[2] * mark.e[1], start = SHAPES[mark.p][0];
+  const [beginX, beginY] = placesOn(start, mark.k, pose).next().value, pieces = [];
+  const shares = [[0, 0], [pixels.width, 0], [0, pixels.height], [pixels.width, pixels.height]].map(fromScreen)
+    .map(at => ((at[0] - beginX) * x + (at[1] - beginY) * y) / (x * x + y * y));
+  for (let k = Math.floor(Math.min(...shares)); k <= Math.max(...shares); k++) pieces.push([pose[0] + k * x, pose[1] + k * y, ...pose.slice(2)]);
+  return pieces;
+}
 function trace(mark, pose) {
   pen.beginPath();
-  for (const loop of SHAPES[mark.p]) {
+  for (const piece of piecesOf(mark, pose)) for (const loop of SHAPES[mark.p]) {
     let first = true;
-    for (const place of placesOn(loop, mark.k, pose)) {
+    for (const place of placesOn(loop, mark.k, piece)) {
       const at = toScreen(place[0], place[1]);
       if (first) pen.moveTo(at[0], at[1]); else pen.lineTo(at[0], at[1]);
       first = false;

@@ -61,7 +61,7 @@ function step(clock) {
 
 // --- the slider of time: back and on over what was run ---
 function timeSpanOfSlider() { return [past.samples[0].t, lastSample().t]; }
-function shareOfSlider() { return past.at === null || past.samples.length < 2 ? 1 : past.at / (past.samples.length - 1); }
+function shareOfSlider() { return past.samples.length < 2 ? 0 : past.at === null ? 1 : past.at / (past.samples.length - 1); }
 function slideTo(share) { restore(Math.round(share * (past.samples.length - 1))); showNow(); }
 function seek(time) { restore(nearestSample(time)); showNow(); }
 function stepBy(count) {
