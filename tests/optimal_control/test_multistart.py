@@ -48,7 +48,7 @@ def test_swing_ups(driven, duration, known):
     """
     problem, upper, lower, elbow = two_links(driven, duration)
     with warnings.catch_warnings():
-        warnings.filterwarnings("error", message=".*too coarse")
+        warnings.filterwarnings("error", message=".*too coarse for the motion")
         solution = mbd.optimize(problem)
     assert solution.cost < 1.02 * known
     first, *others = [start.description for start in solution.statistics.starts]
@@ -111,7 +111,7 @@ def test_limits_of_a_swing_up(links, driven, duration):
     motors = problem.mechanism.inputs
     limited = problem.replace(path=[mbd.bounded(-limit, u, limit) for limit, u in zip(largest, motors, strict=True)])
     with warnings.catch_warnings():
-        warnings.filterwarnings("error", message=".*too coarse")
+        warnings.filterwarnings("error", message=".*too coarse for the motion")
         solution = mbd.optimize(limited)
     assert free.cost < solution.cost < 1.01 * mbd.optimize(limited, guess=free).cost
     assert np.max(solution.verify().defects) < 0.02
