@@ -58,9 +58,10 @@ def test_a_widget_takes_values_of_its_sliders_alone(page):
     widget = page.widget()
     assert widget.values == {"torque, N m": 0.5}
     widget.values = {"torque, N m": 2.0}
-    for values, message in (({"couple": 1.0}, "no slider 'couple'"), ({"torque, N m": 4.0}, "from -3 to 3, got 4")):
+    wrong = [("couple", 1.0, "no slider 'couple'"), ("torque, N m", 4.0, "from -3 to 3, got 4")]
+    for name, value, message in [*wrong, ("torque, N m", "2", "must be a number, got '2'")]:
         with pytest.raises(mbd.MechanismError, match=message):
-            widget.values = values
+            widget.values = {name: value}
     assert widget.values == {"torque, N m": 2.0}
 
 

@@ -7,6 +7,7 @@ from importlib.resources import files
 from typing import Any
 
 from ...errors import MechanismError
+from ...model.symbols import number
 from ...numerics.lazy import optional_package
 from .live_model import Slider
 
@@ -43,7 +44,7 @@ def page_widget(html: str, sliders: Sequence[Slider], height: int) -> Any:
                 if name not in limits:
                     raise MechanismError(f"widget: there is no slider '{name}'; there are {_listed(limits)}")
                 low, high = limits[name]
-                if not low <= value <= high:
+                if not low <= number(value, "widget", f"'{name}'") <= high:
                     raise MechanismError(f"widget: '{name}' goes from {low:g} to {high:g}, got {value:g}")
             return self.values | proposal["value"]
 
