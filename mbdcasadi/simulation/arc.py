@@ -171,7 +171,8 @@ class Arc:
         crossings : list of Crossing
             Events up to the instant of the first that decides.
         None
-            If no force jumps there, or if the motion began there and so does not get away from it.
+            If no force jumps there, if the motion began there and so does not get away from it, or if the method steps
+            across jumps by itself: what stops it are forces that turn the motion back on either side.
         """
         if failure.last is None or failure.last_x is None:
             return None
@@ -191,7 +192,9 @@ class Arc:
             crossings = self.crossings_of(further, partial(_same_motion, motion))
             if any(self.decides(crossing.event) for crossing in crossings):
                 return (Path.joined([path, further]) if until == end else path), crossings
-            if border is None or border - self.trail.start <= AT_BORDER * self.watch.instant:
+            if border is None or self.stepper.integrator.runs_whole:
+                return None
+            if border - self.trail.start <= AT_BORDER * self.watch.instant:
                 return None
             return Path.joined([path, self._held_way(motion, start, x, border, path)]), crossings
         except IntegrationFailure:

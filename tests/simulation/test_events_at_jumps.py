@@ -235,3 +235,22 @@ def test_friction_by_the_load_of_a_pin_takes_the_jolt_of_a_damped_rope(method, l
     forces = [mbd.Gravity(), rope, mbd.JointFriction("rub", pin, law, radius=0.05)]
     motion = mbd.simulate(mbd.Mechanism([arm], joints=[pin], forces=forces), np.linspace(0, 0.3, 31), method=method)
     assert motion.final[arm.phi] == pytest.approx(arm_on_a_rope(0.3), abs=1e-4 if law.exact else 1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["idas", "dop853"])
+def test_forces_that_turn_a_motion_back_on_either_side_end_it(method):
+    """A relay whose motion slides along its switching line from where the speed there is below 0.45 m/s.
+
+    It switches first at the speed v, v²/2 = 1 - 0.45 v, and again after 2 (v - 0.45), at 0.134 m/s.
+    """
+    mass = mbd.Body("mass", 1.0, 1.0)
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), mass.at(0, 0))
+    relay = mbd.Force("relay", mass.at(0, 0), (-mbd.sign(mass.x + 0.45 * mass.vx), 0))
+    start = [mass.x == 1, mass.vx == 0]
+    with pytest.raises(mbd.SimulationError) as caught:
+        mbd.simulate(
+            mbd.Mechanism([mass], [guide], forces=[relay]), np.linspace(0, 4, 41), initial=start, method=method
+        )
+    first = np.sqrt(0.45**2 + 2) - 0.45
+    assert caught.value.time == pytest.approx(3 * first - 0.9, abs=0.01)
