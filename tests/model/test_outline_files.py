@@ -301,6 +301,16 @@ def test_blocks_of_dxf(tmp_path):
     assert mbd.Polygon.from_dxf(path, layer="off").area == pytest.approx((6 + 4 + 1) * 100e-6)
 
 
+def test_lines_of_dxf_that_draw_nothing(tmp_path):
+    drawing, path = ezdxf.new(units=ezdxf.units.MM), tmp_path / "a.dxf"
+    space = drawing.modelspace()
+    space.add_lwpolyline([(0, 0), (10, 0), (10, 10), (0, 10)], close=True)
+    space.add_spline()
+    space.add_circle((30, 0), 0)
+    drawing.saveas(path)
+    assert mbd.Polygon.from_dxf(path).area == pytest.approx(100e-6)
+
+
 @pytest.mark.parametrize(("name", "words"), [("missing", '"missing" does not exist'), ("block", "nested too deeply")])
 def test_blocks_of_dxf_that_are_not_there_or_hold_themselves(name, words, tmp_path):
     drawing, path = ezdxf.new(units=ezdxf.units.MM), tmp_path / "a.dxf"

@@ -176,10 +176,14 @@ def _selected(entities: Sequence[_Entity], document: Any, layer: str | None, pat
 
 
 def _lines(entity: Any) -> list[Any]:
-    """Lines and curves of an entity, those of a polyline together; none of texts and the like."""
+    """Lines and curves of an entity, those of a polyline together; none of texts, and of what draws nothing."""
     if entity.dxftype() in ("LWPOLYLINE", "POLYLINE"):
         return [part for part in entity.virtual_entities() if part.dxftype() in ("LINE", "ARC")]
-    return [entity] if entity.dxftype() in ("LINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE") else []
+    if entity.dxftype() == "SPLINE":
+        return [entity] if len(entity.control_points) or len(entity.fit_points) else []
+    if entity.dxftype() in ("ARC", "CIRCLE"):
+        return [entity] if entity.dxf.radius > 0 else []
+    return [entity] if entity.dxftype() in ("LINE", "ELLIPSE") else []
 
 
 def _ends(line: Any) -> np.ndarray:
