@@ -575,6 +575,20 @@ def test_a_kept_number_is_plotted_over_what_was_run(opened):
 
 
 @pytest.mark.slow
+def test_a_long_label_is_shortened_before_its_component(opened):
+    """What tells the forces of a pin apart stays, with the unit."""
+    mechanism, start = four_bar()
+    plots = {"pin between the crank and the coupler, x, rad": mechanism.bodies[0].phi}
+    tab = opened(mechanism, initial=start, plots=plots)
+    tab.evaluate("""() => {
+      const pen = CanvasRenderingContext2D.prototype, write = pen.fillText;
+      window.texts = [];
+      pen.fillText = function (text, ...at) { texts.push(text); write.call(this, text, ...at); };
+    }""")
+    tab.set_viewport_size({"width": 390, "height": 844})
+    tab.wait_for_function("texts.some(text => /^pin .*\u2026, x, rad$/.test(text))")
+
+
 def test_a_linkage_that_comes_apart_stops_and_says_so(opened):
     """A driver pulls a link beyond its reach."""
     link = mbd.Body("link", 1, 0.1, pose=(0.5, 0, 0))

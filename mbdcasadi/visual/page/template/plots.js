@@ -148,13 +148,12 @@ function drawPlots(time, dark) {
   }
 }
 
-// A label in the units that are shown, shortened if what follows would not have room.
+// A label in the units that are shown, shortened before its component if what follows would not have room.
 function fitted(draw, label, unit, room) {
-  let name = parted(label)[0];
-  const whole = name + (unit.name ? ", " + unit.name : "");
-  if (draw.measureText(whole).width <= room) return whole;
-  while (name && draw.measureText(name + "\u2026, " + unit.name).width > room) name = name.slice(0, -1);
-  return name.trimEnd() + "\u2026" + (unit.name ? ", " + unit.name : "");
+  const name = parted(label)[0], [whole, component] = parted(name), end = (component ? ", " + component : "") + (unit.name ? ", " + unit.name : "");
+  let begin = whole;
+  while (begin && draw.measureText(begin + (begin === whole ? "" : "\u2026") + end).width > room) begin = begin.slice(0, -1);
+  return begin === whole ? whole + end : begin.trimEnd() + "\u2026" + end;
 }
 
 function drawAxes(draw, plot, theme) {
