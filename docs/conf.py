@@ -56,6 +56,8 @@ autodoc_docstring_signature = False
 numpydoc_show_class_members = False
 numpydoc_attributes_as_param_list = True
 numpydoc_xref_param_type = True
+# terms of Python's glossary, which is on another site
+numpydoc_xref_aliases = {"bool": "bool", "sequence": "collections.abc.Sequence", "iterable": "collections.abc.Iterable"}
 numpydoc_xref_ignore = set("optional default of or and in if to from it the them expression".split())
 
 html_theme = "furo"
