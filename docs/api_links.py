@@ -18,6 +18,8 @@ import mbdcasadi as mbd
 HERE = Path(__file__).resolve().parent
 #: Lines of the longest statement that is shown.
 LONGEST = 8
+#: Statements that are shown.
+SHOWN = (ast.Assign, ast.Expr)
 #: Pages whose code spans become links.
 LINKED = ("overview",)
 FENCE = re.compile(r"^```python[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -49,9 +51,10 @@ def uses() -> dict[str, tuple[str, str]]:
     for kind in sources():
         shortest: dict[str, tuple[str, str]] = {}
         for place, code in kind:
-            for statement in (node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.stmt)):
-                text = inspect.cleandoc(ast.get_source_segment(code, statement) or "")
-                if text.count("\n") >= LONGEST or isinstance(statement, ast.FunctionDef | ast.ClassDef | ast.Assert):
+            lines = code.splitlines()
+            for statement in (node for node in ast.walk(ast.parse(code)) if isinstance(node, SHOWN)):
+                text = inspect.cleandoc("\n".join(lines[statement.lineno - 1 : statement.end_lineno]))
+                if text.count("\n") >= LONGEST:
                     continue
                 for name in set(re.findall(r"\bmbd\.(\w+)(?=[(.])", text)):
                     if name not in shortest or len(text) < len(shortest[name][0]):
