@@ -339,9 +339,7 @@ class Refined(Interpolation):
         """Instants in steps."""
         return Places(steps.span[k], *self._moments(steps.span[k], steps.t0[k], steps.t1[k], times))
 
-    def _refined(
-        self, number: int, times: np.ndarray | None, start: float = -np.inf, end: float = np.inf
-    ) -> _Steps:
+    def _refined(self, number: int, times: np.ndarray | None, start: float = -np.inf, end: float = np.inf) -> _Steps:
         """The steps of a block, good ones at times or, without these, between two times."""
         steps = self._block(number)
         while True:
@@ -490,9 +488,7 @@ class Refined(Interpolation):
         last = States(*joined)
         for whole, known in zip(last, stored, strict=True):
             whole[ends[:count]] = known[:count]
-        first = States(
-            *(np.vstack([x[None], y[:-1]]) for x, y in zip(stretch.state, last, strict=True))
-        )
+        first = States(*(np.vstack([x[None], y[:-1]]) for x, y in zip(stretch.state, last, strict=True)))
         length = (steps.t1 - steps.t0)[bad, None]
         change = np.abs(np.diff(np.hstack([off.v, off.z]), axis=0, prepend=0.0))
         joined = (2 * change / length + steps.joined[bad])[step]
