@@ -101,6 +101,7 @@ if _typing.TYPE_CHECKING:
     from .optimal_control.stability import stability
     from .optimal_control.statement.phase import Phase, Waypoint
     from .optimal_control.statement.placeholders import absolute, at_end, at_start, integral, positive_part
+    from .optimal_control.statement.time_span import between
     from .optimal_control.transcription import GaussLegendre, HermiteSimpson, Transcription
     from .optimal_control.transcription.points import CollocationPoint
     from .sensitivity.cost import CostFunction, cost_function
@@ -136,6 +137,7 @@ _LATER = {
     "optimal_control.optimize": "optimize",
     "optimal_control.statement.phase": "Phase Waypoint",
     "optimal_control.statement.placeholders": "absolute at_end at_start integral positive_part",
+    "optimal_control.statement.time_span": "between",
     "optimal_control.problem": "OptimalControlProblem",
     "optimal_control.motion.return_map": "Stability",
     "optimal_control.solution": "Solution read_solution",
@@ -178,9 +180,9 @@ __all__ = [
     "SampledController", "Segment", "Sensitivities", "ShakingForce", "Shape", "SimulationError", "SingularityError",
     "Smoothing", "Solution", "Stability", "State", "StateVariable", "Stribeck", "Sweep", "Torque", "Trajectory",
     "Transcription", "Translational", "ValidityCondition", "Viscous", "Waypoint", "Weld", "absolute", "animate",
-    "assemble", "at_end", "at_start", "bounded", "check", "cost_function", "draw", "dwell", "equations", "equilibrium",
-    "equilibrium_path", "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness", "identify",
-    "impact", "integral", "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize", "optimize",
+    "assemble", "at_end", "at_start", "between", "bounded", "check", "cost_function", "draw", "dwell", "equations",
+    "equilibrium", "equilibrium_path", "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness",
+    "identify", "impact", "integral", "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize", "optimize",
     "plot", "plot_energy", "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution", "positive_part",
     "read_acf", "read_adm", "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities",
     "shaking_force", "simulate", "stability", "sweep", "t", "time_derivative",

@@ -118,6 +118,8 @@ class _Reader:
             return self.read(part.__func__), self.read(part.__self__)
         if isinstance(part, ca.DM | ca.Sparsity | ca.Function):
             return kind, part.serialize()
+        if isinstance(part, tuple) and kind.__dictoffset__:
+            return kind, self.read(tuple(part)), self._attributes(part)
         if isinstance(part, Enum):
             return part
         if _is_plain(kind) and not hasattr(part, "this"):  # CasADi's own objects have such a pointer

@@ -19,9 +19,10 @@ from ..results.state import State
 from .poses.consistency import check_conditions
 from .statement.compiled import CompiledProblem
 from .statement.cost_parts import CostParts, parameter_parts, split_along_path
-from .statement.phase import Phase, Waypoint, read_cost, span_text, time_span
+from .statement.phase import Phase, Waypoint, read_cost
 from .statement.placeholders import PARTS, placeholders_in, with_values
 from .statement.statement import ProblemStatement
+from .statement.time_span import span_text, time_span
 
 
 class OptimalControlProblem(ProblemStatement):
@@ -31,8 +32,8 @@ class OptimalControlProblem(ProblemStatement):
     ----------
     mechanism : Mechanism
         Model, the same that is simulated; its inputs are free. Left out if `phases` are given.
-    duration : float or (float, float)
-        Time of the motion, s; two numbers: free between them.
+    duration : float, (float, float) or between
+        Time of the motion, s; two numbers: free between them, with :func:`between` from a guess.
     initial : sequence of relations, or State
         Conditions at the start; what is not stated is free, a state fixes everything. First-order states
         that are not stated, such as the current of a motor, are free, too, while :func:`mbdcasadi.simulate` takes

@@ -31,7 +31,7 @@ from ..statement.phase import Phase, read_state_or_conditions
 from ..transcription.mesh import Mesh
 from .change import ChangeSetup, numeric_at
 from .collocation_program import CollocationProgram, Held
-from .setup import PhaseSetup, Settings, typical_duration
+from .setup import PhaseSetup, Settings
 
 #: Distance of the first key pose from the start, as a share of the coordinates, from which it is another one.
 START_MOVED = 1e-9
@@ -145,7 +145,7 @@ class ProblemSetup:
     def _set_up(self, numerics: list[NumericEquations], signals: Signals) -> None:
         """Make the setups of phases and changes; phases that meet do so at key poses, assembled together."""
         problem, phases = self.problem, self.problem.phases
-        durations = [0.0 if phase.is_instant else typical_duration(phase) for phase in phases]
+        durations = [0.0 if phase.is_instant else phase.span.typical for phase in phases]
         usual, ends = float(np.median([d for d in durations if d > 0])), np.cumsum(durations)
         spans = list(zip((ends - durations).tolist(), ends.tolist(), strict=True))
         poses = self._key_poses(numerics, spans) if len(phases) > 1 else None
@@ -189,7 +189,7 @@ class ProblemSetup:
     def _free_path(self, numerics: list[NumericEquations], signals: Signals) -> KinematicPath:
         """Poses of the only phase; with other values of free parameters if a place is not reached without."""
         problem, phase = self.problem, self.problem.phases[0]
-        times = phase.segment_times(typical_duration(phase))
+        times = phase.segment_times(phase.span.typical)
 
         def path(**how: Any) -> KinematicPath:
             return kinematic_path(problem, phase, numerics[0], self.start, times, values=self._free, **how)

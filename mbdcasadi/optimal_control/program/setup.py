@@ -103,12 +103,6 @@ def is_open_chain(problem: OptimalControlProblem) -> bool:
     return bool(chains) and all(map(is_chain_in_angles, chains))
 
 
-def typical_duration(phase: Phase) -> float:
-    """Return the duration of a phase to begin with, s."""
-    low, high = phase.span
-    return high if low == high else (low * high) ** 0.5 if low > 0 else high / 2
-
-
 class PhaseSetup:
     """Ends, sizes and transcription of a phase, with its equations at the parameters that are given.
 
@@ -145,7 +139,7 @@ class PhaseSetup:
 
     def _path(self, problem: OptimalControlProblem) -> KinematicPath:
         phase = self.phase
-        return kinematic_path(problem, phase, self.numeric, self.start, phase.segment_times(typical_duration(phase)))
+        return kinematic_path(problem, phase, self.numeric, self.start, phase.segment_times(phase.span.typical))
 
     def _scales(self, problem: OptimalControlProblem, time: float | None) -> tuple[Scales, np.ndarray]:
         span = float(self.path.segment_times[-1] - self.path.segment_times[0])

@@ -17,7 +17,7 @@ from ...model.immutable import Immutable
 from ...model.mechanism import Mechanism
 from ...model.quantities import entries, is_relation, quantity
 from ...model.rates import time_derivative
-from ...model.symbols import Parameter, Scalar, as_sx, check_name, number, place_of, role_of, symbols_of
+from ...model.symbols import Parameter, Scalar, as_sx, check_name, place_of, role_of, symbols_of
 from ...model.symbols import t as time
 from ...model.texts import text_of
 from ...numerics.lazy import cached_property
@@ -26,6 +26,7 @@ from ...results.state import Conditions, State
 from .cost_parts import CostParts, parameter_parts, split_along_path
 from .placeholders import marked, markers_of
 from .state_conditions import independent_state_conditions
+from .time_span import span_text, time_span
 
 #: Kinds of symbols whose values positions, velocities and first-order states do not decide.
 BEYOND_STATES = ("acceleration", "multiplier", "impulse", "input", "input rate")
@@ -36,8 +37,8 @@ class Waypoint(Immutable):
 
     Parameters
     ----------
-    time : float or (float, float)
-        Time, s; two numbers: free between them.
+    time : float, (float, float) or between
+        Time, s; two numbers: free between them, with :func:`between` from a guess.
     conditions : sequence of relations, or State, default ()
         A state fixes coordinates and velocities, those of a resting pose for instance. Relations are in any expression
         of the model; accelerations, reactions and inputs are those just before that time. Without conditions, a
@@ -99,8 +100,9 @@ class Phase(Immutable):
         Name in messages.
     mechanism : Mechanism
         Model; its inputs are free.
-    duration : float or (float, float)
-        Time of the phase, s; two numbers: free between them. 0: the state just after a change, such as a touch-down.
+    duration : float, (float, float) or between
+        Time of the phase, s; two numbers: free between them, with :func:`between` from a guess. 0: the state just
+        after a change, such as a touch-down.
     initial, final : sequence of relations, or State
         Conditions at the start and at the end; a state fixes everything, anything not stated is free. Those at the
         start hold just after the change into the phase, and may contain impulses; those at the end just before the
@@ -120,8 +122,8 @@ class Phase(Immutable):
     ----------
     equations : Equations
         Equations of motion of the mechanism.
-    span : tuple of float
-        Limits of the duration, s.
+    span : TimeSpan
+        Limits of the duration, s, with the guess that was given.
     duration : expression
         Duration, for boundary conditions and the terminal cost.
     """
@@ -244,28 +246,29 @@ class Phase(Immutable):
         return p, ca.vertcat(ca.SX(0, 1), *extra)
 
     def segment_times(self, duration: float) -> np.ndarray:
-        """Return times of start, waypoints and end to begin with: free ones in the middle of their range."""
+        """Return times of start, waypoints and end to begin with: free ones at their guess, or else evenly spaced.
+
+        Guesses move with the duration, as a share of the one to begin with.
+        """
         times = [0.0]
         spans = [w.time for w in self.waypoints]
-        for k, (low, high) in enumerate(spans):
+        for k, ((low, high), guess) in enumerate((span, span.guess) for span in spans):
             latest = min([duration, *[s[1] for s in spans[k + 1 :]]])
             high, low = min(high, latest), max(low, times[-1])
             remaining = len(spans) - k + 1  # segments that are still to come
             even = times[-1] + (latest - times[-1]) / remaining
-            times.append(low if low == high else float(np.clip(even, low, high)))
+            wanted = even if guess is None else guess * duration / self.span.typical
+            times.append(low if low == high else float(np.clip(wanted, low, high)))
         times.append(duration)
         if np.any(np.diff(times) <= 0):
-            raise ModelError(f"the times of the waypoints {times[1:-1]} leave no motion between them")
+            raise ModelError(
+                f"the times of the waypoints {times[1:-1]} leave no motion between them in a duration of "
+                f"{duration:g} s; for free ones mbd.between(…, guess=…) gives other times to begin with"
+            )
         return np.array(times)
 
     def __repr__(self) -> str:
         return f"Phase({self.name!r}, {self.mechanism!r}, duration {span_text(self.span)})"
-
-
-def span_text(span: tuple[float, float]) -> str:
-    """Return a time, or a range of times, in words."""
-    low, high = span
-    return f"{low:g} s" if low == high else f"{low:g} … {high:g} s"
 
 
 def on_states(conditions: Sequence[Condition]) -> list[Condition]:
@@ -344,26 +347,6 @@ def read_state_or_conditions(end: Any, mechanism: Mechanism) -> State | tuple[Co
         if next(hashes) != next(hashes):
             raise ModelError(f"OptimalControlProblem: the state belongs to {end.mechanism!r}, not to {mechanism!r}")
     return end
-
-
-def time_span(value: Any, what: str, name: str, *, instant: bool = False) -> tuple[float, float]:
-    """Return a time or a range of times as ``(lower, upper)``; `instant` allows a duration of 0."""
-    if isinstance(value, ca.SX):
-        raise ModelError(
-            f"{what}: {name} is a number or a pair (lower, upper), not an expression; a pair is free between"
-        )
-    try:
-        low, high = value
-    except TypeError:
-        low = high = value
-    except ValueError:
-        raise ModelError(f"{what}: {name} is a number or a pair (lower, upper), got {value!r}") from None
-    low, high = number(low, what, name), number(high, what, name)
-    if instant and low == high == 0:
-        return 0.0, 0.0
-    if low < 0 or high < low or high == 0:
-        raise ModelError(f"{what}: {name} must be positive and the limits in order, got {value!r}")
-    return low, high
 
 
 def _read_waypoints(waypoints: Any, duration: tuple[float, float]) -> tuple[Waypoint, ...]:
