@@ -182,10 +182,10 @@ __all__ = [
     "Transcription", "Translational", "ValidityCondition", "Viscous", "Waypoint", "Weld", "absolute", "animate",
     "assemble", "at_end", "at_start", "between", "bounded", "check", "cost_function", "draw", "dwell", "equations",
     "equilibrium", "equilibrium_path", "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness",
-    "identify", "impact", "integral", "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize", "optimize",
-    "plot", "plot_energy", "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution", "positive_part",
-    "read_acf", "read_adm", "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities",
-    "shaking_force", "simulate", "stability", "sweep", "t", "time_derivative",
+    "identify", "impact", "integral", "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize",
+    "optimize", "plot", "plot_energy", "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution",
+    "positive_part", "read_acf", "read_adm", "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise",
+    "sensitivities", "shaking_force", "simulate", "stability", "sweep", "t", "time_derivative",
 ]  # fmt: skip
 __all__ += _expressions.__all__
 
