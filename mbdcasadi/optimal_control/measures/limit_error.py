@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..motion.held_limits import passed_limits, size_of
+from ..motion.held_limits import passed_limits
 from ..motion.phase_solution import PhaseSolution
 from .measure import Measure
 
@@ -17,11 +17,10 @@ class PassedLimits(Measure):
     def of(self, part: PhaseSolution) -> np.ndarray:
         """Shares of the intervals of a phase (N,)."""
         shares = np.zeros(part.mesh.count)
-        for limit, intervals, times, values in part.excess_of_motion:
-            most = np.argmax(values, axis=1)[:, None]
-            amounts, at = (np.take_along_axis(x, most, axis=1).ravel() for x in (values, times))
-            passed = [a / size_of(part, limit, float(t)) if a > 0 else 0.0 for a, t in zip(amounts, at, strict=True)]
-            shares[intervals] = np.maximum(shares[intervals], passed)
+        for excess in part.excess_of_motion:
+            most = np.argmax(excess.values, axis=1)[:, None]
+            amounts, sizes = (np.take_along_axis(x, most, axis=1).ravel() for x in (excess.values, excess.sizes))
+            shares[excess.intervals] = np.maximum(shares[excess.intervals], np.maximum(amounts, 0.0) / sizes)
         return shares
 
     def order(self, part: PhaseSolution) -> int:

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import casadi as ca
 import numpy as np
 
 from ...errors import warn
 from ...model.conditions import Condition
-from .limit_excess import POINTS
+from .limit_excess import POINTS, sides_of_limit
 from .phase_solution import PhaseSolution
 from .solved_motion import SolvedMotion
 
@@ -48,9 +47,9 @@ def points_to_hold(solution: SolvedMotion, tolerance: float = LIMIT_TOLERANCE) -
         if not part.mesh.count:  # a phase of no duration
             continue
         limits, excess = part.program.limits_at_points, part.excess_of_polynomials
-        for limit, values in zip(limits, np.moveaxis(excess, 2, 0), strict=True):
+        for place, (limit, values) in enumerate(zip(limits, np.moveaxis(excess, 2, 0), strict=True)):
             i, j = np.unravel_index(int(np.argmax(values)), values.shape)
-            if values[i, j] > tolerance * size_of(part, limit, part.time_at(int(i), int(j) / (POINTS - 1))):
+            if values[i, j] > tolerance * part.limit_values(i, j / (POINTS - 1))[1][0, place]:
                 points |= {(number, limit.label, tau) for tau in _places(part, limit, values)}
     return points
 
@@ -59,13 +58,15 @@ def passed_limits(solution: SolvedMotion, tolerance: float = LIMIT_TOLERANCE) ->
     """Return the limits that the motion of a solution passes by more than a share of their sizes."""
     passed = []
     for number, part in enumerate(solution.phases):
-        for limit, _, times, values in part.excess_of_motion:
+        for excess in part.excess_of_motion:
+            limit, values = excess.limit, excess.values
             worst = np.unravel_index(int(np.argmax(values)), values.shape)
-            time, amount = float(times[worst]), float(values[worst])
-            share = amount / size_of(part, limit, time) if amount > 0 else 0.0
+            amount = float(values[worst])
+            share = amount / float(excess.sizes[worst]) if amount > 0 else 0.0
             if share > tolerance:
+                times = part.times_at(excess.intervals[:, None], excess.taus)
                 missing = _missing(part, limit, times, values) if limit.definition else None
-                passed.append(PassedLimit(number, limit.label, amount, share, time, missing))
+                passed.append(PassedLimit(number, limit.label, amount, share, float(times[worst]), missing))
     return passed
 
 
@@ -83,27 +84,10 @@ def _places(part: PhaseSolution, limit: Condition, values: np.ndarray) -> set[fl
     return {float(taus[np.argmax(row)]) for row in inside if np.max(row) > most / 2}
 
 
-def size_of(part: PhaseSolution, limit: Condition, time: float) -> float:
-    """Return the size of a limit at a time: the larger of its sides, or its typical size if one of them is zero."""
-    sides, typical = _sides(limit), part.program.condition_sizes[limit]
-    if len(sides) == 1 or any(side.is_zero() for side in sides):
-        return typical
-    return float(np.max(np.abs(part.trajectory.at(time)[ca.vertcat(*sides)]))) or typical
-
-
-def _sides(limit: Condition) -> list[ca.SX]:
-    """Both sides of a limit, or its expression if that is no difference."""
-    expression = limit.expression
-    while expression.op() == ca.OP_NEG:  # CasADi's form of -x + c
-        expression = expression.dep(0)
-    is_difference = expression.n_dep() == 2 and expression.op() in (ca.OP_SUB, ca.OP_ADD)
-    return [expression.dep(0), expression.dep(1)] if is_difference else [expression]
-
-
 def _missing(part: PhaseSolution, limit: Condition, times: np.ndarray, values: np.ndarray) -> float:
     """Integral of what a limit is passed by, as a share of that of its larger side."""
     motion = part.trajectory
-    larger = np.max(np.abs([motion[side] for side in _sides(limit)]), axis=0)
+    larger = np.max(np.abs([motion[side] for side in sides_of_limit(limit)]), axis=0)
     short = _integral(np.maximum(values, 0.0), times)
     return short / _integral(larger, motion.t) if short else 0.0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -22,7 +23,7 @@ from ..transcription.mesh import Mesh
 from ..transcription.motion import OptimalMotion, Polynomials
 from .growth import Growth, growth
 from .guess import PhaseGuess, guess_from_motion
-from .limit_excess import POINTS, Excess, excess_of_motion, intervals_near
+from .limit_excess import POINTS, Excess, excess_of_motion, intervals_near, larger_side
 from .reintegration import end_differences, inner_errors
 
 #: Points of an interval at which the size of a running cost is looked at.
@@ -99,10 +100,48 @@ class PhaseSolution:
         if not limits or not count:
             return np.zeros((count, POINTS, len(limits)))
         k, tau = np.repeat(np.arange(count), POINTS), np.tile(np.linspace(0, 1, POINTS), count)
+        return self._limits_by_polynomials(k, tau)[0].reshape(count, POINTS, len(limits))
+
+    def _limits_by_polynomials(self, k: np.ndarray, tau: np.ndarray) -> list[np.ndarray]:
+        """Values of the limits and of their larger sides at points of intervals, each (k, limits)."""
         kept = self.program.scheme.constraints.kept
-        evaluator = kept.get_or_create("limits", lambda: self._evaluator([stacked(limits)]))
-        (values,) = self._evaluated(evaluator, k, tau)
-        return values.T.reshape(count, POINTS, len(limits))
+        evaluator = kept.get_or_create("limits", lambda: self._evaluator(self._limits_and_sides))
+        return list(evaluator.rows(*self.polynomials.unknowns(k, tau), self.extra))
+
+    @property
+    def _limits_and_sides(self) -> list[ca.SX]:
+        limits = self.program.limits_at_points
+        return [stacked(limits), ca.vertcat(ca.SX(0, 1), *map(larger_side, limits))]
+
+    def limit_values(self, k: Any, tau: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Return values and sizes of the limits by the motion at points of intervals, each (k, limits).
+
+        A size is the larger of the sides, or the typical one if one of them is zero.
+        """
+        k, tau = np.atleast_1d(k), np.atleast_1d(tau)
+        limits = self.program.limits_at_points
+        if self.program.scheme.eom.rows or any(c.depends_on("acceleration", "multiplier") for c in limits):
+            values, sides = self._limits_by_motion(k, tau)
+        else:  # nothing moves the polynomials onto constraints
+            values, sides = self._limits_by_polynomials(k, tau)
+        typical = np.array([self.program.condition_sizes[c] for c in limits])
+        return values, np.where(sides > 0, sides, typical)
+
+    def _limits_by_motion(self, k: np.ndarray, tau: np.ndarray) -> list[np.ndarray]:
+        # up to just before the next mesh point, since what jumps there belongs to the interval that ends
+        times = np.minimum(self.times_at(k, tau), np.nextafter(self.mesh_times[k + 1], -np.inf))
+        motion, kept = self.trajectory.at(times), self.program.scheme.constraints.kept
+        *states, p = motion.arguments
+        evaluator = kept.get_or_create(
+            "limits of a motion",
+            lambda: Evaluator(
+                ca.Function("limits", self.program.arguments, list(map(ca.densify, self._limits_and_sides)))
+            ),
+        )
+        values, sides = evaluator.rows(*states, self.polynomials.input_rates(times), p, self.extra)
+        if np.isnan(values).any():
+            motion[stacked(self.program.limits_at_points)]  # an error that names the expression
+        return [values, sides]
 
     @property
     @symbolic
@@ -123,7 +162,7 @@ class PhaseSolution:
         limits = self.program.limits_at_points
         sizes = np.array([self.program.condition_sizes[limit] for limit in limits])
         near = intervals_near(self.excess_of_polynomials, sizes)
-        return list(excess_of_motion(self.trajectory, self.mesh_times, near, limits)) if near.size else []
+        return list(excess_of_motion(self.limit_values, near, limits)) if near.size else []
 
     @property
     def stopped(self) -> np.ndarray:
@@ -141,6 +180,12 @@ class PhaseSolution:
     def duration(self) -> float:
         """Time of the phase, s."""
         return float(self.segment_times[-1] - self.segment_times[0])
+
+    def times_at(self, k: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """Return the times at points of intervals, s."""
+        begin = self.mesh_times[k]
+        times: np.ndarray = begin + tau * (self.mesh_times[k + 1] - begin)
+        return times
 
     def time_at(self, interval: int, tau: float) -> float:
         """Return the time at a point of an interval, s."""

@@ -15,7 +15,7 @@ from ...assembly.consistent_start import consistent_start
 from ...assembly.pose import PoseProblem
 from ...equations.numeric import NumericEquations
 from ...errors import AssemblyError, ConditionError, ModelError
-from ...model.conditions import Condition
+from ...model.conditions import Condition, stacked
 from ...model.mechanism import Mechanism
 from ...model.symbols import Symbol, symbols_of
 from ...numerics.console import without_warnings
@@ -215,8 +215,11 @@ def _random_poses(numeric: NumericEquations) -> Iterator[np.ndarray]:
 
 def _excess(limits: Iterable[Condition], state: State) -> dict[Condition, tuple[float, float]]:
     """Values of limits in a state, each with its size."""
-    parts = {c: c.expression.dep(0) if c.expression.n_dep() else ca.SX(0) for c in limits}
-    return {c: (float(state[c.expression]), 1 + abs(float(state[x]))) for c, x in parts.items()}
+    listed = list(limits)
+    parts = [c.expression.dep(0) if c.expression.n_dep() else ca.SX(0) for c in listed]
+    values = state[ca.vertcat(stacked(listed), *parts)].ravel() if listed else np.zeros(0)
+    excess, sizes = np.split(values, 2)
+    return dict(zip(listed, zip(excess.tolist(), (1 + np.abs(sizes)).tolist(), strict=True), strict=True))
 
 
 def _broken(values: dict[Condition, tuple[float, float]]) -> dict[Condition, tuple[float, float]]:
