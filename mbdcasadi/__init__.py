@@ -92,6 +92,7 @@ if _typing.TYPE_CHECKING:
     from .identification.data import Experiment, IdentificationError
     from .identification.fit import Fit
     from .identification.identify import identify
+    from .integrators.stepping import IntegratorStep, RunEquations, SteppingMethod
     from .linear.linearize import linearize
     from .linear.model import LinearModel
     from .optimal_control.motion.return_map import Stability
@@ -132,6 +133,7 @@ _LATER = {
     "identification.data": "Experiment IdentificationError",
     "identification.fit": "Fit",
     "identification.identify": "identify",
+    "integrators.stepping": "IntegratorStep RunEquations SteppingMethod",
     "linear.linearize": "linearize",
     "linear.model": "LinearModel",
     "optimal_control.optimize": "optimize",
@@ -172,20 +174,21 @@ __all__ = [
     "EquilibriumPath", "Event", "Experiment", "ExpressionError", "FieldForce", "FileError", "FirstOrderLag", "Fit",
     "Force", "FrictionLaw", "GasSpring", "GaussLegendre", "Gear", "GeneralizedForce", "Glyph", "Gravity", "HalfPlane",
     "HermiteSimpson", "HollowCircle", "HuntCrossley", "HydraulicCylinder", "IdentificationError", "Input", "Integrator",
-    "Interrupted", "Joint", "JointFriction", "KnifeEdge", "LinearModel", "LoadIndependentFriction", "LuGre", "Marker",
-    "Mechanism", "MechanismError", "MechanismWarning", "ModelError", "MotionProgram", "NonholonomicConstraint",
-    "OptimalControlProblem", "OptimizationError", "PIController", "Parameter", "Phase", "Point", "PointOnCurve",
-    "PointOnLine", "Polygon", "PolygonEdges", "RackAndPinion", "Reaction", "Rectangle", "RelativeAngle", "RelativeX",
-    "RelativeY", "Report", "Resistance", "Revolute", "Rod", "Rolling", "Rope", "Rosenbrock", "RungeKutta",
-    "SampledController", "Segment", "Sensitivities", "ShakingForce", "Shape", "SimulationError", "SingularityError",
-    "Smoothing", "Solution", "Stability", "State", "StateVariable", "Stribeck", "Sweep", "Torque", "Trajectory",
-    "Transcription", "Translational", "ValidityCondition", "Viscous", "Waypoint", "Weld", "absolute", "animate",
-    "assemble", "at_end", "at_start", "between", "bounded", "check", "cost_function", "draw", "dwell", "equations",
-    "equilibrium", "equilibrium_path", "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness",
-    "identify", "impact", "integral", "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize",
-    "optimize", "plot", "plot_energy", "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution",
-    "positive_part", "read_acf", "read_adm", "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise",
-    "sensitivities", "shaking_force", "simulate", "stability", "sweep", "t", "time_derivative",
+    "IntegratorStep", "Interrupted", "Joint", "JointFriction", "KnifeEdge", "LinearModel", "LoadIndependentFriction",
+    "LuGre", "Marker", "Mechanism", "MechanismError", "MechanismWarning", "ModelError", "MotionProgram",
+    "NonholonomicConstraint", "OptimalControlProblem", "OptimizationError", "PIController", "Parameter", "Phase",
+    "Point", "PointOnCurve", "PointOnLine", "Polygon", "PolygonEdges", "RackAndPinion", "Reaction", "Rectangle",
+    "RelativeAngle", "RelativeX", "RelativeY", "Report", "Resistance", "Revolute", "Rod", "Rolling", "Rope",
+    "Rosenbrock", "RunEquations", "RungeKutta", "SampledController", "Segment", "Sensitivities", "ShakingForce",
+    "Shape", "SimulationError", "SingularityError", "Smoothing", "Solution", "Stability", "State", "StateVariable",
+    "SteppingMethod", "Stribeck", "Sweep", "Torque", "Trajectory", "Transcription", "Translational",
+    "ValidityCondition", "Viscous", "Waypoint", "Weld", "absolute", "animate", "assemble", "at_end", "at_start",
+    "between", "bounded", "check", "cost_function", "draw", "dwell", "equations", "equilibrium", "equilibrium_path",
+    "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness", "identify", "impact", "integral",
+    "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize", "optimize", "plot", "plot_energy",
+    "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution", "positive_part", "read_acf", "read_adm",
+    "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities", "shaking_force", "simulate",
+    "stability", "sweep", "t", "time_derivative",
 ]  # fmt: skip
 __all__ += _expressions.__all__
 

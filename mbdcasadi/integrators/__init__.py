@@ -34,10 +34,10 @@ def as_integrator(
 
     Parameters
     ----------
-    method : str or Integrator
-        A name of :data:`INTEGRATORS`, or an integrator, which carries its own settings.
+    method : str, Integrator or a class of these
+        A name of :data:`INTEGRATORS`, a class, or an integrator, which carries its own settings.
     reltol, abstol, jit, options
-        Settings of one that is given by name.
+        Settings of one that is given by name or class.
     besides : tuple of str
         Further names to list in the message of an error.
 
@@ -55,7 +55,8 @@ def as_integrator(
                 "settings; give them there"
             )
         return method
-    kind = _BY_NAME.get(method) if isinstance(method, str) else None
+    given = isinstance(method, type) and issubclass(method, Integrator)
+    kind: type[Integrator] | None = method if given else _BY_NAME.get(method) if isinstance(method, str) else None
     if kind is None:
         names = ", ".join((*_BY_NAME, *besides))
         raise SimulationError(f"method must be one of {names}, or an integrator such as IDAS(), got {method!r}")

@@ -46,7 +46,7 @@ class Integrator(Immutable):
     name : str
         Name for ``method=``.
     plugin : str
-        Name of the integrator in CasADi.
+        Name of the integrator in CasADi; empty for a method that is none of these.
     solves_algebraic : bool
         True if it takes algebraic unknowns, as bodies without mass and forces that depend on reactions need.
     is_multistep : bool
@@ -59,8 +59,6 @@ class Integrator(Immutable):
     runs_whole : bool
         True if it runs in code of this package over a whole run, finds what happens inside its steps, and returns
         states on the constraints.
-    runs_piecewise : bool
-        True if it runs in code of this package over pieces, in the place of an integrator of CasADi.
     error_at_switches : float
         Error of steps across what switches in the state, as the touch of a contact, over its estimate: tolerances are
         tightened by it for equations that do.
@@ -75,13 +73,12 @@ class Integrator(Immutable):
     """
 
     name: ClassVar[str]
-    plugin: ClassVar[str]
+    plugin: ClassVar[str] = ""
     solves_algebraic: ClassVar[bool] = True
     is_multistep: ClassVar[bool] = False
     stops_by_input: ClassVar[bool] = True
     quadratures_in_error_test: ClassVar[bool] = True
     runs_whole: ClassVar[bool] = False
-    runs_piecewise: ClassVar[bool] = False
     error_at_switches: ClassVar[float] = 1.0
     stable_decay: ClassVar[float] = float("inf")
 
@@ -163,7 +160,17 @@ class Integrator(Immutable):
         ----------
         algebraic : bool
             True if there are algebraic unknowns.
+
+        Raises
+        ------
+        SimulationError
+            For a method that is no integrator of CasADi.
         """
+        if not self.plugin:
+            raise SimulationError(
+                f'method="{self.name}" runs in code of its own and is no CasADi function, as sweeps and derivatives '
+                'need it; take method="idas"'
+            )
         settings = {"reltol": self.reltol, "abstol": self.abstol, "show_eval_warnings": False, "error_on_fail": False}
         return settings | self._compiler_options | dict(self.options)
 
@@ -174,6 +181,16 @@ class Integrator(Immutable):
         flags = {"compiler": " ".join(required_compiler().command), "flags": ["-O2"], "verbose": False}
         return {"jit": True, "compiler": "shell", "jit_options": flags}
 
+    def over_pieces(self, forms: Any) -> Any:
+        """Return what integrates over pieces of a run in the place of an integrator of CasADi; None for such a one.
+
+        Parameters
+        ----------
+        forms : Forms
+            The equations.
+        """
+        return None
+
     def __repr__(self) -> str:
         parts = [f"reltol={self.reltol:g}", f"abstol={self.abstol:g}"]
         parts += [f"max_step={self.max_step:g}"] if self.max_step is not None else []
@@ -183,9 +200,8 @@ class Integrator(Immutable):
 
 
 class NativeMethod(Integrator):
-    """Base class of methods that run in code of this package: they take no options, and no algebraic unknowns."""
+    """Base class of methods in code of their own: they take no options, and no algebraic unknowns."""
 
-    plugin: ClassVar[str] = ""
     solves_algebraic: ClassVar[bool] = False
 
 

@@ -12,6 +12,7 @@ close to each other are outputs.
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -23,6 +24,7 @@ from ..numerics.console import Interruption, quiet
 from ..numerics.evaluation import Evaluator, by_buffers
 from .base import Integrator
 from .failures import flag_of, last_line
+from .native.stretch import ExplicitSystem
 
 #: Steps that an integrator may take between two outputs, at first and at most.
 FEW_STEPS, MAX_STEPS = 5_000, 200_000
@@ -109,6 +111,31 @@ class Dae:
     alg: Any
     quad: Any = field(default_factory=lambda: ca.SX(0, 1))
     part: PartOfState | None = None
+
+
+@dataclass(frozen=True)
+class Forms:
+    """The equations of a run in the forms that methods take, which are made when they are asked for.
+
+    Attributes
+    ----------
+    equations : Equations
+        The equations.
+    input : casadi.Function
+        ``(t, q, v, z, p, levels, channel) -> u``.
+    integrands : casadi.SX
+        What is integrated along the motion, in the symbols of the equations.
+    forward : callable
+        Return the function ``(t, q, v, z, u, p) -> (a, lam)``.
+    explicit : callable
+        Return the explicit system with its slopes, of bodies that no joint holds.
+    """
+
+    equations: Any
+    input: ca.Function
+    integrands: ca.SX
+    forward: Callable[[], ca.Function]
+    explicit: Callable[[], ExplicitSystem]
 
 
 class IntegrationFailure(Exception):
@@ -210,8 +237,11 @@ class CompiledIntegrator:
     failure and no flag; a clock ``dτ/dτ = 1`` among the states reports it.
     """
 
+    #: states that are integrated, if they are not all
+    part: PartOfState | None = None
+
     def __init__(self, dae: Dae, integrator: Integrator):
-        self.dae, self.integrator = dae, integrator
+        self.part, self.integrator = dae.part, integrator
         clock = type(dae.x).sym("clock")
         length = dae.clock.length
         ode, alg, quad = dae.ode, dae.alg, dae.quad
@@ -361,7 +391,7 @@ class CompiledIntegrator:
         inputs = self.inputs(problem.u, problem.stops, times.size)
         least_steps = self.least_steps(length, problem.max_step)
         function = self.function(fractions, groups=inputs["groups"], steps=steps, least_steps=least_steps)
-        x = problem.x if self.dae.part is None else problem.x[self.dae.part.places]
+        x = problem.x if self.part is None else problem.x[self.part.places]
         arguments: dict[str, Any] = {"x0": np.append(x, 0.0), "p": np.concatenate([[start, length], problem.p])}
         arguments |= {"z0": near(problem.z)} if problem.z.size else {}
         arguments |= {"u": inputs["u"]} if inputs["u"] is not None else {}

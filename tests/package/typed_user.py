@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import casadi as ca
 import numpy as np
 
@@ -94,6 +96,15 @@ def pendulum() -> tuple[mbd.Mechanism, mbd.Body, mbd.Revolute]:
     return mechanism, rod, pin
 
 
+class Euler(mbd.SteppingMethod):
+    """Explicit Euler, a step to each stop."""
+
+    name = "euler"
+
+    def steps(self, system: mbd.RunEquations, t: float, y: np.ndarray, end: float) -> Iterator[mbd.IntegratorStep]:
+        yield mbd.IntegratorStep(t, end, y, y + (end - t) * system.rates(t, y))
+
+
 def analyses() -> None:
     """Each analysis, and what its result holds."""
     mechanism, rod, pin = pendulum()
@@ -105,6 +116,7 @@ def analyses() -> None:
     stop = mbd.Event("bottom", rod.x, terminal=True)
     hold = mbd.SampledController(lambda time, state: {tau: 0.1 * time}, period=0.1)
     methods: list[mbd.Integrator] = [mbd.IDAS(), mbd.DOP853(), mbd.BDF(), mbd.RungeKutta(), mbd.Rosenbrock()]
+    methods.append(Euler())
     motion: mbd.Trajectory = mbd.simulate(
         mechanism, np.linspace(0, 0.2, 5), initial=start, inputs=hold, parameters={k: 30.0}, events=[stop],
         method=methods[0],

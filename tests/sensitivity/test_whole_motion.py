@@ -152,7 +152,7 @@ def test_what_does_not_suit_is_refused_with_the_method_to_take():
     ):
         with pytest.raises(mbd.SimulationError, match=r'"dop853".*first.*second.*method="idas"'):
             analysis()
-    with pytest.raises(mbd.SimulationError, match=r'"bdf" runs in C.*derivatives.*method="idas"'):
+    with pytest.raises(mbd.SimulationError, match=r'"bdf" runs in code of its own.*derivatives.*method="idas"'):
         mbd.sensitivities(twice, [0, 1], [body.phi], [gravity], method="bdf")
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from ...errors import SimulationError
 from ..base import NativeMethod
+from ..compiled import Forms
+from .pieces import ImplicitIntegrator
 
 
 class BDF(NativeMethod):
@@ -45,10 +46,6 @@ class BDF(NativeMethod):
     """
 
     name: ClassVar[str] = "bdf"
-    runs_piecewise: ClassVar[bool] = True
 
-    def plugin_options(self, *, algebraic: bool) -> dict[str, Any]:
-        raise SimulationError(
-            'method="bdf" runs in C of its own and is no CasADi function, as sweeps and derivatives need it; take '
-            'method="idas"'
-        )
+    def over_pieces(self, forms: Forms) -> ImplicitIntegrator:
+        return ImplicitIntegrator(forms.explicit(), self, forms.equations.mechanism.cache)

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ...equations.numeric import NumericEquations
 from ...errors import SimulationError
 from ...integrators import IDAS, Integrator, RungeKutta
-from ...integrators.bdf.pieces import ImplicitIntegrator
 from ...integrators.compiled import (
     FEW_STEPS,
     PART_STEPS,
     CompiledIntegrator,
     Dae,
+    Forms,
     InitialValueProblem,
     IntegrationFailure,
 )
 from ...integrators.native.pieces import NativeIntegrator
+from ...integrators.native.stretch import ExplicitSystem
 from ...numerics.console import Interruption
 from ...numerics.least_squares import largest
 from ..contact.compiled_elements import compiled_elements
@@ -56,8 +59,6 @@ class CompiledStepper(Stepper):
 
     def __init__(self, system: SteppedSystem):
         super().__init__(system)
-        if self.integrator.runs_piecewise:
-            refuse_joined_bodies(self.integrator, self.numeric)
         self._terms, self._usual_length = watched_terms(self.numeric.eom), system.span / PIECES
         self._compiled: dict[Formulation, CompiledIntegrator] = {}
         self._borrowed: list[tuple[Any, tuple[CompiledIntegrator, Any]]] = []
@@ -97,11 +98,14 @@ class CompiledStepper(Stepper):
         key = form, settings, numeric.light_key, signals.structure, terms is None
 
         def make() -> tuple[CompiledIntegrator, Any]:
-            made = self._native(method, terms) or CompiledIntegrator(self._system(form, terms), self._careful(method))
+            made = method.over_pieces(self._forms(form, terms))
+            made = made or CompiledIntegrator(self._system(form, terms), self._careful(method))
             # the expression is kept beside it: a hash in the structure is unique only while the node lives
             return made, signals.parametrised
 
         borrowed = lending_of(numeric).borrow(key, make)
+        if not method.plugin:  # one of equal settings, which may have others of its own
+            borrowed[0].integrator = method
         borrowed[0].restart_counting()
         self._borrowed.append((key, borrowed))
         return borrowed[0]
@@ -113,14 +117,17 @@ class CompiledStepper(Stepper):
         switching = switching_of(self.numeric.eom, self.signals, with_gaps=True)
         return method.for_switches() if switching.numel_out(0) else method
 
-    def _native(self, method: Integrator, terms: WatchedTerms | None) -> NativeIntegrator | None:
-        """A method that runs in code of this package."""
-        if not method.runs_piecewise:
-            return None
-        numeric = self.numeric
-        return ImplicitIntegrator(
-            explicit_system(numeric, self.signals, terms, implicit=True), method, numeric.eom.mechanism.cache
-        )
+    def _forms(self, form: Formulation, terms: WatchedTerms | None) -> Forms:
+        """The equations for a method in code of its own."""
+        numeric, signals = self.numeric, self.signals
+
+        def explicit() -> ExplicitSystem:
+            refuse_joined_bodies(self.integrator, numeric)
+            return explicit_system(numeric, signals, terms, implicit=True)
+
+        eom, integrands = numeric.eom, ca.SX(0, 1) if terms is None else terms.rates
+        forward = partial(numeric.forward_dynamics, redundant=form.tolerates_redundancy)
+        return Forms(eom, signals.function(eom), integrands, forward, explicit)
 
     def _system(self, form: Formulation, terms: WatchedTerms | None) -> Dae:
         """The system of an integrator, with compiled elements if they are many of a kind."""
@@ -140,7 +147,7 @@ class CompiledStepper(Stepper):
         """Algebraic unknowns of the integrator at a state."""
         if not form.is_algebraic:
             return np.zeros(0)
-        found, part = self.outputs.unknowns(time, x), compiled.dae.part
+        found, part = self.outputs.unknowns(time, x), compiled.part
         return found if part is None else found[part.unknowns]
 
     def advance(
