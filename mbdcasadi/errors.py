@@ -82,10 +82,13 @@ class OptimizationError(MechanismError):
         Demands that cannot be met together. First limits, with the amounts by which they would have to be wider for all
         conditions to be met; then other demands, by how much they are violated where all violations together are least.
         Empty if the problem does not seem infeasible.
+    findings : str
+        The message without what the solver said.
     """
 
     reached: Any = None
     conflict: tuple[Any, ...] = ()
+    findings: str = ""
 
     def __init__(
         self, message: str, *, partial: Any, largest_violations: Sequence[Any] = (), time: float | None = None

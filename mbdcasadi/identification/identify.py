@@ -175,7 +175,7 @@ def identify(
             "start nearer, take more segments=, or leave out what the data do not show; .partial holds the last fit",
             partial=fit,
         )
-    if any("cannot be distinguished" in r or "no trace" in r for r in fit.identifiability):
+    if np.any(np.isinf(np.diag(fit.covariance))):
         warn("identify: " + "; ".join(fit.identifiability))
     return fit
 

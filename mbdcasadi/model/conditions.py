@@ -40,6 +40,8 @@ class Condition:
     component: bool = False
     #: true if it defines the symbol of a part of a cost, so that it can always be met
     definition: bool = False
+    #: true if it is a limit about a condition that others imply on one branch
+    implied: bool = False
 
     @cached_property
     def symbols(self) -> list[ca.SX]:

@@ -42,7 +42,7 @@ def test_too_weak_a_motor():
         "continuity of bob.phi": "rad",
         "continuity of the velocity of bob.phi": "rad/s",
     }
-    by_label = {row[0]: row[1] for row in error.partial.program.rows}
+    by_label = {row.label: row.unit for row in error.partial.program.rows}
     assert {k: by_label[k] for k in units} == units
     assert "equation of motion of bob.x" not in by_label  # the pin gives x and y
     partial = error.partial
@@ -53,7 +53,7 @@ def test_too_weak_a_motor():
 def test_units_of_the_equations_of_a_loop():
     """A loop of pins is left with its angles, and with the pin that closes it."""
     program = mbd.optimize(half_turn(crank_rocker()), intervals=8).program
-    by_label = {row[0]: row[1] for row in program.rows}
+    by_label = {row.label: row.unit for row in program.rows}
     units = {
         "equation of motion of coupler.phi": "N m",
         "continuity of coupler.phi": "rad",

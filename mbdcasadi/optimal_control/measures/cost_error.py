@@ -14,6 +14,7 @@ from ...errors import warn
 from ...numerics.symbolic import symbolic
 from ..motion.phase_solution import PhaseSolution
 from ..motion.solved_motion import SolvedMotion
+from ..transcription.rows import RowKind
 from .local_error import COARSE_ERROR, Coarseness
 from .measure import Measure
 
@@ -123,21 +124,19 @@ def error_of_mesh(solution: SolvedMotion) -> float:
             continue
         eom = part.program.scheme.eom
         n, chosen = part.phase.equations.q.numel(), list(eom.independent)
-        states = [z.label for z in part.phase.mechanism.states]
-        columns = {f"continuity of {name}": k for name, k in zip(eom.coordinate_names, chosen, strict=True)}
-        columns |= {
-            f"continuity of the velocity of {name}": n + columns[f"continuity of {name}"]
-            for name in eom.coordinate_names
-        }
-        columns |= {f"continuity of {name}": 2 * n + k for k, name in enumerate(states)}
+        coordinates = dict(zip(eom.coordinate_names, chosen, strict=True))
+        columns = {(RowKind.CONTINUITY, name): k for name, k in coordinates.items()}
+        columns |= {(RowKind.VELOCITY_CONTINUITY, name): n + k for name, k in coordinates.items()}
+        columns |= {(RowKind.CONTINUITY, z.label): 2 * n + k for k, z in enumerate(part.phase.mechanism.states)}
         try:
             gaps = part.end_differences
         except RuntimeError:  # the integrator did not get to the end of an interval
             return np.inf
         by_interval = np.zeros(part.mesh.count)
         for row, pull in zip(solution.program.rows, pulls.tolist(), strict=True):
-            if row.repeated and row.phase == part.program.number and row.label in columns:
-                by_interval[row.interval] += pull / row.size * gaps[row.interval, columns[row.label]]
+            column = columns.get((row.kind, row.name.owner))
+            if row.repeated and row.phase == part.program.number and column is not None:
+                by_interval[row.interval] += pull / row.size * gaps[row.interval, column]
         total += float(np.sum(np.abs(by_interval)))
     return total
 

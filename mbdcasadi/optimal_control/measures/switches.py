@@ -26,6 +26,7 @@ from ..motion.phase_solution import PhaseSolution
 from ..motion.solved_motion import SolvedMotion
 from ..statement.phase import BEYOND_STATES
 from ..transcription.mesh import Mesh
+from ..transcription.rows import RowName
 from .measure import Measure
 from .stretch_weight import StretchWeights
 
@@ -133,18 +134,18 @@ class UnresolvedSwitches(Measure):
         return part.mesh.through_points(points, TOO_NEAR, moving)
 
 
-def shares_of(solution: SolvedMotion) -> dict[tuple[int, str], np.ndarray]:
+def shares_of(solution: SolvedMotion) -> dict[tuple[int, RowName], np.ndarray]:
     """Shares of the points of each interval at which limits are active; none for inputs that are constant on them."""
     return {} if solution.settings.control == "constant" else activity(solution, SLACK, inside=True)
 
 
-def arcs_of(part: PhaseSolution, shares: Mapping[tuple[int, str], np.ndarray]) -> list[Arc]:
+def arcs_of(part: PhaseSolution, shares: Mapping[tuple[int, RowName], np.ndarray]) -> list[Arc]:
     """Arcs of a phase in order, none across a waypoint, from the shares of :func:`shares_of`."""
     number, count = part.program.number, part.mesh.count
     limits = {limit.label: limit for limit in part.program.limits_at_points}
     along, mixed = np.zeros((0, count), bool), np.zeros(count, bool)
-    for (phase, label), share in shares.items():
-        limit = limits.get(label)
+    for (phase, name), share in shares.items():
+        limit = limits.get(name.owner)
         if phase != number or (limit is not None and not limit.depends_on("velocity", "state", *BEYOND_STATES)):
             continue
         along = np.vstack([along, _along(share)])
@@ -159,14 +160,14 @@ def arcs_of(part: PhaseSolution, shares: Mapping[tuple[int, str], np.ndarray]) -
     return arcs
 
 
-def _held_positions(part: PhaseSolution, shares: Mapping[tuple[int, str], np.ndarray]) -> np.ndarray:
+def _held_positions(part: PhaseSolution, shares: Mapping[tuple[int, RowName], np.ndarray]) -> np.ndarray:
     """Intervals in which limits of positions are active (N,)."""
     positions = {
         x.label for x in part.program.limits_at_points if not x.depends_on("velocity", "state", *BEYOND_STATES)
     }
     held = np.zeros(part.mesh.count, bool)
-    for (phase, label), share in shares.items():
-        if phase == part.program.number and label in positions:
+    for (phase, name), share in shares.items():
+        if phase == part.program.number and name.owner in positions:
             held |= share > 0
     return held
 

@@ -14,6 +14,7 @@ from ...numerics.real import stretches
 from ...results.state import State
 from ..program.limit_sides import Side, sides_of
 from ..statement.phase import BEYOND_STATES, with_rates
+from ..transcription.rows import INITIAL, RowKind, RowName
 from .limit_excess import POINTS
 from .solved_motion import SolvedMotion
 
@@ -42,12 +43,11 @@ class ActiveLimit:
         return f"{self.label}: active at {spans}, costate up to {self.costate:.4g}"
 
 
-def label_of(solution: SolvedMotion, phase: int, label: str) -> str:
+def label_of(solution: SolvedMotion, phase: int, name: RowName) -> str:
     """Return the label of a row, with its phase if another one may have the same."""
-    everywhere = len(solution.phases) == 1 or phase < 0
-    if everywhere or label.startswith(("boundary: ", "initial: ")) or "phase '" in label:
-        return label
-    return f"{label} in phase '{solution.phases[phase].phase.name}'"
+    if len(solution.phases) == 1 or phase < 0 or name.place.unique:
+        return name.label
+    return f"{name.label} in phase '{solution.phases[phase].phase.name}'"
 
 
 def _pulls(solution: SolvedMotion) -> np.ndarray:
@@ -71,7 +71,7 @@ def costates(solution: SolvedMotion) -> dict[str, np.ndarray | float]:
     for side in sides_of(program):
         pull = pulls[side.place] * program.cost_scale / side.size
         value = pull if side.equality else max(side.sign * pull, 0.0)
-        label = label_of(solution, side.phase, side.label)
+        label = label_of(solution, side.phase, side.name)
         if not side.repeated:
             result[label] = float(-value if side.equality else value)
             continue
@@ -102,17 +102,20 @@ def _of_start(solution: SolvedMotion) -> dict[str, float]:
     weight = np.maximum(np.linalg.norm(slopes * size, axis=1), 1e-300)
     scaled = slopes * size / weight[:, None]
     pulls = np.linalg.lstsq(scaled.T, pull * size, rcond=1e-10)[0] / weight
-    return {f"initial: {c.label}": float(v) for c, v in zip(conditions, pulls[-len(conditions) :], strict=True)}
+    names = [RowName(RowKind.CONDITION, c.label, INITIAL) for c in conditions]
+    return {name.label: float(v) for name, v in zip(names, pulls[-len(names) :], strict=True)}
 
 
-def activity(solution: SolvedMotion, slack: float = 0.0, *, inside: bool = False) -> dict[tuple[int, str], np.ndarray]:
-    """Shares of the points of each interval at which a limit is active (N,), by phase and label.
+def activity(
+    solution: SolvedMotion, slack: float = 0.0, *, inside: bool = False
+) -> dict[tuple[int, RowName], np.ndarray]:
+    """Shares of the points of each interval at which a limit is active (N,), by phase and name.
 
     A limit is active if its multiplier outweighs its slack, both scaled, or if the slack is below `slack`. With
     `inside`, mesh points are left out for limits that cannot jump there.
     """
     program, pulls, slack_of = solution.program, _pulls(solution), _slacks(solution)
-    counts: dict[tuple[int, str], np.ndarray] = {}
+    counts: dict[tuple[int, RowName], np.ndarray] = {}
     steady = {
         (k, limit.label)
         for k, part in enumerate(solution.phases)
@@ -120,8 +123,8 @@ def activity(solution: SolvedMotion, slack: float = 0.0, *, inside: bool = False
         if inside and not limit.depends_on(*BEYOND_STATES)
     }
     for side in sides_of(program):
-        key = side.phase, side.label
-        at_mesh_point = side.is_row and side.tau in (0.0, 1.0) and key in steady
+        key = side.phase, side.name
+        at_mesh_point = side.is_row and side.tau in (0.0, 1.0) and (side.phase, side.name.owner) in steady
         if side.repeated and not side.equality and not at_mesh_point:
             active = max(side.sign * pulls[side.place], slack) > slack_of(side)
             seen = counts.setdefault(key, np.zeros((2, solution.phases[side.phase].mesh.count)))
@@ -136,13 +139,13 @@ def active_limits(solution: SolvedMotion, costates: Mapping[str, np.ndarray | fl
     for side in sides_of(solution.program):
         if not side.repeated and not side.equality and side.sign * pulls[side.place] > slack_of(side):
             label, time = (
-                label_of(solution, side.phase, side.label),
+                label_of(solution, side.phase, side.name),
                 solution.phases[side.phase].time_at(side.intervals[0], side.tau),
             )
             limits.append(ActiveLimit(label, ((time, time),), float(costates[label])))
-    for (phase, own), shares in activity(solution).items():
+    for (phase, name), shares in activity(solution).items():
         if np.any(shares):
-            label = label_of(solution, phase, own)
+            label = label_of(solution, phase, name)
             times = solution.phases[phase].mesh_times
             spans = tuple((float(times[run.start]), float(times[run.stop])) for run in stretches(shares > 0))
             limits.append(ActiveLimit(label, spans, float(np.max(costates[label]))))

@@ -15,6 +15,7 @@ from ...model.mechanism import Mechanism
 from ...model.symbols import t as time
 from ...numerics.rank import analyse_rank
 from ..program.phase_program import PhaseProgram
+from ..transcription.rows import BOUNDARY
 from .solved_motion import SolvedMotion
 
 #: Share of the largest slope by which the next start may miss the boundary conditions.
@@ -80,10 +81,11 @@ class ReturnMap:
                 fixed |= set(phase.point_index(0)[phase.scheme.point_size :].tolist())  # integrals begin at zero
         self.others = np.array([k for k in range(self.program.size) if k not in fixed], int)
         rows = self.program.rows
-        held = [k for k, row in enumerate(rows) if row.equality and not row.label.startswith("boundary: ")]
-        if any(rows[k].condition and rows[k].repeated for k in held):
+        equalities = [k for k, row in enumerate(rows) if row.equality]
+        self.boundary = [k for k in equalities if rows[k].name.place == BOUNDARY]
+        held = [k for k in equalities if rows[k].name.place != BOUNDARY]
+        if any(rows[k].is_stated and rows[k].repeated for k in held):
             raise ModelError("stability: path conditions that are equalities would need inputs that follow them")
-        self.boundary = [k for k, row in enumerate(rows) if row.equality and row.label.startswith("boundary: ")]
         pattern = ca.DM(self.jacobian.sparsity(), 1)[held, :][:, self.others.tolist()]
         counts = np.array(ca.sum2(pattern)).ravel()
         self.at_start = [k for k, count in zip(held, counts, strict=True) if count == 0]

@@ -70,4 +70,4 @@ def block_of_edges(
     index = np.concatenate([*[edge.index.ravel() for edge in edges], places, free_index])[:, None]
     data = ca.vertcat(*[edge.unknowns.data for edge in edges])
     piece = MappedBlock(variables, data, p, stack(groups), ca.SX(0) if cost is None else cost, index)
-    return Block(piece, [g for g in groups if g.labels], (tuple(edge.interval for edge in edges),))
+    return Block(piece, [g for g in groups if g.owners], (tuple(edge.interval for edge in edges),))

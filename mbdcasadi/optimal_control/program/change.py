@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -16,7 +16,7 @@ from ...numerics.lazy import cached_property
 from ...numerics.rank import dependent_rows, unit_rows
 from ...results.phases import places_in
 from ..transcription.points import CollocationPoint
-from ..transcription.rows import Rows, condition_rows
+from ..transcription.rows import Place, RowKind, Rows, condition_rows
 from .blocks import Block, Edge, block_of_edges
 from .phase_program import PhaseProgram
 from .setup import PhaseSetup
@@ -133,15 +133,16 @@ class Change:
         old = self.before.scheme.expanded(begin.at, begin.unknowns.interval.p, loads=False)
         p = end.unknowns.interval.p
         new = scheme.expanded(end.at, p)
-        name = f"change into phase '{self.after.phase.name}'"
+        place = Place(f"change into phase '{self.after.phase.name}'", True)
         q, v = old.q[self.here], old.v[self.here]
         coordinates = scheme.eom.independent
         going_on = Rows(
             end.at.q - q[coordinates],
-            tuple(f"{name}: continuity of {eom.coordinate_names[k]}" for k in coordinates),
+            tuple(eom.coordinate_names[k] for k in coordinates),
             0.0,
             scales.q[coordinates],
             tuple("rad" if eom.angles[k] else "m" for k in coordinates),
+            RowKind.CONTINUITY,
         )
         law = ca.Function(
             "law",
@@ -150,20 +151,14 @@ class Change:
         )
         momentum, velocity, _ = law(old.t, new.q, new.v, v, impulses, p)
         guards = law(old.t, q, new.v, v, impulses, p)[2]
+        units = tuple("N m s" if angle else "N s" for angle in eom.angles)
+        impulse = Rows(momentum, eom.coordinate_names, 0.0, self._momentum_scale, units, RowKind.MOMENTUM)
+        of_joints = [going_on, self._guard_rows(guards), impulse, self._velocity_rows(velocity)]
+        of_states = [self._state_rows(old.z, new.z), *self._time_rows(old.t, new.t)]
         return [
-            going_on,
-            self._guard_rows(guards, name),
-            Rows(
-                momentum,
-                tuple(f"{name}: momentum of {x}" for x in eom.coordinate_names),
-                0.0,
-                self._momentum_scale,
-                tuple("N m s" if angle else "N s" for angle in eom.angles),
-            ),
-            self._velocity_rows(velocity, name),
+            *(replace(rows, place=place) for rows in of_joints),
             *self._prescribed_rows(end, p),
-            self._state_rows(old.z, new.z, name),
-            *self._time_rows(old.t, new.t, name),
+            *(replace(rows, place=place) for rows in of_states),
             *self._initial_rows(new, end, impulses),
         ]
 
@@ -178,25 +173,27 @@ class Change:
         """Names of the position rows that are new."""
         return [self.law.position_names[k] for k in self.setup.guards]
 
-    def _guard_rows(self, values: ca.SX, name: str) -> Rows:
-        labels = tuple(f"{name}: {row} closes" for row in self.guard_names)
-        return self._chosen(values, list(self.setup.guards), labels, list(self.after.phase.equations.position_rows))
+    def _guard_rows(self, values: ca.SX) -> Rows:
+        rows, names = self.after.phase.equations.position_rows, self.law.position_names
+        return self._chosen(values, RowKind.CLOSING, names, list(self.setup.guards), list(rows))
 
-    def _velocity_rows(self, values: ca.SX, name: str) -> Rows:
+    def _velocity_rows(self, values: ca.SX) -> Rows:
         """``J v⁺ = b``; rows by which the coordinates are chosen hold identically."""
         solved = set(self.after.scheme.eom.explicit)
         chosen = [k for k in self.setup.kept if k not in solved]
-        labels = tuple(f"{name}: velocity equation of {self.law.row_names[k]}" for k in chosen)
-        return self._chosen(values, chosen, labels, list(range(self.after.phase.equations.lam.numel())), "/s")
+        rows = list(range(self.after.phase.equations.lam.numel()))
+        return self._chosen(values, RowKind.VELOCITY, self.law.row_names, chosen, rows)
 
-    def _chosen(self, values: ca.SX, chosen: list[int], labels: tuple[str, ...], own: list[int], per: str = "") -> Rows:
+    def _chosen(self, values: ca.SX, kind: RowKind, names: Sequence[str], chosen: list[int], own: list[int]) -> Rows:
         """Some of the rows `own` of the mechanism afterwards and of joints of the instant alone."""
         eom, scales, momentary = self.after.phase.equations, self.after.scales, self.law.momentary.numel()
         length = float(np.max(np.where(scales.angles, 0.0, scales.q))) or 1.0
-        sizes = np.r_[scales.rows[own], np.full(momentary, length)] / (scales.time if per else 1.0)
+        span, per = (scales.time, "/s") if kind is RowKind.VELOCITY else (1.0, "")
+        sizes = np.r_[scales.rows[own], np.full(momentary, length)] / span
         angular = np.r_[eom.angular_rows[own], np.zeros(momentary, bool)]
         units = tuple(("rad" if angular[k] else "m") + per for k in chosen)
-        return Rows(values[chosen] if chosen else ca.SX(0, 1), labels, 0.0, sizes[chosen], units)
+        rows, owners = values[chosen] if chosen else ca.SX(0, 1), tuple(names[k] for k in chosen)
+        return Rows(rows, owners, 0.0, sizes[chosen], units, kind)
 
     def _prescribed_rows(self, end: Edge, p: ca.SX) -> list[Rows]:
         """Path conditions of the new phase that prescribe its motion hold from its start on."""
@@ -204,24 +201,21 @@ class Change:
         if not constraints.path_constraints:
             return []
         at, scales = end.at, self.after.reduced_scales
-        joints = len(constraints.rows)
-        positions = constraints.position_rows(at.q, at.t, p, 0.0, scales)
-        prescribed = constraints.position_count - constraints.joint_position_count
+        _, positions = constraints.position_rows(at.q, at.t, p, 0.0, scales)
         velocities = constraints.velocity_rows(at.q, at.v, at.t, p, 0.0, scales)
-        return [positions.after(constraints.position_count - prescribed), velocities.after(joints)]
+        return [positions, velocities.after(len(constraints.rows))]
 
-    def _state_rows(self, old: ca.SX, new: ca.SX, name: str) -> Rows:
+    def _state_rows(self, old: ca.SX, new: ca.SX) -> Rows:
         """First-order states go on; new ones begin at their own values."""
         states = self.after.phase.mechanism.states
         rows = [new[k] - (s.value if i is None else old[i]) for k, (s, i) in enumerate(self._state_places)]
-        labels = tuple(f"{name}: continuity of {symbol.label}" for symbol in states)
-        sizes = self.after.scales.z
-        return Rows(ca.vertcat(ca.SX(0, 1), *rows), labels, 0.0, sizes, ("in the state's unit",) * len(states))
+        owners, units = tuple(symbol.label for symbol in states), ("in the state's unit",) * len(states)
+        return Rows(ca.vertcat(ca.SX(0, 1), *rows), owners, 0.0, self.after.scales.z, units, RowKind.CONTINUITY)
 
-    def _time_rows(self, old: ca.SX, new: ca.SX, name: str) -> list[Rows]:
+    def _time_rows(self, old: ca.SX, new: ca.SX) -> list[Rows]:
         if not self.after.time_count:
             return []
-        return [Rows(new - old, (f"{name}: time",), 0.0, np.array([self.after.scales.time]), ("s",))]
+        return [Rows(new - old, ("time",), 0.0, np.array([self.after.scales.time]), ("s",))]
 
     def _initial_rows(self, new: CollocationPoint, end: Edge, impulses: ca.SX) -> list[Rows]:
         conditions: list[Condition] = list(self.after.initial or [])
@@ -234,7 +228,7 @@ class Change:
         typical = float(np.max(self.scale, initial=0.0)) or 1.0
         sizes = {c: typical if c.depends_on("impulse") else program.condition_sizes[c] for c in conditions}
         rows = dict(zip(conditions, values, strict=True))
-        return condition_rows(rows, sizes, 0.0, f"initial of phase '{program.phase.name}': ")
+        return condition_rows(rows, sizes, 0.0, Place(f"initial of phase '{program.phase.name}'", True))
 
     def impulses(self, x: np.ndarray) -> dict[Any, np.ndarray]:
         """Impulses by joint, from the variables of the whole program in physical units."""

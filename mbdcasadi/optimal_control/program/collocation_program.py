@@ -1,4 +1,4 @@
-"""The nonlinear program of a problem: its phases, what joins them, and a label for every row."""
+"""The nonlinear program of a problem: its phases, what joins them, and what every row says."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..problem import OptimalControlProblem
 from ..statement.compiled import OPTION_SETS
 from ..statement.placeholders import Placeholder, placeholders_in, with_symbols, with_values
 from ..transcription.mesh import Mesh
-from ..transcription.rows import Row, condition_rows, violations
+from ..transcription.rows import BOUNDARY, Row, RowKind, condition_rows, violations
 from .blocks import Block, Edge, block_of_edges
 from .change import Change, ChangeSetup
 from .instant_program import InstantProgram
@@ -182,7 +182,7 @@ class CollocationProgram:
 
         rows = {c: value(c.expression) for c in problem.boundary}
         sizes = dict(zip(rows, self._boundary_sizes(list(rows), placeholders), strict=True))
-        groups = condition_rows(rows, sizes, 1.0, "boundary: ")
+        groups = condition_rows(rows, sizes, 1.0, BOUNDARY)
         cost = value(problem.terminal_cost) / self.cost_scale
         # the rows stand at the end
         ordered = [*(x for x in edges.values() if x is not end), end]
@@ -285,11 +285,11 @@ class CollocationProgram:
         x = x.copy()
         for number, phase in enumerate(self.phases):
             first = phase.scheme.point_size
-            names = {f"accumulation of {p.label}": k for k, p in enumerate(phase.integrals)}
+            places = {p.label: k for k, p in enumerate(phase.integrals)}
             gains = np.zeros((phase.count, len(phase.integrals)))
             for row, value in zip(self.rows, rows, strict=True):
-                if row.repeated and row.phase == number and row.label in names:
-                    gains[row.interval, names[row.label]] = -value
+                if row.kind is RowKind.ACCUMULATION and row.phase == number:
+                    gains[row.interval, places[row.name.owner]] = -value
             total = np.cumsum(np.nan_to_num(gains), axis=0)
             for i in range(phase.count):
                 x[phase.point_index(i + 1)[first:]] = total[i]

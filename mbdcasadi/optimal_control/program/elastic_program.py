@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from .collocation_program import Bounds, CollocationProgram
-from .limit_sides import LimitSides
+from .limit_sides import LimitSides, Slacks
 from .sparse_program import derivatives_for_ipopt
 
 
@@ -33,9 +33,9 @@ class ElasticProgram:
     ):
         self.program, self._bounds, self._nearness, self._cost_weight = program, bounds, nearness, cost_weight
         sides = LimitSides(program, at_places=True, conditions=not limits_alone)
-        self.labels = list(sides.sides)
-        n, m, count = program.size, sides.row_count, len(self.labels)
-        places = [sides.places(label, sign) for sign in (1, -1) for label in self.labels]
+        self.names = list(sides.sides)
+        n, m, count = program.size, sides.row_count, len(self.names)
+        places = [sides.places(name, sign) for sign in (1, -1) for name in self.names]
         bounded = np.unique(np.concatenate([*places, []])).astype(int)
         #: variables whose bounds yield: they become rows
         self._yielding = bounded[bounded >= m] - m
@@ -115,8 +115,8 @@ class ElasticProgram:
             "ubg": high,
         }
 
-    def split(self, y: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
-        """Variables of the program, and slacks by label, scaled."""
+    def split(self, y: np.ndarray) -> tuple[np.ndarray, Slacks]:
+        """Variables of the program, and slacks by name, scaled."""
         half = self._count // 2
         slacks = y[self._n :]
-        return y[: self._n], dict(zip(self.labels, np.maximum(slacks[:half], slacks[half:]).tolist(), strict=True))
+        return y[: self._n], dict(zip(self.names, np.maximum(slacks[:half], slacks[half:]).tolist(), strict=True))

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...results.state import State
 from ..transcription.points import CollocationPoint, Interval
+from ..transcription.rows import FINAL
 from .blocks import Block, Edge, Unknowns, block_of_edges
 from .phase_program import PhaseProgram
 
@@ -42,7 +43,7 @@ class InstantProgram(PhaseProgram):
         if not self.final:
             return []
         edge = self.edge(True)
-        groups = self._conditions(self.final, edge.at, edge.unknowns, 0.0, "final: ")
+        groups = self._conditions(self.final, edge.at, edge.unknowns, 0.0, FINAL)
         return [block_of_edges([edge], groups, p, free_index)]
 
     def time_blocks(self, p: ca.SX) -> list[Block]:

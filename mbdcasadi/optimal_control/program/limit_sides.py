@@ -1,4 +1,4 @@
-"""Sides of the conditions of a program: rows and variables that one label bounds, and bounds without limits."""
+"""Sides of the conditions of a program: rows and variables that one name bounds, and bounds without limits."""
 
 from __future__ import annotations
 
@@ -8,16 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...model.symbols import Symbol, place_of
-from ..statement.state_conditions import IMPLIED
+from ..transcription.rows import PATH, RowKind, RowName
 from .collocation_program import Bounds, CollocationProgram
 from .phase_program import PhaseProgram
+
+#: Scaled amounts by which conditions are violated, by name.
+Slacks = dict[RowName, float]
 
 
 @dataclass(frozen=True)
 class Side:
     """One place at which a condition holds: a side of a row, or of a variable that has its own limit."""
 
-    label: str
+    name: RowName
     #: 1 if it bounds from above, -1 from below
     sign: int
     #: among the rows, and the variables after them
@@ -39,18 +42,18 @@ class Side:
 def sides_of(program: CollocationProgram) -> Iterator[Side]:
     """Iterate over all places at which conditions and limits of the user hold."""
     for k, row in enumerate(program.rows):
-        if row.condition:
+        if row.is_stated:
             on_row = row.size, row.unit, row.phase, (row.interval,), row.tau, row.repeated, row.equality
-            yield Side(row.label, 1, k, 0.0, *on_row)
+            yield Side(row.name, 1, k, 0.0, *on_row)
             if row.opposite:
                 yield Side(row.opposite, -1, k, row.lower, *on_row)
     for phase in program.phases:
         for condition, (symbol, sign) in phase.limit_owners.items() if phase.count else ():
-            limit = symbol.upper if sign > 0 else symbol.lower
+            limit, name = symbol.upper if sign > 0 else symbol.lower, RowName(RowKind.CONDITION, condition.label, PATH)
             for place, intervals in _variables_of(phase, symbol):
                 size = float(program.scale[place])
                 stands = size, condition.unit, phase.number, intervals, 0.0, True
-                yield Side(condition.label, sign, program.lower.size + place, limit / size, *stands, is_row=False)
+                yield Side(name, sign, program.lower.size + place, limit / size, *stands, is_row=False)
 
 
 def _variables_of(phase: PhaseProgram, symbol: Symbol) -> Iterator[tuple[int, tuple[int, ...]]]:
@@ -72,41 +75,39 @@ def _variables_of(phase: PhaseProgram, symbol: Symbol) -> Iterator[tuple[int, tu
 
 
 class LimitSides:
-    """Limits that hold throughout the phases of a program, by label.
+    """Limits that hold throughout the phases of a program, by name.
 
     With `at_places`, those of waypoints, ends and integrals count too, and with `conditions` all that the user stated,
     equalities with both sides.
     """
 
     def __init__(self, program: CollocationProgram, *, at_places: bool = False, conditions: bool = False):
-        self.sides: dict[str, list[Side]] = {}
+        self.sides: dict[RowName, list[Side]] = {}
         self.row_count = program.lower.size
-        throughout = [{c.label for c in (*p.phase.path, *p.limit_owners)} for p in program.phases]
         for side in sides_of(program):
-            held = not side.is_row or (not side.equality and program.rows[side.place].label in throughout[side.phase])
-            placed = at_places and not side.equality and not side.label.endswith(IMPLIED)
-            if held or placed or conditions:
-                self.sides.setdefault(side.label, []).append(side)
+            is_limit = side.name.place == PATH or (at_places and side.name.kind is not RowKind.BRANCH)
+            if conditions or (is_limit and not side.equality):
+                self.sides.setdefault(side.name, []).append(side)
 
-    def places(self, label: str, sign: int) -> list[int]:
-        """Places that a label bounds on one side, among the rows and the variables after them."""
-        return [side.place for side in self.sides[label] if side.sign == sign or side.equality]
+    def places(self, name: RowName, sign: int) -> list[int]:
+        """Places that a name bounds on one side, among the rows and the variables after them."""
+        return [side.place for side in self.sides[name] if side.sign == sign or side.equality]
 
     def without(self, bounds: Bounds) -> Bounds:
         """Bounds without these limits."""
         low, high = bounds.of_rows_and_variables
-        for label in self.sides:
-            high[self.places(label, 1)] = np.inf
-            low[self.places(label, -1)] = -np.inf
+        for name in self.sides:
+            high[self.places(name, 1)] = np.inf
+            low[self.places(name, -1)] = -np.inf
         return Bounds(low[self.row_count :], high[self.row_count :], low[: self.row_count], high[: self.row_count])
 
-    def excess(self, bounds: Bounds, x: np.ndarray, rows: np.ndarray) -> dict[str, float]:
-        """Largest amounts by which limits are passed, scaled, by label; those that hold are left out."""
+    def excess(self, bounds: Bounds, x: np.ndarray, rows: np.ndarray) -> Slacks:
+        """Largest amounts by which limits are passed, scaled, by name; those that hold are left out."""
         (low, high), values, amounts = bounds.of_rows_and_variables, np.r_[rows, x], {}
-        for label in self.sides:
-            above, below = self.places(label, 1), self.places(label, -1)
+        for name in self.sides:
+            above, below = self.places(name, 1), self.places(name, -1)
             passed = np.r_[values[above] - high[above], low[below] - values[below]]
             most = float(np.max(passed, initial=0.0))
             if most > 0:
-                amounts[label] = most
+                amounts[name] = most
         return amounts

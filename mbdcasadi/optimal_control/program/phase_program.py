@@ -19,7 +19,7 @@ from ..problem import OptimalControlProblem
 from ..statement.placeholders import Placeholder
 from ..transcription.mesh import Mesh
 from ..transcription.points import MULTIPLIERS, CollocationPoint, Interval
-from ..transcription.rows import Rows, condition_rows, stack
+from ..transcription.rows import FINAL, INITIAL, PATH, Place, RowKind, Rows, condition_rows, stack
 from ..transcription.scaling import Sizes
 from .blocks import Block, Edge, Unknowns
 from .setup import PhaseSetup
@@ -209,7 +209,7 @@ class PhaseProgram:
         return not all(ca.which_depends(expression, eom.u, 2, False))
 
     def _conditions(
-        self, conditions: Sequence[Condition], at: CollocationPoint, unknowns: Unknowns, tau: float, prefix: str = ""
+        self, conditions: Sequence[Condition], at: CollocationPoint, unknowns: Unknowns, tau: float, where: Place = PATH
     ) -> list[Rows]:
         """Conditions at a point."""
         if not conditions:
@@ -218,7 +218,7 @@ class PhaseProgram:
         if key not in self._functions:
             self._functions[key] = ca.Function("c", self.arguments, [stacked(conditions)])
         values = ca.vertsplit(self._applied(self._functions[key], at, unknowns))
-        return condition_rows(dict(zip(conditions, values, strict=True)), self.condition_sizes, tau, prefix)
+        return condition_rows(dict(zip(conditions, values, strict=True)), self.condition_sizes, tau, where)
 
     @cached_property
     def condition_sizes(self) -> dict[Condition, float]:
@@ -251,7 +251,7 @@ class PhaseProgram:
             states = unknowns.interval.states()
             piece = MappedBlock(variables, unknowns.data, p, stack(groups), cost / cost_scale, index, *states)
             copies = tuple(((self.number, i),) for i in intervals)
-            return Block(piece, [g for g in groups if g.labels], copies, **more)
+            return Block(piece, [g for g in groups if g.owners], copies, **more)
 
         blocks = [block(*self._interval_rows(), list(range(self.count)), repeated=True)]
         for unknowns, groups, interval in [*self._start_rows(), *self._place_rows()]:
@@ -273,7 +273,7 @@ class PhaseProgram:
             gain = unknowns.next_integrals[k] - unknowns.integrals[k]
             row = gain - self._integral(placeholder.expression, unknowns)
             size = self.point_scale[self.scheme.point_size + k :][:1]
-            groups.append(Rows(row, (f"accumulation of {placeholder.label}",), 1.0, size, ("",)))
+            groups.append(Rows(row, (placeholder.label,), 1.0, size, ("",), RowKind.ACCUMULATION))
         groups += self._path_rows(unknowns, points)
         return unknowns, groups, self._integral(self.phase.running_cost, unknowns)
 
@@ -365,21 +365,21 @@ class PhaseProgram:
             groups += self._conditions(self._limits_of_inputs["u"], at, unknowns, 0.0)
         if self.initial is not None and not self.follows:
             groups += self.scheme.constraint_rows(at.q, at.v, at.t, interval.p, 0.0, self.reduced_scales)
-            groups += self._conditions(self.initial, at, unknowns, 0.0, "initial: ")
+            groups += self._conditions(self.initial, at, unknowns, 0.0, INITIAL)
         return [(unknowns, groups, 0)] if groups else []
 
     def _place_rows(self) -> list[tuple[Unknowns, list[Rows], int]]:
         """Conditions at waypoints and at the end, with the intervals that they end."""
         waypoints = zip(self.phase.waypoints, self._waypoints.tolist(), strict=True)
-        places: list[tuple[str, Sequence[Condition], int]] = [
-            (f"waypoint {k}", w.conditions, point) for k, (w, point) in enumerate(waypoints, start=1)
+        places: list[tuple[Place, Sequence[Condition], int]] = [
+            (Place(f"waypoint {k}"), w.conditions, point) for k, (w, point) in enumerate(waypoints, start=1)
         ]
         result = []
-        for name, conditions, point in [*places, ("final", self.final, self.count)]:
+        for place, conditions, point in [*places, (FINAL, self.final, self.count)]:
             if conditions:
                 unknowns = self.unknowns()
                 at = self.scheme.end(unknowns.interval)
-                result.append((unknowns, self._conditions(conditions, at, unknowns, 1.0, f"{name}: "), point - 1))
+                result.append((unknowns, self._conditions(conditions, at, unknowns, 1.0, place), point - 1))
         return result
 
     def time_blocks(self, p: ca.SX) -> list[Block]:
@@ -399,12 +399,12 @@ class PhaseProgram:
         for k, place in enumerate(self.stated_knots):
             names[place] = f"the time of waypoint {k}"
         names[0], names[-1] = "the start", "the end"
-        labels = tuple(f"{name} after {before}" for before, name in itertools.pairwise(names))
+        orders = tuple(f"{name} after {before}" for before, name in itertools.pairwise(names))
         moving = np.setdiff1d(np.arange(count + 1), self.stated_knots)
         shortest = np.full(count, SHORTEST_SEGMENT)
         shortest[np.r_[moving - 1, moving]] = SHORTEST_SWITCH
         gaps = times[:-1] - times[1:] + ca.DM(shortest)
-        rows = Rows(gaps, labels, 1.0, np.ones(count), ("durations",) * count, False)
+        rows = Rows(gaps, orders, 1.0, np.ones(count), ("durations",) * count, equality=False)
         return [*durations, block([rows])]
 
     def _duration_rows(self, times: ca.SX) -> list[Rows]:
@@ -414,14 +414,14 @@ class PhaseProgram:
         groups = []
         for k, ((low, high), name) in enumerate(zip(spans, names, strict=True), start=1):
             since, size = times[self.stated_knots[k]] - times[0], np.ones(1)
-            label = f"{name} of phase '{self.phase.name}'"
+            owner = f"{name} of phase '{self.phase.name}'"
             low, high = low / self.scales.time, high / self.scales.time
             if low == high:
-                groups.append(Rows(since - low, (label,), 1.0, size, ("durations",)))
+                groups.append(Rows(since - low, (owner,), 1.0, size, ("durations",)))
             else:
                 limits = ca.vertcat(since - high, low - since)
-                ends = (f"upper limit of {label}", f"lower limit of {label}")
-                groups.append(Rows(limits, ends, 1.0, np.ones(2), ("durations",) * 2, False))
+                ends = (f"upper limit of {owner}", f"lower limit of {owner}")
+                groups.append(Rows(limits, ends, 1.0, np.ones(2), ("durations",) * 2, equality=False))
         return groups
 
     # --- bounds of the variables ----------------------------------------------------------

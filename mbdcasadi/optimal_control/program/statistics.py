@@ -30,6 +30,8 @@ class Attempt:
         On a mesh of a refinement: largest local error of an interval, as :attr:`Solution.mesh_error`.
     values : dict of str to float
         In a step of a continuation: parameter, by name, to its value.
+    violation : float or None
+        If violations had a price or were minimised: the sum of those that were left, in typical sizes.
     """
 
     description: str
@@ -40,6 +42,7 @@ class Attempt:
     intervals: int
     error: float | None = None
     values: dict[str, float] = field(default_factory=dict)
+    violation: float | None = None
 
     @property
     def guess(self) -> str:

@@ -35,7 +35,7 @@ from ..measures.branch import branch_jump
 from ..measures.local_error import COARSE_ERROR, Coarseness
 from ..measures.singularity import folding_pose_of
 from ..motion.guess import Guess
-from ..program.limit_sides import LimitSides
+from ..program.limit_sides import LimitSides, Slacks
 from ..program.statistics import Attempt
 from ..solution import Solution
 from ..solve.expressions import kinks_in_costs, kinks_in_path
@@ -184,8 +184,8 @@ class LimitSearch:
             raise not_found(failure, [stage.description for stage in self._stages], widened, FEASIBLE) from None
         return closed
 
-    def _note(self, solution: Solution, description: str) -> None:
-        self._stages.append(solution.as_attempt(description))
+    def _note(self, solution: Solution, description: str, violation: float | None = None) -> None:
+        self._stages.append(solution.as_attempt(description, violation=violation))
 
     def _by_another_mesh(self) -> Solution | None:
         """Solution from one on a mesh of other intervals, from the first guess; None if there is none."""
@@ -286,7 +286,7 @@ class LimitSearch:
                 self._meshes, guess, PENALTY_ITERATIONS, NEARNESS[-1], weight
             )
             total = sum(slacks.values())
-            self._note(solution, f"violations at a price, from {description}, {total:.2g} in all")
+            self._note(solution, f"violations at a price, from {description}", total)
             if (not succeeded and total > NEAR) or branch_jump(solution) is not None:
                 return None
             if total < self._least:
@@ -349,7 +349,7 @@ class LimitSearch:
         guesses: Iterable[Guess] = itertools.chain((start() for start in starts), self._other_ends)
         # near to all starts first, which often ends at a motion that meets all; the rest is for what is in conflict
         for weights in (NEARNESS[:1], NEARNESS[1:]):
-            conflicting: list[tuple[float, Solution, dict[str, float]]] = []
+            conflicting: list[tuple[float, Solution, Slacks]] = []
             for guess in guesses:
                 solution, slacks, succeeded = self._least_violation(guess, weights)
                 total = sum(slacks.values())
@@ -394,14 +394,14 @@ class LimitSearch:
                 failure, (solution, slacks), widened, f"{reason}; {LEAST_VIOLATION} is not zero", FEASIBLE
             ) from None
 
-    def _widened(self, solution: Solution) -> tuple[Solution, dict[str, float]] | None:
+    def _widened(self, solution: Solution) -> tuple[Solution, Slacks] | None:
         """Least violation of limits alone, near to a motion, with all conditions met; None if it is not found."""
         motion, slacks, succeeded = self._least_violation(self._solver.motion_of(solution), NEARNESS, limits_alone=True)
         return (motion, slacks) if succeeded else None
 
     def _least_violation(
         self, near: Guess, weights: Sequence[float], *, limits_alone: bool = False
-    ) -> tuple[Solution, dict[str, float], bool]:
+    ) -> tuple[Solution, Slacks, bool]:
         """Least violation from a guess, less and less near to it; as :meth:`ProblemSolver.least_violation`."""
         for weight in weights:
             result = self._solver.least_violation(
@@ -412,7 +412,7 @@ class LimitSearch:
             if not succeeded or total <= FEASIBLE:
                 break
             near = self._solver.motion_of(solution)
-        self._note(solution, f"least violation{' of limits alone' if limits_alone else ''}, {total:.2g} in all")
+        self._note(solution, f"least violation{' of limits alone' if limits_alone else ''}", total)
         return result
 
 

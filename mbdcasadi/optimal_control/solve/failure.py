@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ import numpy as np
 from ...errors import OptimizationError
 from ...model.conditions import Condition
 from ..motion.limits import label_of
-from ..program.limit_sides import LimitSides, Side
+from ..program.limit_sides import LimitSides, Side, Slacks
 from ..solution import Solution
 from ..transcription.rows import violations
 from .expressions import kinks_in_costs, kinks_in_path, not_finite
@@ -96,13 +95,12 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
             largest_violations=violations,
             partial=solution,
         )
-    message = _MESSAGES.get(status, f"the solver stopped: {status}")
-    if status == REFUSED:
-        worst = ""
-    elif status == "Solved_To_Acceptable_Level" or not violations:
-        worst = "; all demands are met at the last iterate" if not violations else ""
-    else:
-        worst = f"; least met is: {violations[0]}"
+    said = message = _MESSAGES.get(status, f"the solver stopped: {status}")
+    worst, remark = "", ""
+    if status != REFUSED and not violations:
+        worst = "all demands are met at the last iterate"
+    elif status not in (REFUSED, "Solved_To_Acceptable_Level"):
+        worst = f"least met is: {violations[0]}"
     kinks = kinks_in_costs(solution.problem) or kinks_in_path(solution.problem)
     wrong = not_finite(solution) if status in ("Invalid_Number_Detected", "Error_In_Step_Computation") else None
     if wrong is not None:
@@ -114,17 +112,20 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
     elif kinks and not violations:
         message = _PLAIN.get(status, message)
     if kinks:
-        worst += f" ({kinks})"
+        remark = f" ({kinks})"
     elif not violations and status == "Maximum_Iterations_Exceeded":
-        worst += " (inputs that chatter unseen may be the cause)"
+        remark = " (inputs that chatter unseen may be the cause)"
     if violations and not kinks and status in ("Maximum_Iterations_Exceeded", "Search_Direction_Becomes_Too_Small"):
-        worst += " (the problem may be infeasible)"
-    return OptimizationError(
-        f"{message}{worst}; {_left(solution)}",
+        remark = " (the problem may be infeasible)"
+    error = OptimizationError(
+        "; ".join([*filter(None, [message, worst])]) + f"{remark}; {_left(solution)}",
         largest_violations=violations,
         partial=solution,
         time=wrong[1] if wrong else violations[0].time if violations else None,
     )
+    findings = "; ".join(filter(None, ["" if message == said else message, worst])) + remark
+    error.findings = "; ".join(filter(None, [findings.strip(), _left(solution)]))
+    return error
 
 
 def _further_places(solution: Solution) -> str:
@@ -149,8 +150,8 @@ def is_unbounded(solution: Solution) -> bool:
     return solution.cost < UNBOUNDED_COST * solution.program.cost_scale
 
 
-#: A motion, and scaled amounts by which it violates demands, by label.
-Violated = tuple[Solution, dict[str, float]]
+#: A motion, and what it violates.
+Violated = tuple[Solution, Slacks]
 
 
 def infeasible(
@@ -267,15 +268,14 @@ def not_found(
     limits = [] if widened is None else _conflicts(*widened, tolerance)
     text = (
         f"no solution was found, and the problem may still have one (tried: {_tried(stages)}); {_wider(limits)}"
-        f"starts= and guess= look elsewhere; {_without_message(failure)}"
+        f"starts= and guess= look elsewhere; {failure.findings or failure}"
     )
     return _instead_of(failure, text)
 
 
 def _tried(stages: list[str]) -> str:
-    """Stages of a search in the order in which they came first, each once and without the amounts that were left."""
-    counted = Counter(re.sub(r", [^,]* in all$", "", stage) for stage in stages)
-    return "; ".join(stage if times == 1 else f"{stage} ({times} times)" for stage, times in counted.items())
+    """Stages of a search in the order in which they came first, each once."""
+    return "; ".join(name if times == 1 else f"{name} ({times} times)" for name, times in Counter(stages).items())
 
 
 def _wider(limits: Sequence[Violation]) -> str:
@@ -298,31 +298,24 @@ def _last_iterate(failure: OptimizationError) -> str:
     return f"{kinks}; {_left(failure.partial)}" if kinks else _left(failure.partial)
 
 
-def _without_message(failure: OptimizationError) -> str:
-    """Report of a failure without the message of the solver: from the least met demand on."""
-    text = str(failure)
-    status = _MESSAGES.get(failure.partial.statistics.status, "")
-    return text.removeprefix(status).removeprefix("; ").removeprefix(" ")
-
-
-def _conflicts(solution: Solution, slacks: dict[str, float], tolerance: float) -> list[Violation]:
-    """Violations by label, the largest first, each where it is largest; those beside which they are small left out."""
+def _conflicts(solution: Solution, slacks: Slacks, tolerance: float) -> list[Violation]:
+    """Violations by name, the largest first, each where it is largest; those beside which they are small left out."""
     least = max(tolerance, SMALL_SHARE * max(slacks.values(), default=0.0))
-    slacks = {label: slack for label, slack in slacks.items() if slack > least}
+    slacks = {name: slack for name, slack in slacks.items() if slack > least}
     sides = LimitSides(solution.program, conditions=True).sides
     values = np.r_[solution.answer.rows, solution.variables / solution.program.scale]
     violations = []
-    for label, slack in slacks.items():
+    for name, slack in slacks.items():
 
         def excess(side: Side) -> float:
             amount = values[side.place] - side.bound
             return float(abs(amount) if side.equality else side.sign * amount)
 
-        side = max(sides[label], key=excess)
+        side = max(sides[name], key=excess)
         time = solution.phases[side.phase].time_at(side.intervals[0], side.tau)
         interval = side.intervals[0] if side.repeated else None
-        name = label_of(solution, side.phase, label)
-        violations.append(Violation(name, slack * side.size, side.unit, time, interval, side.tau, slack))
+        label = label_of(solution, side.phase, name)
+        violations.append(Violation(label, slack * side.size, side.unit, time, interval, side.tau, slack))
     # both sides of a limit are often violated by the same amount, but for rounding
     return sorted(violations, key=lambda v: -float(f"{v.scaled:.5g}"))
 

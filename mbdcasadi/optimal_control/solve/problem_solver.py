@@ -18,7 +18,7 @@ from ..motion.held_limits import LIMIT_TOLERANCE, ROUNDS, largest_share, points_
 from ..problem import OptimalControlProblem
 from ..program.collocation_program import Bounds, CollocationProgram, Held
 from ..program.elastic_program import ElasticProgram
-from ..program.limit_sides import LimitSides
+from ..program.limit_sides import LimitSides, Slacks
 from ..program.problem_setup import ProblemSetup
 from ..program.setup import Settings
 from ..program.statistics import Answer
@@ -229,7 +229,7 @@ class ProblemSolver(ProblemSetup):
         cost_weight: float = 0.0,
         *,
         limits_alone: bool = False,
-    ) -> tuple[Solution, dict[str, float], bool]:
+    ) -> tuple[Solution, Slacks, bool]:
         """Look for the motion that violates limits and conditions least, or limits alone and no condition.
 
         The squared distance from the guess, which singles out one of many such motions, has the weight `nearness`, and

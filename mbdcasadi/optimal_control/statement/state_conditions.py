@@ -15,8 +15,6 @@ from ...results.state import State
 STEERING_TOLERANCE = 1e-3
 #: Share of its typical change within which an implied condition must stay while the solver runs.
 WINDOW = 0.05
-#: End of the labels of the limits about an implied condition.
-IMPLIED = " (on the same branch)"
 
 
 def state_conditions(eom: Equations, state: State) -> list[Condition]:
@@ -44,8 +42,8 @@ def independent_state_conditions(state: State) -> tuple[Condition, ...]:
 
 def window(condition: Condition, width: float) -> list[Condition]:
     """Return limits about a condition that others imply on one branch."""
-    label = f"{condition.label}{IMPLIED}"
-    return [Condition(sign * condition.expression - width, False, label) for sign in (1, -1)]
+    label = f"{condition.label} (on the same branch)"
+    return [Condition(sign * condition.expression - width, False, label, implied=True) for sign in (1, -1)]
 
 
 def pose_conditions(numeric: NumericEquations, t: float, target: np.ndarray) -> list[Condition]:

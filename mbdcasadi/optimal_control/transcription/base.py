@@ -24,7 +24,7 @@ from ...numerics.lazy import cached_property
 from .constraints import MotionConstraints
 from .controls import InputBasis
 from .points import CollocationPoint, Interval
-from .rows import Rows
+from .rows import RowKind, Rows
 from .scaling import Scales
 
 Scheme = TypeVar("Scheme", bound="Transcription")
@@ -327,19 +327,18 @@ class Transcription(ABC):
     def motion_rows(self, at: CollocationPoint, p: ca.SX, tau: float, scales: Scales) -> list[Rows]:
         """``M a + Phi_q^T lam - Q = 0`` and ``Phi_q a - gamma = 0`` at a point."""
         motion, acceleration = self._residuals(*at.values[:-1], p)
-        labels = tuple(f"equation of motion of {name}" for name in self.eom.coordinate_names)
         units = tuple("N m" if angle else "N" for angle in scales.angles)
         # in angles alone a solver is led astray by large residuals that count little: angles jump within an interval
         size = scales.load * (1 if self.eom.is_chain else scales.steps**2)
         return [
-            Rows(motion, labels, tau, size, units),
+            Rows(motion, self.eom.coordinate_names, tau, size, units, RowKind.MOTION),
             self.constraints.acceleration_rows(acceleration, tau, scales),
         ]
 
     def constraint_rows(self, q: ca.SX, v: ca.SX, t: ca.SX, p: ca.SX, tau: float, scales: Scales) -> list[Rows]:
         """``Phi = 0`` and ``Phi_q v - nu = 0`` at a mesh point."""
         constraints = self.constraints
-        return [constraints.position_rows(q, t, p, tau, scales), constraints.velocity_rows(q, v, t, p, tau, scales)]
+        return [*constraints.position_rows(q, t, p, tau, scales), constraints.velocity_rows(q, v, t, p, tau, scales)]
 
     def corrections(
         self, t: ca.SX, q: ca.SX, p: ca.SX, mu_1: ca.SX, mu_2: ca.SX | None = None
@@ -351,19 +350,19 @@ class Transcription(ABC):
 
     def continuity_rows(self, residual: ca.SX, scales: Scales, *, velocities: bool = False) -> Rows:
         """Rows that carry the coordinates, or their rates, over to the next mesh point."""
-        kind, per = ("continuity of the velocity of", "/s") if velocities else ("continuity of", "")
-        labels = tuple(f"{kind} {name}" for name in self.eom.coordinate_names)
+        kind, per = (RowKind.VELOCITY_CONTINUITY, "/s") if velocities else (RowKind.CONTINUITY, "")
         units = tuple(("rad" if angle else "m") + per for angle in scales.angles)
-        return Rows(residual, labels, 1.0, scales.v * scales.steps if velocities else scales.q, units)
+        size = scales.v * scales.steps if velocities else scales.q
+        return Rows(residual, self.eom.coordinate_names, 1.0, size, units, kind)
 
     def state_continuity_rows(self, residual: ca.SX, tau: float, scales: Scales) -> Rows:
         """Rows that carry the first-order states over to the next mesh point."""
-        return self._state_rows("continuity of", residual, tau, scales.z)
+        return self._state_rows(RowKind.CONTINUITY, residual, tau, scales.z)
 
     def state_rate_rows(self, residual: ca.SX, tau: float, scales: Scales) -> Rows:
         """Rows that hold the rates of the first-order states at a point."""
-        return self._state_rows("rate of", residual, tau, scales.z * scales.steps / scales.time)
+        return self._state_rows(RowKind.STATE_RATE, residual, tau, scales.z * scales.steps / scales.time)
 
-    def _state_rows(self, kind: str, residual: ca.SX, tau: float, scale: np.ndarray) -> Rows:
-        names = tuple(f"{kind} {z.label}" for z in self.eom.mechanism.states)
-        return Rows(residual, names, tau, scale, tuple("in the state's unit" for _ in names))
+    def _state_rows(self, kind: RowKind, residual: ca.SX, tau: float, scale: np.ndarray) -> Rows:
+        names = tuple(z.label for z in self.eom.mechanism.states)
+        return Rows(residual, names, tau, scale, ("in the state's unit",) * len(names), kind)

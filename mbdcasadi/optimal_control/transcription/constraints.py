@@ -14,7 +14,7 @@ from ...model.cache import Cache
 from ...model.conditions import Condition, stacked
 from ...numerics.evaluation import Evaluator
 from ...numerics.lazy import cached_property
-from .rows import Rows
+from .rows import RowKind, Rows
 from .scaling import Scales
 
 
@@ -121,29 +121,28 @@ class MotionConstraints:
         units = [("rad" if self.eom.angular_rows[k] else "m") + per for k in self.rows]
         return names, units + [""] * len(self.path_constraints)
 
-    def position_rows(self, q: ca.SX, t: ca.SX, p: ca.SX, tau: float, scales: Scales) -> Rows:
-        """``Phi = 0``."""
-        names, units = self._names_and_units("")
-        at_position = [self.rows.index(k) for k in self._joint_positions]
-        at_position += range(len(self.rows), len(self.rows) + self.position_count - len(at_position))
-        return Rows(
-            self.function(t, q, p)[0],
-            tuple(names[k] if k >= len(self.rows) else f"constraint {names[k]}" for k in at_position),
-            tau,
-            self._sizes(scales)[at_position],
-            tuple(units[k] for k in at_position),
+    def position_rows(self, q: ca.SX, t: ca.SX, p: ca.SX, tau: float, scales: Scales) -> list[Rows]:
+        """``Phi = 0``: rows of the joints, and path conditions."""
+        (names, units), sizes, values = self._names_and_units(""), self._sizes(scales), self.function(t, q, p)[0]
+        joints, first = self.joint_position_count, len(self.rows)
+        parts = (
+            (RowKind.CONSTRAINT, values[:joints], [self.rows.index(k) for k in self._joint_positions]),
+            (RowKind.EQUATION, values[joints:], [*range(first, first + self.position_count - joints)]),
         )
+        return [
+            Rows(part, tuple(names[k] for k in at), tau, sizes[at], tuple(units[k] for k in at), kind)
+            for kind, part, at in parts
+        ]
 
     def velocity_rows(self, q: ca.SX, v: ca.SX, t: ca.SX, p: ca.SX, tau: float, scales: Scales) -> Rows:
         """``Phi_q v - nu = 0``."""
         _, _, jacobian, nu = self.function(t, q, p)
         names, units = self._names_and_units("/s")
-        labels = tuple(f"velocity equation of {name}" for name in names)
         size = self._sizes(scales) * scales.steps / scales.time
-        return Rows(jacobian @ v - nu, labels, tau, size, tuple(units))
+        return Rows(jacobian @ v - nu, tuple(names), tau, size, tuple(units), RowKind.VELOCITY)
 
     def acceleration_rows(self, residual: ca.SX, tau: float, scales: Scales) -> Rows:
         """``Phi_q a - gamma = 0`` from its residual."""
         names, units = self._names_and_units("/s²")
-        labels = tuple(f"acceleration equation of {name}" for name in names)
-        return Rows(residual, labels, tau, self._sizes(scales) * (scales.steps / scales.time) ** 2, tuple(units))
+        size = self._sizes(scales) * (scales.steps / scales.time) ** 2
+        return Rows(residual, tuple(names), tau, size, tuple(units), RowKind.ACCELERATION)

@@ -23,6 +23,7 @@ from ....numerics.symbolic import LOCK, numeric_work, symbolic
 from ...motion.guess import Guess, Iterate
 from ...program.collocation_program import Bounds, CollocationProgram
 from ...program.elastic_program import ElasticProgram
+from ...program.limit_sides import Slacks
 from ...program.statistics import SolveStatistics
 from ...transcription.mesh import Mesh
 from ...transcription.rows import violations
@@ -208,7 +209,7 @@ class NLPSolver(ABC):
         """Return the solver of a program, and what watches it; options of the user prevail."""
 
     @abstractmethod
-    def least_violation(self, begin: Beginning, elastic: ElasticProgram, limit: int) -> tuple[Result, dict[str, float]]:
+    def least_violation(self, begin: Beginning, elastic: ElasticProgram, limit: int) -> tuple[Result, Slacks]:
         """Minimise the violations of a program near a start, in at most so many iterations.
 
         Returned are the last iterate with the cost of the program itself and no multipliers, and scaled violations by

@@ -10,6 +10,7 @@ import numpy as np
 from ....numerics.console import quiet
 from ...program.collocation_program import CollocationProgram
 from ...program.elastic_program import ElasticProgram
+from ...program.limit_sides import Slacks
 from .base import QUIET, Beginning, NLPSolver, Result, SolverWatch
 
 #: Residual of the conditions of an optimum, scaled, at which IPOPT ends.
@@ -105,7 +106,7 @@ class Ipopt(NLPSolver):
         callback = SolverCallback(program.size, program.lower, program.cost_scale, program.nlp.data_size)
         return self.make(program, {"iteration_callback": callback} | options), callback
 
-    def least_violation(self, begin: Beginning, elastic: ElasticProgram, limit: int) -> tuple[Result, dict[str, float]]:
+    def least_violation(self, begin: Beginning, elastic: ElasticProgram, limit: int) -> tuple[Result, Slacks]:
         """Minimise the violations of a program near a start; see :meth:`NLPSolver.least_violation`."""
         program = begin.program
         arguments = elastic.arguments(begin.x, begin.data, program.rows_at(begin.x, begin.data))
