@@ -50,7 +50,7 @@ def optimize(
     intervals: int | str = "auto",
     degree: int = 3,
     tolerance: float | None = None,
-    guess: Solution | Shifted | Trajectory | None = None,
+    guess: Solution | Shifted | Trajectory | Mapping[Any, Any] | None = None,
     starts: Any = None,
     executor: Executor | None = None,
     initial: Conditions | None = None,
@@ -83,9 +83,14 @@ def optimize(
         the running cost change by much there, so that their effect on the cost is as small. Times at which costs,
         limits or forces jump become mesh points, and the integral of the running cost is right to this share; what
         jumps with the states or at a time that is a free parameter is reported.
-    guess : Solution or Trajectory, optional
-        Initial guess, on any mesh: another solution, a simulation, or an
-        inverse dynamics of the same bodies with a driver in place of the input.
+    guess : Solution, Trajectory or mapping, optional
+        Initial guess, on any mesh: another solution, a simulation, or an inverse dynamics of the same bodies, by name,
+        with a driver in place of the input. Or ``{expression: values}`` of what is known of the motion: expressions in
+        positions, such as coordinates and ``hand.x``, inputs, first-order states; each a number, an array over the
+        duration, a pair (times, values), a spline or a function of the time since the start, or an expression in t.
+        Poses meet them as nearly as the joints let them, and are else those of the default; velocities and the loads
+        that are not given follow. Times decide the first duration. Free parameters have a number. ``{phase:
+        {expression: values}}``, by phase or its name, is over a phase, else values are over the whole motion.
         Default is a kinematic motion, by continuation through the conditions.
     starts : int or sequence, optional
         Number of different starts, or a list of guesses; the best solution is

@@ -146,10 +146,7 @@ def test_a_trajectory_of_other_bodies_is_refused(solved):
 
 
 def test_a_solution_of_other_bodies_is_refused(solved):
-    """As a trajectory is; the number of coordinates does not matter."""
+    """As a trajectory is."""
     problem, _, _ = solved
-    twin = mbd.optimize(half_turn(crank_rocker()), intervals=6)
-    other = mbd.optimize(rest_to_rest()[0], intervals=4)
-    for stranger in (other, twin):
-        with pytest.raises(mbd.ModelError):
-            mbd.optimize(problem, intervals=6, guess=stranger)
+    with pytest.raises(mbd.ModelError, match="crank.x"):
+        mbd.optimize(problem, intervals=6, guess=mbd.optimize(rest_to_rest()[0], intervals=4))

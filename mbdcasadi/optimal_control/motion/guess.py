@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -127,19 +128,26 @@ def guess_at_rest(loads: LeastSquaresLoads, start: State, path: KinematicPath) -
     return PhaseGuess(sample, path.segment_times)
 
 
-def kinematic_guess(loads: LeastSquaresLoads, start: State, path: KinematicPath) -> PhaseGuess:
-    """A motion through poses, with the velocities and accelerations, loads and inputs that belong to it."""
+def kinematic_guess(
+    loads: LeastSquaresLoads, start: State, path: KinematicPath, given: Sampler | None = None
+) -> PhaseGuess:
+    """A motion through poses, with the velocities and accelerations, loads and inputs that belong to it.
+
+    Inputs, first-order states and their rates may be `given`: ``u``, with NaN for inputs that are not, ``z`` and
+    ``rate``.
+    """
     times, poses = path.times, path.poses
     velocities = np.gradient(poses, times, axis=0)
     accelerations = np.gradient(velocities, times, axis=0)
 
     def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
         z = np.tile(start.z, (wanted.size, 1))
+        known = {"z": z, "rate": 0 * z} | ({} if given is None else given(wanted))
         q, v = hermite(times, poses, velocities, accelerations, wanted)
         a = linear(times, accelerations, wanted)
-        q, v, a = loads.states(wanted, q, v, a, z)
-        lam, u = loads.loads(wanted, q, v, a, z)
-        return {"q": q, "v": v, "a": a, "z": z, "rate": 0 * z, "lam": lam, "u": u}
+        q, v, a = loads.states(wanted, q, v, a, known["z"])
+        lam, u = loads.loads(wanted, q, v, a, known["z"], known.get("u"))
+        return {"q": q, "v": v, "a": a} | known | {"lam": lam, "u": u}
 
     return PhaseGuess(sample, path.segment_times)
 
@@ -169,24 +177,34 @@ def guess_from_motion(motion: Trajectory, segment_times: np.ndarray) -> PhaseGue
 def guess_from_other(
     phase: Phase, loads: LeastSquaresLoads, motion: Trajectory, segment_times: np.ndarray
 ) -> PhaseGuess:
-    """A motion of the same bodies in another mechanism, such as one with drivers in place of inputs.
+    """A motion of the same bodies in another mechanism, such as one with drivers in place of inputs, or one built anew.
 
-    Multipliers and inputs are those that come nearest to the equations of motion: for an inverse dynamics the effort of
-    the driver. A mechanism that lacks a coordinate is refused.
+    Coordinates are the same symbols, or have the same names. Multipliers and inputs are those that come nearest to the
+    equations of motion: for an inverse dynamics the effort of the driver. A motion that lacks a coordinate is refused.
     """
-    eom, other = phase.equations, motion.equations
-    place = {s.element_hash(): k for k, s in enumerate(ca.vertsplit(other.q))}
-    missing = [s.name() for s in ca.vertsplit(eom.q) if s.element_hash() not in place]
-    if missing:
-        raise ModelError(f"optimize: the trajectory given as guess has no coordinate {missing[0]}")
-    columns = [place[s.element_hash()] for s in ca.vertsplit(eom.q)]
+    columns = _columns(phase, motion)
     stretch, motion_at = _stretched(motion, segment_times)
 
     def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
         at = motion_at(wanted)
         q, v, a = at.q[:, columns], at.v[:, columns] / stretch, at.a[:, columns] / stretch**2
-        z = np.tile(eom.estimate[2], (wanted.size, 1))
+        z = np.tile(phase.equations.estimate[2], (wanted.size, 1))
         lam, u = loads.loads(wanted, q, v, a, z)
         return {"q": q, "v": v, "a": a, "z": z, "rate": 0 * z, "lam": lam, "u": u}
 
     return PhaseGuess(sample, segment_times)
+
+
+def _columns(phase: Phase, motion: Trajectory) -> list[int]:
+    """Columns of the coordinates of a phase in those of a motion."""
+    ours, theirs = (ca.vertsplit(eom.q) for eom in (phase.equations, motion.equations))
+    place: dict[Any, int] = {s.name(): k for k, s in enumerate(theirs)}
+    place |= {s.element_hash(): k for k, s in enumerate(theirs)}
+    missing = [s.name() for s in ours if s.element_hash() not in place and s.name() not in place]
+    if missing:
+        own, of = (", ".join(f"'{b.name}'" for b in x.mechanism.bodies) for x in (motion, phase))
+        raise ModelError(
+            f"optimize: the motion given as guess has no coordinate {missing[0]}: it is of the bodies {own}, the phase "
+            f"'{phase.name}' has {of}; bodies are matched by their names"
+        )
+    return [place.get(s.element_hash(), place.get(s.name(), -1)) for s in ours]

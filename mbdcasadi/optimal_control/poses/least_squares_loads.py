@@ -108,21 +108,29 @@ class LeastSquaresLoads:
         total = float(np.sum(terms))
         return total if abs(total) > ROUNDING * np.sum(np.abs(terms)) else 0.0
 
-    def loads(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, z: np.ndarray):
+    def loads(
+        self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, z: np.ndarray, given: np.ndarray | None = None
+    ):
         """Multipliers (k, m) and inputs (k, n_u) of least squares; zero for mechanisms of hundreds of bodies.
 
-        Multipliers of rows that are solved stay zero.
+        Multipliers of rows that are solved stay zero. Inputs may be `given` (k, n_u), NaN for those that are not.
         """
         whole, eom, sizes = self.numeric.eom, self.eom, self._reduced_scales
         rows, n_u = len(eom.rows), eom.u.numel()
         lam = np.zeros((t.size, whole.lam.numel()))
         if not rows + n_u or whole.q.numel() * (whole.lam.numel() + n_u) > LARGE:
-            return lam, np.tile(whole.input_values, (t.size, 1))
+            inputs = np.tile(whole.input_values, (t.size, 1))
+            return lam, inputs if given is None else np.where(np.isnan(given), inputs, given)
         matrix, load = self.system(t, q[:, eom.independent], v[:, eom.independent], a[:, eom.independent], z)
+        if given is not None:
+            held = ~np.isnan(given).any(axis=0)
+            places = rows + np.flatnonzero(held)
+            load = load - matrix[:, :, places] @ given[:, held, None]
+            matrix[:, :, places] = 0.0
         finite = np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(load).all(axis=(1, 2))
         loads = np.zeros((t.size, rows + n_u))
         columns = np.r_[sizes.lam, sizes.u]
         scaled = matrix[finite] * columns / sizes.load[:, None]
         loads[finite] = columns * (np.linalg.pinv(scaled, rcond=1e-9) @ (load[finite] / sizes.load[:, None]))[:, :, 0]
         lam[:, eom.rows] = loads[:, :rows]
-        return lam, loads[:, rows:]
+        return lam, loads[:, rows:] if given is None else np.where(np.isnan(given), loads[:, rows:], given)
