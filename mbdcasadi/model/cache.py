@@ -41,14 +41,14 @@ class Cache(Mapping[Hashable, Any]):
         # one lock for all keys and all caches: values are made of expressions, and of values of other caches
         self._lock = LOCK
 
-    def get_or_create_quietly(self, key: Hashable, make: Callable[[], T]) -> T:
+    def get_or_create_quietly(self, key: Hashable, make: Callable[[], T], *, bounded: bool = False) -> T:
         """Return the same, but keep no value with which a warning was given: it is given again with the value."""
         with self._lock:
             before = warnings_given()
-            value = self[key] if key in self else make()
-            if warnings_given() == before and key not in self:
-                self._kept[key] = value
-            return value
+            if key in self:
+                return self.get_or_create(key, make, bounded=bounded)
+            value = make()
+            return value if warnings_given() != before else self.get_or_create(key, lambda: value, bounded=bounded)
 
     def get_or_create(self, key: Hashable, make: Callable[[], T], *, bounded: bool = False) -> T:
         """Return the value of a key; if there is none yet, make it and keep it.

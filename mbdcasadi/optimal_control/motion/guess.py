@@ -21,6 +21,7 @@ from ..program.phase_program import PhaseProgram
 from ..statement.phase import Phase
 from ..transcription.controls import InputBasis
 from ..transcription.mesh import Mesh
+from ..transcription.motion import Polynomials
 
 #: Values by name (``q, v, z, a, lam, u, rate``), each (k, size), at given times.
 Sampler = Callable[[np.ndarray], dict[str, np.ndarray]]
@@ -152,23 +153,36 @@ def kinematic_guess(
     return PhaseGuess(sample, path.segment_times)
 
 
-def _stretched(motion: Trajectory, segment_times: np.ndarray) -> tuple[float, Callable[[np.ndarray], Trajectory]]:
-    """Factor by which a motion is to take longer, and the motion at times of the longer one."""
-    begin, end = motion.t[0], motion.t[-1]
+def _stretched(begin: float, end: float, segment_times: np.ndarray) -> tuple[float, Callable[[np.ndarray], np.ndarray]]:
+    """Factor by which a motion from a time to another is to take longer, and its times by those of the longer one."""
     stretch = (segment_times[-1] - segment_times[0]) / (end - begin)
-    return stretch, lambda wanted: motion.at(np.clip(begin + (wanted - segment_times[0]) / stretch, begin, end))
+    return stretch, lambda wanted: np.clip(begin + (wanted - segment_times[0]) / stretch, begin, end)
 
 
 def guess_from_motion(motion: Trajectory, segment_times: np.ndarray) -> PhaseGuess:
     """A motion of the same mechanism, stretched to the times of a problem."""
-    stretch, motion_at = _stretched(motion, segment_times)
+    stretch, moved = _stretched(motion.t[0], motion.t[-1], segment_times)
 
     def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
-        at = motion_at(wanted)
+        at = motion.at(moved(wanted))
         rates = at[at.equations.z_rate].reshape(at.z.shape) if at.z.shape[1] else at.z
         return {
             "q": at.q, "v": at.v / stretch, "a": at.a / stretch**2, "z": at.z,
             "rate": rates / stretch, "lam": np.nan_to_num(at.lam), "u": np.nan_to_num(at.inputs),
+        }  # fmt: skip
+
+    return PhaseGuess(sample, segment_times)
+
+
+def guess_from_polynomials(motion: Polynomials, segment_times: np.ndarray) -> PhaseGuess:
+    """The polynomials of a solution of the same mechanism, stretched to the times of a problem."""
+    stretch, moved = _stretched(motion.times[0], motion.times[-1], segment_times)
+
+    def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
+        t, q, v, a, z, lam, u, _ = motion.at_times(moved(wanted))
+        rates = motion.state_rates(t, q, v, a, z, lam, u)
+        return {
+            "q": q, "v": v / stretch, "a": a / stretch**2, "z": z, "rate": rates / stretch, "lam": lam, "u": u
         }  # fmt: skip
 
     return PhaseGuess(sample, segment_times)
@@ -183,10 +197,10 @@ def guess_from_other(
     equations of motion: for an inverse dynamics the effort of the driver. A motion that lacks a coordinate is refused.
     """
     columns = _columns(phase, motion)
-    stretch, motion_at = _stretched(motion, segment_times)
+    stretch, moved = _stretched(motion.t[0], motion.t[-1], segment_times)
 
     def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
-        at = motion_at(wanted)
+        at = motion.at(moved(wanted))
         q, v, a = at.q[:, columns], at.v[:, columns] / stretch, at.a[:, columns] / stretch**2
         z = np.tile(phase.equations.estimate[2], (wanted.size, 1))
         lam, u = loads.loads(wanted, q, v, a, z)

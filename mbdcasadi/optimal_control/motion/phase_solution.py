@@ -22,7 +22,7 @@ from ..statement.phase import Phase
 from ..transcription.mesh import Mesh
 from ..transcription.motion import OptimalMotion, Polynomials
 from .growth import Growth, growth
-from .guess import PhaseGuess, guess_from_motion
+from .guess import PhaseGuess, guess_from_polynomials
 from .limit_excess import POINTS, Excess, excess_of_motion, intervals_near, larger_side
 from .reintegration import end_differences, inner_errors
 
@@ -326,7 +326,7 @@ class PhaseSolution:
         if len(times) != len(spans):
             times = np.linspace(0, times[-1], len(spans))
         times = np.array([np.clip(t, low, high) for t, (low, high) in zip(times, spans, strict=True)])
-        return guess_from_motion(self.trajectory, begin + times)
+        return guess_from_polynomials(self.polynomials, begin + times)
 
 
 class InstantSolution(PhaseSolution):

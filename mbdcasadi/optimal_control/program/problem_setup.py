@@ -31,7 +31,7 @@ from ..statement.phase import Phase, read_state_or_conditions
 from ..transcription.mesh import Mesh
 from .change import ChangeSetup, numeric_at
 from .collocation_program import CollocationProgram, Held
-from .setup import PhaseSetup, Settings
+from .setup import PhaseSetup, Settings, key_of
 
 #: Distance of the first key pose from the start, as a share of the coordinates, from which it is another one.
 START_MOVED = 1e-9
@@ -40,7 +40,8 @@ START_MOVED = 1e-9
 class ProblemSetup:
     """A problem with its parameters and its start, ready to be transcribed on meshes.
 
-    `initial` may replace the problem's own start.
+    `initial` may replace the problem's own start. `near` is the setup of the only phase in a solution of the problem:
+    what does not follow from other values of parameters is taken from there.
 
     Attributes
     ----------
@@ -58,7 +59,14 @@ class ProblemSetup:
         What follows from the problem, its own start and the parameters that are given, without symbols.
     """
 
-    def __init__(self, problem: OptimalControlProblem, settings: Settings, parameters: Any = None, initial: Any = None):
+    def __init__(
+        self,
+        problem: OptimalControlProblem,
+        settings: Settings,
+        parameters: Any = None,
+        initial: Any = None,
+        near: PhaseSetup | None = None,
+    ):
         self.problem, self.settings = problem, settings
         values = mapping_of(parameters, "parameters=")
         for free in problem.free_parameters:
@@ -75,19 +83,34 @@ class ProblemSetup:
             own = list((carried_by(self.initial, phase.mechanism)["parameters"] | dict(own)).items())
             start = self.initial if phase is first else ()
             read.append(Setup(phase.mechanism, "optimize", t=0.0, initial=start, parameters=own))
-        numerics = [setup.numeric for setup in read]
+        numerics, signals = [setup.numeric for setup in read], read[0].signals
         self.free_values = np.array([p.value for p in problem.free_parameters])
         self._is_own_start = initial is None
         self.of_start = self._values_of_start(read[0].p)
-        self.start = self._first_state(numerics, read[0].signals)
-        if isinstance(self.initial, State):
-            check_start(problem, first, numerics[0], self.initial)
-        for phase, numeric in zip(problem.phases, numerics, strict=True):
-            if isinstance(phase.final, State):
-                refuse_beyond_limits(problem, phase, numeric, "final", phase.final)
         self.setups: list[PhaseSetup] = []
         self.changes: list[ChangeSetup] = []
-        self._set_up(numerics, read[0].signals)
+        if isinstance(self.initial, State):
+            check_start(problem, first, numerics[0], self.initial)
+        key = *key_of(settings, self.initial), *(numeric.p.tobytes() for numeric in numerics)
+        shares = self._is_own_start or (isinstance(self.initial, State) and len(problem.phases) == 1)
+        near = near if near is not None and near.key_of_start == key[:2] else None
+        kept = problem.compiled.setups if shares and (near is None or key in problem.compiled.setups) else Cache()
+        ready = kept.get_or_create_quietly(key, partial(self._make, numerics, signals, near), bounded=True)
+        self.start, self.free_values, self.setups, self.changes = ready
+        if isinstance(self.initial, State):  # those that are given as states share their setups
+            self.start = self.initial
+
+    def _make(self, numerics: list[NumericEquations], signals: Signals, near: PhaseSetup | None) -> tuple[Any, ...]:
+        """Find the first state, values of free parameters, and setups of phases and changes."""
+        self.start = near.start if near and self.initial == () else self._first_state(numerics, signals)
+        for phase, numeric in zip(self.problem.phases, numerics, strict=True):
+            if isinstance(phase.final, State):
+                refuse_beyond_limits(self.problem, phase, numeric, "final", phase.final)
+        if near:
+            self.setups = [near.at(numerics[0])]
+        else:
+            self._set_up(numerics, signals)
+        return self.start, self.free_values, self.setups, self.changes
 
     def _other_start(self, initial: Any) -> State | tuple[Condition, ...]:
         """A start in place of the problem's own, checked as that is."""
@@ -158,12 +181,7 @@ class ProblemSetup:
                 path = self._path_to(poses.ends[k], phase, numeric, start, spans[k])
             time = usual if phase.is_instant else None
             kept = self.of_start if len(phases) == 1 else Cache()
-            make = partial(PhaseSetup, problem, phase, self.settings, numeric, start, initial, path, time, kept)
-            if poses is None and isinstance(initial, State):  # starts that are given as states share a setup
-                key = phase, self.settings.key, numeric.p.tobytes()
-                self.setups.append(problem.compiled.setups.get_or_create(key, make, bounded=True))
-            else:
-                self.setups.append(make())
+            self.setups.append(PhaseSetup(problem, phase, self.settings, numeric, start, initial, path, time, kept))
         if poses is not None:
             pairs = zip(itertools.pairwise(self.setups), poses.ends, ends.tolist(), strict=False)
             self.changes += [ChangeSetup.at(*pair, pose, t, problem.free_parameters) for pair, pose, t in pairs]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Hashable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -103,6 +104,11 @@ def is_open_chain(problem: OptimalControlProblem) -> bool:
     return bool(chains) and all(map(is_chain_in_angles, chains))
 
 
+def key_of(settings: Settings, initial: State | Sequence[Condition]) -> tuple[Hashable, ...]:
+    """Return a key of settings and start, the same for all starts that are states."""
+    return settings.key, "state" if isinstance(initial, State) else tuple(initial)
+
+
 class PhaseSetup:
     """Ends, sizes and transcription of a phase, with its equations at the parameters that are given.
 
@@ -136,6 +142,16 @@ class PhaseSetup:
         #: typical sizes of the mechanism and its motion, and of the parameters that the mechanism does not have
         self.scales, self._parameter_sizes = self.kept.get_or_create("scales", lambda: self._scales(problem, time))
         self.scheme = self._bound_scheme(problem, settings, initial)
+        #: settings and start for which it was made
+        self.key_of_start = key_of(settings, initial)
+
+    def at(self, numeric: NumericEquations) -> PhaseSetup:
+        """Return the same setup at other values of the parameters."""
+        other = copy(self)
+        other.numeric, other.kept = numeric, Cache()
+        for name in ("sizes", "loads"):
+            other.__dict__.pop(name, None)
+        return other
 
     def _path(self, problem: OptimalControlProblem) -> KinematicPath:
         phase = self.phase

@@ -162,8 +162,10 @@ class Search:
         return [settings]
 
     def _attempt(self, settings: Settings, parameters: Any, guess: Any, starts: Any, *, refined: bool) -> _Attempt:
-        solver = ProblemSolver(self.problem, settings, parameters, self.initial, self.best)
-        meshes = self._meshes(solver.setups, guess.solution if isinstance(guess, Shifted) else guess)
+        near = guess.solution if isinstance(guess, Shifted) else guess
+        setup = near.phases[0].program.setup if self.is_known(guess) and len(near.phases) == 1 else None
+        solver = ProblemSolver(self.problem, settings, parameters, self.initial, self.best, setup)
+        meshes = self._meshes(solver.setups, near)
         candidates = guesses(solver, starts, guess)
         if not self.is_known(guess):
             check_reach(solver, candidates)

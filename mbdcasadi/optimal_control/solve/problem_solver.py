@@ -20,7 +20,7 @@ from ..program.collocation_program import Bounds, CollocationProgram, Held
 from ..program.elastic_program import ElasticProgram
 from ..program.limit_sides import LimitSides, Slacks
 from ..program.problem_setup import ProblemSetup
-from ..program.setup import Settings
+from ..program.setup import PhaseSetup, Settings
 from ..program.statistics import Answer
 from ..solution import Solution
 from ..transcription.mesh import Mesh, interval_count
@@ -66,6 +66,7 @@ class ProblemSolver(ProblemSetup):
         parameters: Any = None,
         initial: Any = None,
         best: BestSoFar | None = None,
+        near: PhaseSetup | None = None,
     ):
         self._nlp_solver: NLPSolver = Ipopt(settings.options, settings.progress)
         #: points at which path limits are held besides stages and mesh points
@@ -79,7 +80,7 @@ class ProblemSolver(ProblemSetup):
         #: cost above which a solve by IPOPT is given up after a while
         self.ceiling = np.inf
         self.best = BestSoFar() if best is None else best
-        super().__init__(problem, settings, parameters, initial)
+        super().__init__(problem, settings, parameters, initial, near)
 
     def on(self, elsewhere: Elsewhere) -> ProblemSolver:
         """Return the same solver with its runs on an executor; several of these work beside each other."""

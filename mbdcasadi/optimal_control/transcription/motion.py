@@ -98,14 +98,26 @@ class Polynomials:
         k = np.clip(np.searchsorted(self.times, times + slack, side="right") - 1, 0, self.times.size - 2)
         return k, np.clip((times - self.times[k]) / np.diff(self.times)[k], 0, 1)
 
+    def at_times(self, times: np.ndarray) -> list[np.ndarray]:
+        """``t, q, v, a, z, lam, u, u̇`` at times, each (k, size)."""
+        return self.at(*self._located(times))
+
     def states(self, times: np.ndarray) -> tuple[np.ndarray, ...]:
         """Coordinates, velocities, first-order states and inputs at times."""
-        _, q, v, _, z, _, u, _ = self.at(*self._located(times))
+        _, q, v, _, z, _, u, _ = self.at_times(times)
         return q, v, z, u
 
     def input_rates(self, times: np.ndarray) -> np.ndarray:
         """Rates of the inputs at times (k, n_u)."""
-        return self.at(*self._located(times))[7]
+        return self.at_times(times)[7]
+
+    def state_rates(self, *at: np.ndarray) -> np.ndarray:
+        """Rates of the first-order states (k, size) at ``t, q, v, a, z, lam, u``, each by row."""
+        eom = self.numeric.eom
+        if not eom.z.numel():
+            return np.zeros((len(at[0]), 0))
+        rates: np.ndarray = eom.function(eom.z_rate)(*(x.T for x in at), self.numeric.p).full().T
+        return rates
 
     @cached_property
     def inputs(self) -> dict[Any, PiecewisePolynomial]:
