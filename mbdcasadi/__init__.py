@@ -95,18 +95,18 @@ if _typing.TYPE_CHECKING:
     from .integrators.stepping import IntegratorStep, RunEquations, SteppingMethod
     from .linear.linearize import linearize
     from .linear.model import LinearModel
-    from .optimal_control.motion.return_map import Stability
+    from .model.placeholders import absolute, at_end, at_start, integral, positive_part
     from .optimal_control.optimize import optimize
     from .optimal_control.problem import OptimalControlProblem
     from .optimal_control.solution import Solution, read_solution
-    from .optimal_control.stability import stability
     from .optimal_control.statement.phase import Phase, Waypoint
-    from .optimal_control.statement.placeholders import absolute, at_end, at_start, integral, positive_part
     from .optimal_control.statement.time_span import between
     from .optimal_control.transcription import GaussLegendre, HermiteSimpson, Transcription
     from .optimal_control.transcription.points import CollocationPoint
     from .sensitivity.cost import CostFunction, cost_function
+    from .sensitivity.return_map import Stability
     from .sensitivity.sensitivities import Sensitivities, sensitivities
+    from .sensitivity.stability import stability
     from .statics.equilibrium import Equilibrium, EquilibriumError, equilibrium
     from .statics.path import EquilibriumPath, equilibrium_path
     from .sweeping.cases import full_factorial, latin_hypercube
@@ -136,18 +136,18 @@ _LATER = {
     "integrators.stepping": "IntegratorStep RunEquations SteppingMethod",
     "linear.linearize": "linearize",
     "linear.model": "LinearModel",
+    "model.placeholders": "absolute at_end at_start integral positive_part",
     "optimal_control.optimize": "optimize",
-    "optimal_control.statement.phase": "Phase Waypoint",
-    "optimal_control.statement.placeholders": "absolute at_end at_start integral positive_part",
-    "optimal_control.statement.time_span": "between",
     "optimal_control.problem": "OptimalControlProblem",
-    "optimal_control.motion.return_map": "Stability",
     "optimal_control.solution": "Solution read_solution",
-    "optimal_control.stability": "stability",
+    "optimal_control.statement.phase": "Phase Waypoint",
+    "optimal_control.statement.time_span": "between",
     "optimal_control.transcription": "GaussLegendre HermiteSimpson Transcription",
     "optimal_control.transcription.points": "CollocationPoint",
     "sensitivity.cost": "CostFunction cost_function",
+    "sensitivity.return_map": "Stability",
     "sensitivity.sensitivities": "Sensitivities sensitivities",
+    "sensitivity.stability": "stability",
     "statics.equilibrium": "Equilibrium EquilibriumError equilibrium",
     "statics.path": "EquilibriumPath equilibrium_path",
     "sweeping.cases": "full_factorial latin_hypercube",

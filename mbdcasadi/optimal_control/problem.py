@@ -12,6 +12,7 @@ import casadi as ca
 from ..errors import ExpressionError, ModelError
 from ..model.conditions import Condition, read_conditions
 from ..model.mechanism import Mechanism
+from ..model.placeholders import PARTS, placeholders_in, with_values
 from ..model.quantities import listed, listed_by_name, refuse_twice, refuse_unknown
 from ..model.symbols import Parameter, describe, role_of, symbols_of
 from ..numerics.symbolic import symbolic
@@ -20,7 +21,6 @@ from .poses.consistency import check_conditions
 from .statement.compiled import CompiledProblem
 from .statement.cost_parts import CostParts, parameter_parts, split_along_path
 from .statement.phase import Phase, Waypoint, read_cost
-from .statement.placeholders import PARTS, placeholders_in, with_values
 from .statement.statement import ProblemStatement
 from .statement.time_span import span_text, time_span
 

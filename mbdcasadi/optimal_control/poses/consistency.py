@@ -17,13 +17,13 @@ from ...equations.numeric import NumericEquations
 from ...errors import AssemblyError, ConditionError, ModelError
 from ...model.conditions import Condition, stacked
 from ...model.mechanism import Mechanism
+from ...model.placeholders import placeholders_in, with_values
 from ...model.symbols import Symbol, symbols_of
 from ...numerics.console import without_warnings
 from ...numerics.newton import solve
 from ...results.state import State
 from ..statement.condition_rank import ranks_of
 from ..statement.phase import Phase, contains_any, on_positions, on_states
-from ..statement.placeholders import placeholders_in, with_values
 from ..statement.statement import ProblemStatement
 from .free_poses import PosedPlace, free_poses
 

@@ -19,13 +19,13 @@ from ...assembly.pose import LARGEST_TURN, PoseProblem
 from ...equations.numeric import NumericEquations
 from ...errors import AssemblyError
 from ...model.conditions import Condition, stacked
+from ...model.placeholders import Placeholder, placeholders_in, with_values
 from ...model.symbols import Parameter
 from ...numerics.console import without_warnings
 from ...numerics.least_squares import largest, least_norm
 from ...numerics.newton import solve
 from ...results.state import State
 from ..statement.phase import BEYOND_STATES, Phase, contains_any, with_parameters
-from ..statement.placeholders import Placeholder, placeholders_in, with_values
 from ..statement.state_conditions import pose_conditions
 from ..statement.statement import ProblemStatement
 from .linear_conditions import straight_path

@@ -8,10 +8,10 @@ import casadi as ca
 import numpy as np
 
 from ...equations.numeric import NumericEquations
+from ...model.placeholders import Placeholder, placeholders_in, with_values
 from ...model.symbols import Parameter
 from ...numerics.newton import Equations
 from ..statement.phase import Phase, on_positions
-from ..statement.placeholders import Placeholder, placeholders_in, with_values
 from ..statement.statement import ProblemStatement
 
 #: Weight of a change of a parameter by its own size, relative to that of a typical step of the heaviest body.

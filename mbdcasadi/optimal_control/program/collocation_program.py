@@ -11,13 +11,13 @@ import numpy as np
 
 from ...model.cache import Cache
 from ...model.conditions import Condition
+from ...model.placeholders import Placeholder, placeholders_in, with_symbols, with_values
 from ...model.symbols import place_of, symbols_of
 from ...numerics.lazy import cached_property
 from ...numerics.lending import Lending
 from ...results.state import State
 from ..problem import OptimalControlProblem
 from ..statement.compiled import OPTION_SETS
-from ..statement.placeholders import Placeholder, placeholders_in, with_symbols, with_values
 from ..transcription.mesh import Mesh
 from ..transcription.rows import BOUNDARY, Row, RowKind, condition_rows, violations
 from .blocks import Block, Edge, block_of_edges

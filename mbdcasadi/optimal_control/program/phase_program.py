@@ -11,12 +11,12 @@ import casadi as ca
 import numpy as np
 
 from ...model.conditions import Condition, stacked
+from ...model.placeholders import Placeholder
 from ...model.symbols import Symbol
 from ...numerics.lazy import cached_property
 from ...results.state import State
 from ..poses.consistency import own_limits
 from ..problem import OptimalControlProblem
-from ..statement.placeholders import Placeholder
 from ..transcription.mesh import Mesh
 from ..transcription.points import MULTIPLIERS, CollocationPoint, Interval
 from ..transcription.rows import FINAL, INITIAL, PATH, Place, RowKind, Rows, condition_rows, stack

@@ -17,6 +17,7 @@ from ...errors import ModelError
 from ...model.cache import Cache
 from ...model.conditions import Condition
 from ...model.contents import contents_of
+from ...model.placeholders import with_values
 from ...model.quantities import whole, yes_or_no
 from ...numerics.lazy import cached_property
 from ...numerics.rank import analyse_rank, dependent_rows, unit_rows
@@ -26,7 +27,6 @@ from ..poses.kinematic_guess import KinematicPath, kinematic_path
 from ..poses.least_squares_loads import LeastSquaresLoads
 from ..problem import OptimalControlProblem
 from ..statement.phase import Phase
-from ..statement.placeholders import with_values
 from ..transcription import TRANSCRIPTIONS, Transcription
 from ..transcription.constraints import MotionConstraints
 from ..transcription.controls import CONTROLS, input_basis

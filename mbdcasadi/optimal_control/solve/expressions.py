@@ -10,13 +10,13 @@ import numpy as np
 from ...equations.switching.continuity import Surroundings, continuous_switches
 from ...equations.switching.held import JumpingPart, jumping_parts, part_of
 from ...equations.switching.switches import BENDING, JUMPING, Switch, hold, quantity_of
+from ...model.placeholders import placeholders_in
 from ...model.texts import text_of
 from ...numerics.graph import operands, operations
 from ..motion.phase_solution import PhaseSolution
 from ..problem import OptimalControlProblem
 from ..solution import Solution
 from ..statement.phase import Phase
-from ..statement.placeholders import placeholders_in
 
 #: Longest text of an expression in a message.
 _LONGEST = 60

@@ -10,8 +10,8 @@ import casadi as ca
 from ...errors import ExpressionError
 from ...model.conditions import Condition, read_conditions
 from ...model.mechanism import Mechanism
+from ...model.placeholders import PARTS, Placeholder, integral, with_values
 from ...model.symbols import Input, Parameter, Symbol
-from .placeholders import PARTS, Placeholder, integral, with_values
 
 
 class CostParts:

@@ -15,6 +15,7 @@ from ...model.conditions import Condition, read_conditions
 from ...model.events import read_restitution
 from ...model.immutable import Immutable
 from ...model.mechanism import Mechanism
+from ...model.placeholders import marked, markers_of
 from ...model.quantities import entries, is_relation, quantity
 from ...model.rates import time_derivative
 from ...model.symbols import Parameter, Scalar, as_sx, check_name, place_of, role_of, symbols_of
@@ -24,7 +25,6 @@ from ...numerics.lazy import cached_property
 from ...numerics.symbolic import symbolic
 from ...results.state import Conditions, State
 from .cost_parts import CostParts, parameter_parts, split_along_path
-from .placeholders import marked, markers_of
 from .state_conditions import independent_state_conditions
 from .time_span import span_text, time_span
 

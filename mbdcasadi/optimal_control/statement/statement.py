@@ -10,12 +10,12 @@ from ...model.cache import Cache
 from ...model.conditions import Condition
 from ...model.contents import contents_of, values_of_contents
 from ...model.immutable import Immutable
+from ...model.placeholders import MARKERS, Placeholder
 from ...model.symbols import Parameter, place_of, role_of, symbols_of
 from ...numerics.lazy import cached_property
 from ...results.state import State
 from .compiled import CompiledProblem
 from .phase import Phase, contains_any, prescribes_motion
-from .placeholders import MARKERS, Placeholder
 
 
 class ProblemStatement(Immutable):

@@ -15,9 +15,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ...model.quantities import quantity
-from ...model.symbols import Scalar, as_sx, register, role_of, symbols_of
-from ...model.texts import text_of
+from .quantities import quantity
+from .symbols import Scalar, as_sx, register, role_of, symbols_of
+from .texts import text_of
 
 #: Kinds of placeholders, and the symbols that mark them.
 MARKERS = {kind: ca.SX.sym(kind) for kind in ("at_start", "at_end", "integral")}

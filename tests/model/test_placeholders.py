@@ -5,7 +5,7 @@ import pytest
 from motions import crank_rocker, rest_to_rest
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.statement.placeholders import placeholders_in
+from mbdcasadi.model.placeholders import placeholders_in
 
 at_end, at_start, integral = mbd.at_end, mbd.at_start, mbd.integral
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
@@ -12,25 +12,32 @@ from ..errors import ModelError, warn
 from ..integrators import Integrator, as_integrator
 from ..model.conditions import Condition, read_conditions
 from ..model.events import Event
+from ..model.placeholders import placeholders_in, with_symbols
 from ..model.symbols import as_sx
 from ..model.symbols import t as time
 from ..numerics.console import keyboard_interrupts
 from ..numerics.least_squares import largest
 from ..results.state import State
 from ..results.trajectory import Trajectory
-from ..sensitivity.phase_flow import Directions, VariedMotion
-from ..sensitivity.phased_variation import phased_variation, start_directions
 from ..simulation.changes.events import read_events
-from .motion.return_map import Stability, next_start, warn_of_a_clock
-from .solution import Solution
-from .statement.placeholders import placeholders_in, with_symbols
+from .phase_flow import Directions, VariedMotion
+from .phased_variation import phased_variation, start_directions
+from .return_map import Stability, next_start, warn_of_a_clock
 
 #: Amount by which a simulated motion may miss the boundary conditions without a warning.
 PERIODIC_TOLERANCE = 1e-6
 
 
+@runtime_checkable
+class OwnStability(Protocol):
+    """What has a stability of its own: a solution of optimal control."""
+
+    def stability(self) -> Stability:
+        """Return the return map of its period."""
+
+
 def stability(
-    motion: Trajectory | Solution,
+    motion: Trajectory | OwnStability,
     boundary: Any = (),
     *,
     events: Sequence[Event] = (),
@@ -97,7 +104,7 @@ def stability(
     >>> bool(np.allclose(found.multipliers, [1, 0], atol=1e-6))
     True
     """
-    if isinstance(motion, Solution):
+    if isinstance(motion, OwnStability):
         if boundary or events or inputs is not None:
             raise ModelError("stability: boundary=, events= and inputs= belong to a simulation; a solution has its own")
         return motion.stability()
