@@ -354,7 +354,7 @@ class Equations:
         For constraints with redundant rows use the analyses, which find the
         multipliers of least norm.
         """
-        from .saddle import forward_dynamics
+        from .dynamics import forward_dynamics
 
         return forward_dynamics(self, augmentation=self.effective_masses(self.parameter_values))
 

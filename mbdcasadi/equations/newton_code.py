@@ -9,19 +9,13 @@ import numpy as np
 
 from ..numerics.c_code import SIGNATURE, Tape
 from .derivation import Equations
-from .saddle import saddle_point_solution, term_sizes
+from .dynamics import dynamics_saddle, term_sizes
 
 #: Steps of Newton's method, at most; those after which a change that does not shrink below rounding is accepted.
 STEPS, MANY = 60, 8
 #: Largest change in the last step, relative to the unknowns, and the one that is accepted after many. What the
 #: equations leave over before it, relative to their terms, is below the latter: small mechanisms have small reactions.
 CONVERGED, NEARLY = 1e-13, 1e-10
-
-
-def linearised(eom: Equations, force: ca.SX, gamma: ca.SX, augmentation: np.ndarray | None) -> tuple[ca.SX, ca.SX]:
-    """Return the changes of ``(a, lam)`` that changes of the force and of gamma cause, to first order."""
-    slope = ca.jacobian(eom.Q, eom.lam)
-    return saddle_point_solution(eom, force, gamma, force_slope=slope, augmentation=augmentation)
 
 
 def newton_step(eom: Equations, name: str, augmentation: np.ndarray | None) -> ca.Function:
@@ -32,7 +26,8 @@ def newton_step(eom: Equations, name: str, augmentation: np.ndarray | None) -> c
     force, rate = eom.Q - eom.mass_diagonal * eom.a - eom.Phi_q.T @ eom.lam, eom.gamma - eom.Phi_q @ eom.a
     left_over = ca.mmax(ca.densify(ca.fabs(ca.vertcat(force, rate)) / term_sizes(eom)))
     unknown = ca.vertcat(eom.a, eom.lam)
-    stepped = ca.densify(unknown + ca.vertcat(*linearised(eom, force, rate, augmentation)))
+    saddle = dynamics_saddle(eom, augmentation, under_reactions=True)
+    stepped = ca.densify(unknown + ca.vertcat(*saddle.solve(force, rate)))
     known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
     return ca.Function(name, [*known, unknown], [stepped, left_over])
 

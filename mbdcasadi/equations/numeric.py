@@ -26,7 +26,9 @@ from ..numerics.rank import (
 from ..numerics.tolerances import EPSILON, RANK
 from .augmentation import effective_masses
 from .derivation import Equations
-from .saddle import REPORT_REFINEMENTS, forward_dynamics, norm_of_multipliers
+from .dynamics import dynamics_saddle, forward_dynamics
+from .least_norm import norm_of_multipliers
+from .saddle import Refinement, Saddle
 from .scale import Scale, scale_of
 
 T = TypeVar("T")
@@ -81,7 +83,7 @@ class NumericEquations:
 
     @property
     def weights_expression(self) -> ca.SX:
-        """The same as an expression in the parameters (n,), for masses that may go to zero with them."""
+        """:attr:`weights` as an expression in the parameters (n,), for masses that may go to zero with them."""
         if not np.any(self.mass > 0):
             return ca.SX(ca.DM(self.weights))
         sizes = ca.DM(self.scale.coordinates)
@@ -101,8 +103,9 @@ class NumericEquations:
         return self._raised(np.where(alike > 0, alike, typical)) / sizes**2
 
     @property
-    def alike_masses(self) -> np.ndarray | None:
-        """The same to powers of four (n,), for multipliers of least norm beside light bodies; None without these."""
+    def multiplier_weights(self) -> np.ndarray | None:
+        """Projection weights to powers of four (n,), for multipliers of least norm beside light bodies; None without
+        these."""
         if self.augmentation is None:
             return None
         weights = self.projection_weights
@@ -274,24 +277,28 @@ class NumericEquations:
         return ca.diag(ca.DM(1 / self.scale.known_size(size))) @ jacobian
 
     # --- accelerations and multipliers ---------------------------------------------------
-    def forward_dynamics(self, *, redundant: bool, refinements: int = REPORT_REFINEMENTS) -> ca.Function:
+    def saddle(self, refinement: Refinement | None = None) -> Saddle:
+        """System of accelerations and multipliers for these masses; with a refinement if rows may be dependent."""
+        return dynamics_saddle(self.eom, self.augmentation, refinement)
+
+    def forward_dynamics(self, *, redundant: bool) -> ca.Function:
         """``(t, q, v, z, u, p) -> (a, lam)`` for these masses."""
-        choice: dict[str, Any] = {"redundant": redundant, "refinements": refinements}
-        metric = self.alike_masses if redundant else None
-        key = ("forward dynamics", self.light_key, *choice.values(), _bytes_of(metric))
-        return self.eom.shared.get_or_create(
-            key, lambda: forward_dynamics(self.eom, augmentation=self.augmentation, metric=metric, **choice)
-        )
+        weights = self.multiplier_weights if redundant else None
+
+        def make() -> ca.Function:
+            return forward_dynamics(self.eom, augmentation=self.augmentation, redundant=redundant, weights=weights)
+
+        return self.eom.shared.get_or_create(("forward dynamics", self.light_key, redundant, _bytes_of(weights)), make)
 
     @property
     def norm_of_multipliers(self) -> ca.Function:
         """``(t, q, p) -> D``: diagonal of the norm of which those of redundant rows are the least (m,)."""
-        eom, metric = self.eom, self.alike_masses
+        eom, weights = self.eom, self.multiplier_weights
 
         def make() -> ca.Function:
-            return ca.Function("norm", [eom.t, eom.q, eom.p], [ca.densify(norm_of_multipliers(eom, metric))])
+            return ca.Function("norm", [eom.t, eom.q, eom.p], [ca.densify(norm_of_multipliers(eom, weights))])
 
-        return eom.shared.get_or_create(("norm of multipliers", _bytes_of(metric)), make)
+        return eom.shared.get_or_create(("norm of multipliers", _bytes_of(weights)), make)
 
     def of_least_norm(self, t: np.ndarray, q: np.ndarray, lam: np.ndarray, p: np.ndarray | None = None) -> np.ndarray:
         """Multipliers with the same loads (k, m) of least norm, as those of :attr:`forward_dynamics` are.
@@ -380,7 +387,6 @@ class NumericEquations:
     def _accelerations(
         self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray, *, redundant: bool
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The same, evaluated."""
         self.refuse_missing_mass(t, q)
         a, lam = self._solved(t, q, v, z, u, redundant=redundant)
         finite = bool(np.isfinite(a).all())
@@ -448,7 +454,7 @@ class NumericEquations:
             "forward dynamics by row",
             self.light_key,
             redundant,
-            _bytes_of(self.alike_masses if redundant else None),
+            _bytes_of(self.multiplier_weights if redundant else None),
         )
         return self.eom.shared.get_or_create(key, make)
 

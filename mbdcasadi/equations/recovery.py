@@ -17,15 +17,15 @@ from ..numerics.lazy import cached_property
 from ..numerics.least_squares import largest
 from .derivation import Equations
 from .numeric import NumericEquations
-from .saddle import WEAKEST_ON_THE_WAY, shifted, solve_redundant
+from .saddle import ONTO_ROWS, SHIFTED, Refinement, Saddle
 
 #: Residual of a constraint, relative to 1 + |q|, that is rounding.
 ROUNDING = 1e-14
 #: Steps of a projection of positions, at most.
 PROJECTIONS = 10
-#: The same from and up to which refined steps are tried, which find what the shift of the others holds back; the share
-#: of it that each of them may leave, and its refinements.
-HELD_BACK, FAR_AWAY, LEFT_BY_STEP, REFINEMENTS = 5e-14, 1e-3, 0.1, 4
+#: Relative residuals from and up to which refined steps are tried, which find what the shift of the others holds back,
+#: and the share of them that each step may leave.
+HELD_BACK, FAR_AWAY, LEFT_BY_STEP = 5e-14, 1e-3, 0.1
 #: ``q, v, a, z, lam, u`` by row.
 SixArrays = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
@@ -154,49 +154,51 @@ def _refined(
 
 
 def _position_step(eom: Equations, *, refined: bool = False) -> ca.Function:
-    weights, towards = _towards(eom, eom.position_rows.tolist(), refined=refined)
-    moved = ca.densify(eom.q - towards(eom.Phi))
+    weights, saddle = projection_saddle(eom, eom.position_rows.tolist(), refined=refined)
+    moved = ca.densify(eom.q - saddle.project(eom.Phi))
     left = ca.Function("left", [eom.t, eom.q, eom.p], ca.cse([ca.norm_inf(ca.densify(eom.Phi))]))
     return ca.Function("position_step", [eom.t, eom.q, eom.p, weights], [moved, left(eom.t, moved, eom.p)])
 
 
 def _velocity_step(eom: Equations) -> ca.Function:
-    weights, towards = _towards(eom, list(range(eom.lam.numel())))
+    weights, saddle = projection_saddle(eom, list(range(eom.lam.numel())))
     v = eom.v
     for _ in range(2):  # the second step removes the rounding of the first
-        v = v - towards(eom.Phi_q @ v - eom.nu)
+        v = v - saddle.project(eom.Phi_q @ v - eom.nu)
     left = ca.norm_inf(ca.densify(eom.Phi_q @ v - eom.nu))
     return ca.Function("velocity_step", [eom.t, eom.q, eom.v, eom.p, weights], [ca.densify(v), left])
 
 
 def _refined_velocity_step(eom: Equations) -> ca.Function:
     """``(t, q, v, p, weights) -> (v, |Phi_q v - nu|, |Phi|)``."""
-    weights, towards = _towards(eom, list(range(eom.lam.numel())), refined=True)
-    v = eom.v - towards(eom.Phi_q @ eom.v - eom.nu)
+    weights, saddle = projection_saddle(eom, list(range(eom.lam.numel())), refined=True)
+    v = eom.v - saddle.project(eom.Phi_q @ eom.v - eom.nu)
     left = [ca.norm_inf(ca.densify(residual)) for residual in (eom.Phi_q @ v - eom.nu, eom.Phi)]
     return ca.Function("velocity_step", [eom.t, eom.q, eom.v, eom.p, weights], [ca.densify(v), *left])
 
 
-def _towards(eom: Equations, rows: list[int], *, refined: bool = False) -> tuple[ca.SX, Callable[[ca.SX], ca.SX]]:
-    """Weights w, and the step ``W⁻¹ J^T (J W⁻¹ J^T + epsilon D)⁻¹ r`` of some rows by residual, orthogonal in w.
+def projection_saddle(eom: Equations, rows: list[int], *, refined: bool = False) -> tuple[ca.SX, Saddle]:
+    """Symbols of weights (n,), the same for all rows, and the system of some rows in them; made once for a mechanism.
 
-    The shift keeps the step short if the pose is nearly singular: there
+    The shift keeps a step short if the pose is nearly singular: there
     a residual of rounding size would else throw the state onto another
     branch. Repeated steps converge nevertheless, but slowly in motions that the rows resist little, as the bending of
-    long chains: refined steps are by :func:`.saddle.solve_redundant`. A tree needs no shift. Positions and velocities
+    long chains: refined steps find these. A tree needs no shift. Positions and velocities
     share the factors, unless there are velocity-level rows.
     """
 
-    def make() -> tuple[ca.SX, Callable[[ca.SX], ca.SX]]:
-        weights, jacobian = ca.SX.sym("w", eom.q.numel()), eom.Phi_q[rows, :]
-        over = ca.diag(1 / weights) @ jacobian.T
-        over, schur = ca.cse([over, jacobian @ over])  # what follows repeats little, and takes long to look through
-        angular = eom.angular_rows[rows]
-        if refined:
-            options: dict[str, Any] = {"refinements": REFINEMENTS, "weakest": WEAKEST_ON_THE_WAY}
-            return weights, lambda residual: over @ solve_redundant(schur, residual, angular, **options)
-        factors = shifted(schur, angular) if eom.has_loops else ca.ldl(schur)
-        return weights, lambda residual: over @ ca.ldl_solve(ca.densify(residual), *factors)
+    cache, refinement = eom.mechanism.cache, ONTO_ROWS if refined else None
+    weights = cache.get_or_create("projection weights", lambda: ca.SX.sym("w", eom.q.numel()))
 
-    key = "refined step towards rows" if refined else "step towards rows"
-    return eom.mechanism.cache.get_or_create((key, *rows), make, bounded=True)
+    def make() -> Saddle:
+        return saddle_of_rows(eom, weights, rows, refinement, is_shared=True)
+
+    return weights, cache.get_or_create(("projection saddle", refined, *rows), make, bounded=True)
+
+
+def saddle_of_rows(
+    eom: Equations, weights: ca.SX, rows: list[int], refinement: Refinement | None = None, *, is_shared: bool = False
+) -> Saddle:
+    """Return the system of some rows in a metric; without a refinement shifted if rows close loops."""
+    refinement = refinement or (SHIFTED if eom.has_loops else None)
+    return Saddle(weights, eom.Phi_q[rows, :], eom.angular_rows[rows], refinement, is_shared=is_shared)

@@ -7,6 +7,7 @@ import casadi as ca
 from ..numerics.lazy import cached_property
 from .derivation import Equations
 from .explicit import tree_rows
+from .saddle import Saddle
 
 #: Entries in a row of the inertia of a tree, in the mean, up to which accelerations by it take fewer operations than
 #: by that of all bodies (measured on chains, of which one of five links takes as many).
@@ -74,18 +75,11 @@ class TreeCoordinates:
         eom, slopes = self._eom, self._slopes
         curvature = ca.jtimes(self.v, eom.q[self.independent], eom.v[self.independent])
         known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
-        terms = ca.Function("terms", known, [eom.Q, eom.Phi_q[self.left, :], eom.gamma[self.left]])
+        terms = ca.Function("terms", known, [eom.Q, eom.Phi_q[self.left, :], eom.gamma[self.left, 0]])
         force, jacobian, gamma = terms(t, self.q, self.v, z, u, p)
-        factors = ca.ldl(slopes.T @ ca.diag(eom.mass_diagonal) @ slopes)
-
-        def over_inertia(right: ca.SX) -> ca.SX:
-            return ca.ldl_solve(ca.densify(right), *factors)
-
-        a = over_inertia(slopes.T @ (force - eom.mass_diagonal * curvature))
-        if self.left:
-            rows, rest = jacobian @ slopes, gamma - jacobian @ curvature
-            columns = ca.horzcat(*[ca.sparsify(over_inertia(row)) for row in ca.horzsplit(rows.T)])
-            a -= columns @ ca.ldl_solve(ca.densify(rows @ a - rest), *ca.ldl(rows @ columns))
+        inertia = slopes.T @ ca.diag(eom.mass_diagonal) @ slopes
+        saddle = Saddle(inertia, jacobian @ slopes, eom.angular_rows[self.left])
+        a, _ = saddle.solve(slopes.T @ (force - eom.mass_diagonal * curvature), gamma - jacobian @ curvature)
         return slopes @ a + curvature
 
 

@@ -12,9 +12,9 @@ import numpy as np
 from ..arguments.inputs import Signals
 from ..assembly.consistent_start import levels_of
 from ..equations import Equations
-from ..equations.newton_code import NewtonLoop, linearised, newton_step
+from ..equations.dynamics import dynamics_saddle, solution
+from ..equations.newton_code import NewtonLoop, newton_step
 from ..equations.numeric import NumericEquations
-from ..equations.saddle import saddle_point_solution
 from ..equations.switching.explicit_time import explicit_time
 from ..errors import ModelError
 from ..model.conditions import Condition, stacked
@@ -101,9 +101,9 @@ class Model:
         """Changes of (a, lam) that changes of the force and of the right side of the acceleration equation cause."""
         eom, augmentation = self.eom, self.numeric.augmentation
         if eom.Q_depends_on_lam:
-            return linearised(eom, force, gamma, augmentation)
-        options: dict[str, Any] = {"redundant": self.is_redundant, "metric": self.numeric.alike_masses}
-        return saddle_point_solution(eom, force, gamma, augmentation=augmentation, **options)
+            return dynamics_saddle(eom, augmentation, under_reactions=True).solve(force, gamma)
+        options: dict[str, Any] = {"redundant": self.is_redundant, "weights": self.numeric.multiplier_weights}
+        return solution(eom, force, gamma, augmentation=augmentation, **options)
 
     @property
     def _dynamics(self) -> list[Tape | NewtonLoop]:

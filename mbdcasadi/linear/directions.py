@@ -20,8 +20,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ..equations.least_norm import norm_of_multipliers
 from ..equations.numeric import NumericEquations
-from ..equations.saddle import norm_of_multipliers
 from ..errors import MechanismError
 from ..model.symbols import place_of
 from ..numerics.tolerances import RANK
@@ -103,7 +103,7 @@ class Directions:
         change so that ``N^T d(D lam - Phi_q mu) = 0``, with N of length one in the norm.
         """
         eom, columns = self.eom, self.numeric.column_scale
-        norm = norm_of_multipliers(eom, self.numeric.alike_masses)
+        norm = norm_of_multipliers(eom, self.numeric.multiplier_weights)
         sizes, jacobian = self._value(norm).ravel(), self._value(eom.Phi_q)
         root = 1 / np.sqrt(sizes)
         scaled = root[:, None] * jacobian * columns

@@ -15,16 +15,15 @@ Serban and Haug, "Kinematic and kinetic derivatives in multibody system analysis
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 
 from ..arguments.inputs import Signals
-from ..equations.derivation import Equations
 from ..equations.numeric import NumericEquations
-from ..equations.saddle import saddle_point_solver, shifted
+from ..equations.recovery import saddle_of_rows
 from ..equations.switching.held import HeldEquations
 from ..integrators.compiled import InitialValueProblem
 from ..integrators.native.stretch import ExplicitSystem
@@ -164,13 +163,13 @@ class VariedSystem:
     def _accelerations(self, changes: Symbols) -> list[ca.SX]:
         """Accelerations and rates of states, with their variations; multipliers; a regularity that is not used."""
         eom, n, everything = self._numeric.eom, self._n, ("q", "v", "z", "u", "p")
-        solution = saddle_point_solver(eom, augmentation=self._numeric.augmentation)
+        saddle = self._numeric.saddle()
         residual = ca.vertcat(eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q, eom.Phi_q @ eom.a - eom.gamma)
         left = self._along(changes, residual, *everything)
-        da, dlam = solution(-left[:n, :], -left[n:, :])
+        da, dlam = saddle.solve(-left[:n, :], -left[n:, :])
         rates = self._along(changes, self._rates, *everything)
         rates += ca.jtimes(self._rates, ca.vertcat(eom.a, eom.lam), ca.vertcat(da, dlam))
-        a, lam = solution(eom.Q, eom.gamma)
+        a, lam = saddle.solve(eom.Q, eom.gamma)
         parts = [ca.densify(_stacked(*pair)) for pair in ((eom.a, da), (self._rates, rates))]
         return [*ca.substitute(parts, [eom.a, eom.lam], [a, lam]), lam, ca.SX(1)]
 
@@ -186,23 +185,15 @@ class VariedSystem:
         eom, (dq, dv) = self._numeric.eom, (changes["q"], changes["v"])
         if not eom.lam.numel():
             return dq, dv
-        of_rows = _least_change(eom, weights, list(range(eom.lam.numel())))
+        of_rows = saddle_of_rows(eom, weights, list(range(eom.lam.numel())))
         positions = eom.position_rows.tolist()
         if positions:
-            of_positions = of_rows if len(positions) == eom.lam.numel() else _least_change(eom, weights, positions)
-            dq = dq - of_positions(self._along(changes, eom.Phi, "q", "p"))
+            of_positions = of_rows if len(positions) == eom.lam.numel() else saddle_of_rows(eom, weights, positions)
+            dq = dq - of_positions.project(self._along(changes, eom.Phi, "q", "p"))
         of_velocities = self._along(changes | {"q": dq}, eom.Phi_q @ eom.v - eom.nu, "q", "p")
-        return dq, dv - of_rows(of_velocities + eom.Phi_q @ dv)
+        return dq, dv - of_rows.project(of_velocities + eom.Phi_q @ dv)
 
 
 def _stacked(values: ca.SX, variations: ca.SX) -> ca.SX:
     """Values, and below them their variations one after the other."""
     return ca.vertcat(values, ca.vec(variations))
-
-
-def _least_change(eom: Equations, weights: ca.SX, rows: list[int]) -> Callable[[ca.SX], ca.SX]:
-    """Return the function from changes of some rows to the least change of the coordinates, in a metric."""
-    over = ca.diag(1 / weights) @ eom.Phi_q[rows, :].T
-    schur = eom.Phi_q[rows, :] @ over
-    factors = shifted(schur, eom.angular_rows[rows]) if eom.has_loops else ca.ldl(schur)
-    return lambda right: over @ ca.ldl_solve(ca.densify(right), *factors)

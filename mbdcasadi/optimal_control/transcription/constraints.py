@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
+from ...equations.least_norm import ImpliedRows
 from ...equations.numeric import NumericEquations
 from ...equations.reduced import ReducedEquations
-from ...equations.saddle import ImpliedRows
 from ...model.cache import Cache
 from ...model.conditions import Condition, stacked
 from ...numerics.evaluation import Evaluator
@@ -76,8 +76,8 @@ class MotionConstraints:
     def _implied_rows(self) -> ImpliedRows:
         eom = self.eom
         rows = sorted([*eom.explicit, *(eom.rows[k] for k in self.rows)])
-        alike = self._numeric.alike_masses
-        return ImpliedRows(eom.whole, rows, self._numeric.projection_weights if alike is None else alike)
+        weights = self._numeric.multiplier_weights
+        return ImpliedRows(eom.whole, rows, self._numeric.projection_weights if weights is None else weights)
 
     @property
     def least_norm(self) -> ca.Function:

@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 
 from ...equations.derivation import Equations
+from ...equations.dynamics import dynamics_saddle
 from ...equations.numeric import NumericEquations
 
 
@@ -14,8 +15,8 @@ class Uniqueness:
 
     With loads as ``|lam|`` the equations are piecewise linear in ``(a, lam)``. The
     solution is unique where the determinants of the pieces have the sign that they have
-    without friction; the piece that contains the state is tested, and the one with all
-    reactions reversed.
+    without friction, so that ``det S`` is positive; the piece that contains the state is
+    tested, and the one with all reactions reversed.
 
     References
     ----------
@@ -28,7 +29,8 @@ class Uniqueness:
         self.needed = eom.Q_depends_on_lam
         if not self.needed:
             return
-        self._systems = eom.mechanism.cache.get_or_create("reactions", lambda: _systems(eom))
+        key, light = ("reactions", numeric.light_key), numeric.augmentation
+        self._schur = eom.mechanism.cache.get_or_create(key, lambda: _schur(eom, light))
 
     def first_lost(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, lam: np.ndarray, u: np.ndarray
@@ -36,13 +38,11 @@ class Uniqueness:
         """Index of the first of some states, by row, at which reactions are not unique."""
         if not self.needed:
             return None
-        size = self.numeric.eom.q.numel() + self.numeric.eom.lam.numel()
+        m = self.numeric.eom.lam.numel()
         lost = ~np.all(np.isfinite(lam), axis=1)
         for side in (lam, -lam):
-            systems = self._systems(t[None, :], q.T, v.T, z.T, side.T, u.T, self.numeric.p)
-            plain, rough = (np.linalg.slogdet(x.full().T.reshape(-1, size, size))[0] for x in systems)
-            plain, rough = np.broadcast_to(plain, t.shape), np.nan_to_num(rough)
-            lost |= plain * rough <= 0
+            schur = self._schur(t[None, :], q.T, v.T, z.T, side.T, u.T, self.numeric.p).full()
+            lost |= ~(np.linalg.slogdet(schur.T.reshape(-1, m, m))[0] > 0)
         return int(np.argmax(lost)) if np.any(lost) else None
 
     def sentence(self, time: float) -> str:
@@ -55,11 +55,8 @@ class Uniqueness:
         )
 
 
-def _systems(eom: Equations) -> ca.Function:
-    """Matrices of the equations for ``(a, lam)`` without and with the forces that depend on lam, as columns."""
-    n, m = eom.q.numel(), eom.lam.numel()
-    slope = ca.horzcat(ca.SX(n, n), ca.jacobian(eom.Q, eom.lam))
-    system = ca.blockcat([[eom.M, eom.Phi_q.T], [eom.Phi_q, ca.SX(m, m)]])
-    with_friction = system - ca.vertcat(slope, ca.SX(m, system.size2()))
+def _schur(eom: Equations, augmentation: np.ndarray | None) -> ca.Function:
+    """``S`` of the equations for ``(a, lam)``, with the forces that depend on lam to first order, as a column."""
+    schur = dynamics_saddle(eom, augmentation, under_reactions=True).schur
     arguments = [eom.t, eom.q, eom.v, eom.z, eom.lam, eom.u, eom.p]
-    return ca.Function("reactions", arguments, [ca.densify(ca.vec(system)), ca.densify(ca.vec(with_friction))])
+    return ca.Function("reactions", arguments, [ca.densify(ca.vec(schur))])

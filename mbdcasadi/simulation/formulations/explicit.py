@@ -8,7 +8,6 @@ from typing import ClassVar
 import casadi as ca
 
 from ...equations.numeric import NumericEquations
-from ...equations.saddle import saddle_point_solution
 from ...equations.tree import TreeCoordinates
 from ...integrators import Integrator
 from .base import Arguments, Formulation
@@ -53,4 +52,4 @@ class Explicit(Formulation):
         return a, lam, ca.SX(0, 1)
 
     def under_forces(self, numeric: NumericEquations, force: ca.SX, rate: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        return *saddle_point_solution(numeric.eom, force, augmentation=numeric.augmentation), ca.SX(0, 1)
+        return *numeric.saddle().solve(force, numeric.eom.gamma), ca.SX(0, 1)

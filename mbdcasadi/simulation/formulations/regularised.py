@@ -6,8 +6,9 @@ from typing import ClassVar
 
 import casadi as ca
 
+from ...equations.dynamics import stabilised
 from ...equations.numeric import NumericEquations
-from ...equations.saddle import stabilised_solution
+from ...equations.saddle import ON_THE_WAY
 from ...integrators import Integrator
 from .base import Formulation
 
@@ -23,5 +24,5 @@ class Regularised(Formulation):
         return redundant and not numeric.eom.Q_depends_on_lam
 
     def under_forces(self, numeric: NumericEquations, force: ca.SX, rate: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        a, lam = stabilised_solution(numeric.eom, force, rate, augmentation=numeric.augmentation)
+        a, lam = numeric.saddle(ON_THE_WAY).solve(force, stabilised(numeric.eom, rate))
         return a, lam, ca.SX(0, 1)

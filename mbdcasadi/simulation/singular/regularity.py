@@ -10,6 +10,7 @@ import numpy as np
 
 from ...equations.derivation import Equations
 from ...equations.numeric import NumericEquations
+from ...equations.saddle import Saddle
 from ...kinematics.singular import describe_singularity
 from ...numerics.evaluation import Evaluator
 from ...numerics.rank import dependent_rows
@@ -67,7 +68,7 @@ class Regularity:
         """Smallest relative pivot at poses (k, n), for other values of the parameters if they are given."""
         values = self.numeric.p if p is None else p
         pivots = self._function.rows(times[:, None], q, values, self.numeric.scale.columns)[0].ravel()
-        return np.where(np.isfinite(pivots), pivots, 0.0)
+        return np.where(np.isfinite(pivots), np.maximum(pivots, 0.0), 0.0)
 
     def fall(self, times: np.ndarray, q: Any, v: Any, p: Any, between: int) -> Any:
         """Lowest pivot of a motion, relative to its largest one, as an expression; 1 if there are no loops.
@@ -183,13 +184,10 @@ def _others_of_elements(eom: Equations, rows: Sequence[int]) -> list[int]:
 def _regularity(eom: Equations, choices: Sequence[Sequence[int]]) -> ca.Function:
     """``(t, q, p, scale) -> pivot``: the smallest one, of the rows to be left out that leave the largest."""
     columns = ca.SX.sym("scale", eom.q.numel())
-    jacobian = eom.Phi_q @ ca.diag(columns)
-    size = ca.sum2(jacobian**2)
-    normal = ca.diag(1 / ca.sqrt(size + (size == 0))) @ jacobian
 
     def smallest(left_out: Sequence[int]) -> ca.SX:
-        rows = normal[[k for k in range(eom.lam.numel()) if k not in left_out], :]
-        return ca.mmin(ca.densify(ca.ldl(rows @ rows.T + 1e-14 * ca.SX.eye(rows.size1()))[0]))
+        rows = [k for k in range(eom.lam.numel()) if k not in left_out]
+        return Saddle(columns**-2, eom.Phi_q[rows, :], eom.angular_rows[rows]).pivot()
 
     pivot = ca.mmax(ca.vertcat(*[smallest(left_out) for left_out in choices]))
     return ca.Function("regularity", [eom.t, eom.q, eom.p, columns], [pivot])

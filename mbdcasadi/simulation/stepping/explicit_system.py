@@ -9,7 +9,8 @@ from ...arguments.inputs import Signals
 from ...equations.batches import Values
 from ...equations.derivation import Equations
 from ...equations.numeric import NumericEquations
-from ...equations.saddle import saddle_point_solution, shifted
+from ...equations.recovery import projection_saddle
+from ...equations.saddle import Saddle
 from ...integrators.native.code import Written
 from ...integrators.native.stretch import ExplicitSystem
 from ...numerics.c_code import SIGNATURE, simplified, tape_of
@@ -57,10 +58,9 @@ def _regularity(numeric: NumericEquations) -> ca.SX:
     eom = numeric.eom
     if not eom.lam.numel() or not eom.has_loops:
         return ca.SX(1)
-    inverse = 1 / eom.mass_diagonal if numeric.augmentation is None else ca.SX(ca.DM(numeric.column_scale**2))
-    schur = eom.Phi_q @ (ca.diag(inverse) @ eom.Phi_q.T)  # as in the forward dynamics: evaluated once
-    pivots, _, order = ca.ldl(schur)
-    return ca.mmin(ca.densify(pivots) / ca.densify(ca.diag(schur))[list(order)])
+    if numeric.augmentation is None:  # as in the forward dynamics: evaluated once
+        return numeric.saddle().pivot()
+    return Saddle(ca.SX(ca.DM(numeric.column_scale**-2)), eom.Phi_q, eom.angular_rows).pivot()
 
 
 def projection_of(eom: Equations) -> ca.Function:
@@ -73,29 +73,16 @@ def projection_of(eom: Equations) -> ca.Function:
 
 
 def _projection(eom: Equations) -> ca.Function:
-    weights = ca.SX.sym("weights", eom.q.numel())
-    rows = [int(k) for k in eom.position_rows]
-    inverse = ca.diag(1 / weights)
-    over = inverse @ eom.Phi_q.T
-    schur = eom.Phi_q @ over
-
-    def factorised(matrix: ca.SX, angular: np.ndarray) -> tuple:
-        """LDL factors; near a singular pose the step is kept short."""
-        return shifted(matrix, angular) if eom.has_loops else ca.ldl(matrix)
-
+    rows, whole = eom.position_rows.tolist(), list(range(eom.lam.numel()))
+    weights, saddle = projection_saddle(eom, whole)
     q, v, left = eom.q, eom.v, ca.SX(0)
     if rows:
-        whole = len(rows) == eom.lam.numel()
-        factors = factorised(schur, eom.angular_rows)
-        factors_here = factors if whole else factorised(schur[rows, rows], eom.angular_rows[eom.position_rows])
-        q = q - over[:, rows] @ ca.ldl_solve(ca.densify(eom.Phi), *factors_here)
-    elif eom.lam.numel():
-        factors = factorised(schur, eom.angular_rows)
-    if eom.lam.numel():
+        q = q - projection_saddle(eom, rows)[1].project(eom.Phi)
+    if whole:
         there = ca.Function("there", [eom.t, eom.q, eom.p], [eom.Phi, eom.Phi_q, eom.nu])
         phi, jacobian, nu = there(eom.t, q, eom.p)
         for _ in range(2 if eom.has_loops else 1):
-            v = v - inverse @ (jacobian.T @ ca.ldl_solve(ca.densify(jacobian @ v - nu), *factors))
+            v = v - saddle.over(jacobian.T @ saddle.multipliers(jacobian @ v - nu))
         left = ca.norm_inf(ca.densify(phi)) if rows else left
         left = left if eom.has_loops else ca.fmax(left, _left_by_turn(eom, q - eom.q, v - eom.v))
     results = [ca.densify(q), ca.densify(v), left]
@@ -223,8 +210,8 @@ def _solution(numeric: NumericEquations) -> ca.Function:
     """``(t, q, v, z, u, p, Q) -> (a, rate of z, lam, regularity)`` under generalised forces Q."""
     eom = numeric.eom
     force = ca.SX.sym("Q", eom.q.numel())
-    solution = saddle_point_solution(eom, force, augmentation=numeric.augmentation)
-    return _function_of("solve", numeric, [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p, force], *solution)
+    known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p, force]
+    return _function_of("solve", numeric, known, *numeric.saddle().solve(force, eom.gamma))
 
 
 def _with_loops(numeric: NumericEquations, repeated: RepeatedElements, slopes: ca.Function | None) -> Written:
