@@ -93,6 +93,7 @@ if _typing.TYPE_CHECKING:
     from .identification.fit import Fit
     from .identification.identify import identify
     from .integrators.stepping import IntegratorStep, RunEquations, SteppingMethod
+    from .kinematics.reachable import Reachability, reachable
     from .linear.linearize import linearize
     from .linear.model import LinearModel
     from .model.placeholders import absolute, at_end, at_start, integral, positive_part
@@ -134,6 +135,7 @@ _LATER = {
     "identification.fit": "Fit",
     "identification.identify": "identify",
     "integrators.stepping": "IntegratorStep RunEquations SteppingMethod",
+    "kinematics.reachable": "Reachability reachable",
     "linear.linearize": "linearize",
     "linear.model": "LinearModel",
     "model.placeholders": "absolute at_end at_start integral positive_part",
@@ -177,18 +179,18 @@ __all__ = [
     "IntegratorStep", "Interrupted", "Joint", "JointFriction", "KnifeEdge", "LinearModel", "LoadIndependentFriction",
     "LuGre", "Marker", "Mechanism", "MechanismError", "MechanismWarning", "ModelError", "MotionProgram",
     "NonholonomicConstraint", "OptimalControlProblem", "OptimizationError", "PIController", "Parameter", "Phase",
-    "Point", "PointOnCurve", "PointOnLine", "Polygon", "PolygonEdges", "RackAndPinion", "Reaction", "Rectangle",
-    "RelativeAngle", "RelativeX", "RelativeY", "Report", "Resistance", "Revolute", "Rod", "Rolling", "Rope",
-    "Rosenbrock", "RunEquations", "RungeKutta", "SampledController", "Segment", "Sensitivities", "ShakingForce",
+    "Point", "PointOnCurve", "PointOnLine", "Polygon", "PolygonEdges", "RackAndPinion", "Reachability", "Reaction",
+    "Rectangle", "RelativeAngle", "RelativeX", "RelativeY", "Report", "Resistance", "Revolute", "Rod", "Rolling",
+    "Rope", "Rosenbrock", "RunEquations", "RungeKutta", "SampledController", "Segment", "Sensitivities", "ShakingForce",
     "Shape", "SimulationError", "SingularityError", "Smoothing", "Solution", "Stability", "State", "StateVariable",
     "SteppingMethod", "Stribeck", "Sweep", "Torque", "Trajectory", "Transcription", "Translational",
     "ValidityCondition", "Viscous", "Waypoint", "Weld", "absolute", "animate", "assemble", "at_end", "at_start",
     "between", "bounded", "check", "cost_function", "draw", "dwell", "equations", "equilibrium", "equilibrium_path",
     "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness", "identify", "impact", "integral",
     "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize", "optimize", "plot", "plot_energy",
-    "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution", "positive_part", "read_acf", "read_adm",
-    "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities", "shaking_force", "simulate",
-    "stability", "sweep", "t", "time_derivative",
+    "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution", "positive_part", "reachable",
+    "read_acf", "read_adm", "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities",
+    "shaking_force", "simulate", "stability", "sweep", "t", "time_derivative",
 ]  # fmt: skip
 __all__ += _expressions.__all__
 

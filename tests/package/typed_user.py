@@ -124,6 +124,8 @@ def analyses() -> None:
     load = motion[mbd.norm(reaction.force)]
     print(f"{load.max():.1f} N, {motion[[rod.x, rod.y]].shape}, {float(start[rod.phi]):.2f} rad, {len(motion.t)} times")
 
+    below: mbd.Reachability = mbd.reachable(mechanism, [rod.y <= -0.2], path=[rod.x <= 1])
+    assert below.is_reachable
     rest: mbd.Equilibrium = mbd.equilibrium(mechanism, [rod.y <= 0])
     path: mbd.EquilibriumPath = mbd.equilibrium_path(mechanism, tau, 0, 1, [rod.y <= 0])
     linear: mbd.LinearModel = mbd.linearize(mechanism, rest)

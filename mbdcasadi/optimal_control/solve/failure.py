@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import OptimizationError
-from ...model.conditions import Condition
+from ...kinematics.reachable import Obstacle
 from ..motion.limits import label_of
 from ..program.limit_sides import LimitSides, Side, Slacks
 from ..solution import Solution
@@ -175,79 +175,16 @@ def infeasible(
     return error
 
 
-def out_of_reach(place: str, missed: Sequence[Violation], held_by: Sequence[str], starts: int) -> OptimizationError:
-    """Return the error for a place that the linkage seems not to reach, before anything was solved.
-
-    `missed` are the conditions that are not met in the pose that comes nearest to the place, of those found from so
-    many starts, and `held_by` the joints and limits that keep it from going on.
-    """
-    held = f", held back by {_listed(held_by)}" if held_by else ""
+def not_reached(place: str, obstacle: Obstacle) -> OptimizationError:
+    """Return the error for a place that the linkage seems not to reach, before anything was solved."""
+    missed = [
+        Violation(one.label, one.amount, one.unit, obstacle.time, None, 1.0, one.share) for one in obstacle.missed
+    ]
     error = OptimizationError(
-        f"the problem seems infeasible: {place} is out of reach; in the pose that comes nearest, of those found from "
-        f"{starts} starts, violated are: {_listed(list(map(str, missed)))}{held}; change the target, dimensions or "
-        "limits (nothing was solved yet)",
+        f"the problem seems infeasible: {obstacle.text(place, missed)} (nothing was solved yet)",
         largest_violations=missed,
         partial=None,
-        time=missed[0].time,
-    )
-    error.conflict = tuple(missed)
-    return error
-
-
-#: What separates a place from the start, and a remedy.
-_SEPARATED = {
-    "branch": (
-        "is on another branch of the linkage: its pose can be assembled, but is one of another assembly configuration, "
-        "to which no continuous motion leads from the start",
-        "assemble the start on that branch, by the poses of the bodies, or change the target",
-    ),
-    "turn": (
-        "asks for a turn that the linkage cannot make: its pose is on the branch of the start, but no motion reaches "
-        "it with as many turns",
-        "change the angles of the target by whole turns",
-    ),
-    "blocked": (
-        "cannot be reached within the path limits: every motion of the linkage from the start to there breaks {limits}",
-        "widen these limits or change the target",
-    ),
-    "missed": ("is out of reach: no pose on the branch of the start meets its conditions", "change the target"),
-}
-
-
-@dataclass(frozen=True)
-class Separated:
-    """A place to which no continuous motion leads.
-
-    Attributes
-    ----------
-    kind : {"branch", "turn", "blocked", "missed"}
-        The pose is that of another assembly configuration; one that is reached, but not with as many turns; one behind
-        poses that break a path limit; or none was found.
-    misses : dict of int to float
-        Amounts by which conditions are missed in the pose that comes nearest, by their place in the list.
-    limits : tuple of Condition
-        Path limits that block the way.
-    """
-
-    kind: str
-    misses: dict[int, float]
-    limits: tuple[Condition, ...] = ()
-
-
-def not_connected(place: str, separated: Separated, missed: Sequence[Violation]) -> OptimizationError:
-    """Return the error for a place to which no continuous motion of the linkage leads from the start.
-
-    `missed` are the conditions that are not met in the pose that comes nearest, of those to which one leads.
-    """
-    reason, remedy = _SEPARATED[separated.kind]
-    limits = " or ".join(dict.fromkeys(limit.label for limit in separated.limits))
-    nearest = "within them" if separated.limits else "on the branch of the start"
-    error = OptimizationError(
-        f"the problem seems infeasible: {place} {reason.format(limits=limits)}; in the pose {nearest} that comes "
-        f"nearest, violated are: {_listed(list(map(str, missed)))}; {remedy} (nothing was solved yet)",
-        largest_violations=missed,
-        partial=None,
-        time=missed[0].time,
+        time=obstacle.time,
     )
     error.conflict = tuple(missed)
     return error

@@ -10,18 +10,19 @@ only after very many turns, and those of more degrees of freedom are left to the
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from ...equations.numeric import NumericEquations
-from ...equations.tree import tree_coordinates
-from ...model.conditions import Condition
-from ...numerics.evaluation import Evaluator
-from ...numerics.least_squares import largest
-from ...numerics.newton import solve
-from ...numerics.solution_curve import STEP, closed_curve
-from ..solve.failure import Separated
+from ..equations.numeric import NumericEquations
+from ..equations.tree import tree_coordinates
+from ..model.conditions import Condition
+from ..numerics.evaluation import Evaluator
+from ..numerics.lazy import cached_property
+from ..numerics.least_squares import largest
+from ..numerics.newton import solve
+from ..numerics.solution_curve import STEP, closed_curve
 
 #: Miss of a condition, in typical sizes, from which it counts as not met, and of one that is not an equality.
 MISSED, LIMIT_MISSED = 1e-3, STEP
@@ -31,6 +32,68 @@ NEAR = 3.0
 SAME_CHANGE = 1e-6
 #: Periods for which the curve is looked at on both sides of the start for what cuts it off.
 PERIODS = 3
+
+
+@dataclass(frozen=True)
+class Separated:
+    """A place to which no continuous motion leads.
+
+    Attributes
+    ----------
+    kind : {"branch", "turn", "blocked", "missed"}
+        The pose is that of another assembly configuration; one that is reached, but not with as many turns; one behind
+        poses that break a path limit; or none was found.
+    misses : dict of int to float
+        Amounts by which conditions are missed in the pose that comes nearest, by their place in the list.
+    limits : tuple of Condition
+        Path limits that block the way.
+    """
+
+    kind: str
+    misses: dict[int, float]
+    limits: tuple[Condition, ...] = ()
+
+
+class Branches:
+    """Closed loops of one degree of freedom, and the curves of their poses through a start."""
+
+    def __init__(self, numeric: NumericEquations, start: np.ndarray, unknown: ca.SX):
+        self._eom = numeric.eom
+        self._make = lambda: list(loops_of_one_freedom(numeric, start, unknown))
+
+    @cached_property
+    def _loops(self) -> list[tuple[Loop, list[int]]]:
+        return self._make()
+
+    def separated(
+        self, rows: Sequence[Condition], limits: Sequence[Condition], pose: np.ndarray | None
+    ) -> Separated | None:
+        """What separates the start from a place; None if nothing was found.
+
+        Parameters
+        ----------
+        rows : sequence of Condition
+            What holds there, in coordinates of the mechanism.
+        limits : sequence of Condition
+            Inequalities that hold all the way.
+        pose : numpy.ndarray or None
+            A pose that meets the conditions, if one is known.
+        """
+        for loop, coordinates in self._loops:
+            conditions = [(k, e, rows[k].equality) for k, e in self._of(coordinates, rows)]
+            held = [(limits[k], e) for k, e in self._of(coordinates, limits)]
+            found = loop.separated(conditions, held, None if pose is None else pose[coordinates])
+            if found is not None:
+                return found
+        return None
+
+    def _of(self, coordinates: list[int], conditions: Sequence[Condition]) -> list[tuple[int, ca.SX]]:
+        """Conditions that depend on the pose of a loop alone, by their places, in the coordinates of the loop."""
+        eom, tree = self._eom, tree_coordinates(self._eom)
+        inside = [ca.substitute(c.expression, eom.q, tree.q) for c in conditions]
+        symbols, known = eom.q[coordinates], {s.element_hash() for s in ca.vertsplit(eom.q[coordinates])}
+        within = [{s.element_hash() for s in ca.symvar(e)} <= known and ca.depends_on(e, symbols) for e in inside]
+        return [(k, e) for k, (e, holds) in enumerate(zip(inside, within, strict=True)) if holds]
 
 
 class Loop:
