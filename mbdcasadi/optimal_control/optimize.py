@@ -17,7 +17,7 @@ In the order in which they are passed:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from typing import Any
 
@@ -47,7 +47,7 @@ from .transcription import Transcription
 def optimize(
     problem: OptimalControlProblem,
     *,
-    intervals: int | str = "auto",
+    intervals: int | str | Sequence[int] | Mapping[Any, int] = "auto",
     degree: int = 3,
     tolerance: float | None = None,
     guess: Solution | Shifted | Trajectory | Mapping[Any, Any] | None = None,
@@ -69,8 +69,9 @@ def optimize(
     ----------
     problem : OptimalControlProblem
         Problem to solve.
-    intervals : int or "auto"
-        Number of intervals of the mesh of each phase, of equal length between waypoints. With "auto", the default,
+    intervals : int, sequence, mapping or "auto"
+        Number of intervals of the mesh of each phase, of equal length between waypoints: one for all phases, one for
+        each that lasts in their order, or ``{phase: number}`` by phase or its name. With "auto", the default,
         there are 40, or those of a solution that is the guess, and the intervals that are too coarse for the motion
         that was found, or pass limits, are split. A mesh of 160 or more is solved from the solution on one of 40.
     degree : int, default 3

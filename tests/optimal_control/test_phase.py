@@ -93,3 +93,34 @@ def test_a_program_of_two_phases():
     assert not np.any(jacobian[by_phase[0], one.size :]) and not np.any(jacobian[by_phase[1], : one.size])
     touched = np.flatnonzero(jacobian[-1])
     assert touched.min() < one.phases[0].point_size and touched.max() >= both.size - other.phases[0].point_size
+
+
+def test_contradictions_name_their_phase():
+    """Of conditions at the start, at the end and on the way, of limits, and of states; without phases there is none."""
+    problem, _, block = rest_to_rest()
+    mechanism = problem.mechanism
+    first = Phase("come", mechanism, 1.0, initial=[block.x == 0, block.vx == 0])
+    twice, beyond = [block.x == 1, block.x == 2], mbd.assemble(mechanism, [block.x == 3])
+
+    def refused(words, **more):
+        with pytest.raises(mbd.ConditionError, match=rf"^phase 'go': {words}"):
+            mbd.optimize(mbd.OptimalControlProblem(phases=[first, Phase("go", mechanism, 1.0, **more)]))
+
+    refused("final: the conditions contradict each other", final=twice)
+    refused("initial: the conditions contradict each other", initial=twice)
+    refused("waypoint 1: the conditions contradict each other", waypoints=[mbd.Waypoint(0.5, twice)])
+    refused("path: .* contradict each other by 1", path=[block.x >= 2, block.x <= 1])
+    refused("final: .* is already decided by the constraints", final=[block.y == 0])
+    refused("final: the conditions contradict the path condition", final=[block.x == 3], path=[block.x <= 2])
+    refused("final: the state contradicts the path condition", final=beyond, path=[block.x <= 2])
+    with pytest.raises(mbd.ConditionError, match=r"^final: the conditions contradict each other"):
+        problem.replace(final=twice)
+
+
+def test_phases_that_do_not_meet_are_named():
+    """The end of one and the start of the next are one place."""
+    problem, _, block = rest_to_rest()
+    first = Phase("come", problem.mechanism, 1.0, initial=[block.x == 0], final=[block.x == 1])
+    apart = mbd.OptimalControlProblem(phases=[first, Phase("go", problem.mechanism, 1.0, initial=[block.x == 2])])
+    with pytest.raises(mbd.OptimizationError, match="the end of phase 'come' is out of reach.*in phase 'go'"):
+        mbd.optimize(apart)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 
@@ -58,17 +59,33 @@ def check_conditions(problem: ProblemStatement) -> None:
 def _check_conditions(problem: ProblemStatement) -> None:
     _refuse_if_nothing_is_free(problem)
     for phase in problem.phases:
-        _refuse_empty_limits(phase)
-        _refuse_fixed_path(problem, phase)
-        if not isinstance(phase.initial, State):
-            check_end(problem, phase, "initial", phase.initial)
-        if phase.is_instant:
-            continue
-        if not isinstance(phase.final, State):
-            boundary = at_end_alone(problem) if phase is problem.phases[-1] else []
-            check_end(problem, phase, "final", [*phase.final, *boundary])
-        for k, waypoint in enumerate(phase.waypoints, start=1):
-            check_end(problem, phase, f"waypoint {k}", waypoint.conditions, waypoint.time[1])
+        with naming_phase(problem, phase):
+            _check_phase(problem, phase)
+
+
+@contextmanager
+def naming_phase(problem: ProblemStatement, phase: Phase) -> Iterator[None]:
+    """Give errors about conditions the name of their phase, if there are several."""
+    try:
+        yield
+    except ConditionError as error:
+        if len(problem.phases) == 1:
+            raise
+        raise ConditionError(f"phase '{phase.name}': {error}") from None
+
+
+def _check_phase(problem: ProblemStatement, phase: Phase) -> None:
+    _refuse_empty_limits(phase)
+    _refuse_fixed_path(problem, phase)
+    if not isinstance(phase.initial, State):
+        check_end(problem, phase, "initial", phase.initial)
+    if phase.is_instant:
+        return
+    if not isinstance(phase.final, State):
+        boundary = at_end_alone(problem) if phase is problem.phases[-1] else []
+        check_end(problem, phase, "final", [*phase.final, *boundary])
+    for k, waypoint in enumerate(phase.waypoints, start=1):
+        check_end(problem, phase, f"waypoint {k}", waypoint.conditions, waypoint.time[1])
 
 
 def _refuse_if_nothing_is_free(problem: ProblemStatement) -> None:
@@ -217,7 +234,7 @@ def _excess(limits: Iterable[Condition], state: State) -> dict[Condition, tuple[
     """Values of limits in a state, each with its size."""
     listed = list(limits)
     parts = [c.expression.dep(0) if c.expression.n_dep() else ca.SX(0) for c in listed]
-    values = state[ca.vertcat(stacked(listed), *parts)].ravel() if listed else np.zeros(0)
+    values = np.ravel(state[ca.vertcat(stacked(listed), *parts)]) if listed else np.zeros(0)
     excess, sizes = np.split(values, 2)
     return dict(zip(listed, zip(excess.tolist(), (1 + np.abs(sizes)).tolist(), strict=True), strict=True))
 

@@ -21,7 +21,7 @@ from ...model.symbols import Parameter
 from ...numerics.lazy import cached_property
 from ...numerics.least_squares import largest
 from ...results.state import State
-from ..poses.consistency import check_end, refuse_beyond_limits
+from ..poses.consistency import check_end, naming_phase, refuse_beyond_limits
 from ..poses.free_poses import PosedPlace, free_poses, places_of
 from ..poses.key_poses import KeyPoses, key_poses
 from ..poses.kinematic_guess import KinematicPath, kinematic_path
@@ -90,7 +90,8 @@ class ProblemSetup:
         self.setups: list[PhaseSetup] = []
         self.changes: list[ChangeSetup] = []
         if isinstance(self.initial, State):
-            check_start(problem, first, numerics[0], self.initial)
+            with naming_phase(problem, first):
+                check_start(problem, first, numerics[0], self.initial)
         key = *key_of(settings, self.initial), *(numeric.p.tobytes() for numeric in numerics)
         shares = self._is_own_start or (isinstance(self.initial, State) and len(problem.phases) == 1)
         near = near if near is not None and near.key_of_start == key[:2] else None
@@ -102,10 +103,12 @@ class ProblemSetup:
 
     def _make(self, numerics: list[NumericEquations], signals: Signals, near: PhaseSetup | None) -> tuple[Any, ...]:
         """Find the first state, values of free parameters, and setups of phases and changes."""
-        self.start = near.start if near and self.initial == () else self._first_state(numerics, signals)
+        with naming_phase(self.problem, self.problem.phases[0]):
+            self.start = near.start if near and self.initial == () else self._first_state(numerics, signals)
         for phase, numeric in zip(self.problem.phases, numerics, strict=True):
             if isinstance(phase.final, State):
-                refuse_beyond_limits(self.problem, phase, numeric, "final", phase.final)
+                with naming_phase(self.problem, phase):
+                    refuse_beyond_limits(self.problem, phase, numeric, "final", phase.final)
         if near:
             self.setups = [near.at(numerics[0])]
         else:
@@ -118,7 +121,8 @@ class ProblemSetup:
         conditions = read_state_or_conditions(initial, phase.mechanism)
         if not isinstance(conditions, State):
             self.problem.check_symbols(phase, "initial", conditions)
-            check_end(self.problem, phase, "initial", conditions)
+            with naming_phase(self.problem, phase):
+                check_end(self.problem, phase, "initial", conditions)
         return conditions
 
     def _values_of_start(self, p: np.ndarray) -> Cache:

@@ -34,7 +34,7 @@ from typing import Any
 import numpy as np
 
 from ...arguments.values import pairs_of
-from ...errors import ModelError, OptimizationError
+from ...errors import OptimizationError
 from ...numerics.lazy import cached_property
 from ..measures.time_jumps import meshes_at_jumps
 from ..motion.guess import Guess
@@ -50,6 +50,7 @@ from .closing_limits import LimitSearch, is_limited, may_go_on
 from .coarse_first import coarse_meshes
 from .coarse_mesh import is_lost, refine_if_coarse
 from .detours import random_detour
+from .first_mesh import first_meshes, is_automatic
 from .multistart import at_rest, best_of, guesses
 from .parameter_continuation import by_continuation
 from .reach import check_reach
@@ -58,8 +59,6 @@ from .saddle import leave_saddle, solve_past_saddle
 from .second_try import as_motion
 from .slow_first import refine_or_begin_anew
 
-#: Intervals of a mesh whose number is not given.
-INTERVALS = 40
 #: Iterations of a first solve, if a search follows should it fail: most programs take far fewer, and one that takes
 #: more is often solved sooner from elsewhere.
 FIRST_ITERATIONS = 300
@@ -82,7 +81,7 @@ class Search:
 
     @property
     def _is_automatic(self) -> bool:
-        return isinstance(self.intervals, str) and self.intervals == "auto"
+        return is_automatic(self.intervals)
 
     def is_known(self, guess: Any) -> bool:
         """Return True if a guess is a solution of the same problem, whose mesh is not checked anew."""
@@ -90,18 +89,10 @@ class Search:
 
     def _meshes(self, setups: Sequence[PhaseSetup], near: Any) -> list[Mesh]:
         """Meshes of the phases to begin with: those of a solution that is the guess, if no number is given."""
-        meshes = [self._mesh(setup) for setup in setups]
+        meshes = first_meshes(setups, self.intervals)
         known = near.meshes if self._is_automatic and isinstance(near, Solution) else []
         fits = [len(mesh.segments) for mesh in meshes] == [len(mesh.segments) for mesh in known]
         return list(known) if fits else meshes
-
-    def _mesh(self, setup: PhaseSetup) -> Mesh:
-        """Equal intervals of a phase."""
-        if setup.phase.is_instant:
-            return Mesh.instant()
-        waypoints = len(setup.phase.waypoints)
-        counts = max(INTERVALS, 2 * (waypoints + 1)) if self._is_automatic else _count(self.intervals, waypoints)
-        return Mesh.equal(counts, setup.path.segment_times)
 
     def solve(
         self, parameters: Any, guess: Any, starts: Any, tolerance: float | None, *, goes_on: bool = True
@@ -274,11 +265,3 @@ class _Attempt:
     def _detour(self) -> Callable[[], Guess]:
         """Function that makes guesses with random detours."""
         return partial(random_detour, self.solver, np.random.default_rng(0))
-
-
-def _count(intervals: Any, waypoints: int) -> int:
-    least = 2 * (waypoints + 1)
-    if isinstance(intervals, bool) or not isinstance(intervals, int | np.integer) or intervals < least:
-        between = f" with {waypoints} waypoints" if waypoints else ""
-        raise ModelError(f"optimize: intervals must be a whole number of at least {least}{between}, got {intervals!r}")
-    return int(intervals)
