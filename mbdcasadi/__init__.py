@@ -34,7 +34,7 @@ from .kinematics.check import Report, check
 from .kinematics.kinematics import kinematics
 from .model import expressions as _expressions
 from .model.bodies import Body, Marker, ground
-from .model.conditions import bounded
+from .model.conditions import bounded, soft
 from .model.drivers import Actuator, Driver
 from .model.element import ConstraintElement, Element, Reaction
 from .model.events import Event
@@ -190,7 +190,7 @@ __all__ = [
     "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize", "optimize", "plot", "plot_energy",
     "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution", "positive_part", "reachable",
     "read_acf", "read_adm", "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities",
-    "shaking_force", "simulate", "stability", "sweep", "t", "time_derivative",
+    "shaking_force", "simulate", "soft", "stability", "sweep", "t", "time_derivative",
 ]  # fmt: skip
 __all__ += _expressions.__all__
 

@@ -85,8 +85,22 @@ class Bounded:
     upper: ca.SX
 
 
+@dataclass(frozen=True, eq=False)
+class Soft:
+    """Conditions that may be passed at a price, made by :func:`soft`."""
+
+    conditions: tuple[Condition, ...]
+    weight: float | ca.SX
+
+    def __repr__(self) -> str:
+        weight = text_of(self.weight) if isinstance(self.weight, ca.SX) else f"{self.weight:g}"
+        return f"soft({', '.join(c.label for c in self.conditions)}, weight={weight})"
+
+
 #: One condition or several.
 Relations: TypeAlias = "ca.SX | Bounded | Sequence[ca.SX | Bounded]"
+#: The same, or conditions that may be passed.
+SoftRelations: TypeAlias = "ca.SX | Bounded | Soft | Sequence[ca.SX | Bounded | Soft]"
 
 
 def bounded(lower: Scalar, expression: Scalar, upper: Scalar) -> Bounded:
@@ -122,6 +136,49 @@ def bounded(lower: Scalar, expression: Scalar, upper: Scalar) -> Bounded:
     return Bounded(ca.SX(low), value, ca.SX(high))
 
 
+def soft(relations: Relations, weight: Scalar) -> Soft:
+    """Return conditions for ``path=`` of an optimal-control problem that may be passed at a price.
+
+    The cost grows by ``weight`` times the amount by which a condition is passed, integrated over time: ``max(e, 0)`` of
+    a limit ``e <= 0``, ``|e|`` of an equality ``e == 0``. The penalty is exact: if the weight is above the costate of
+    the hard condition everywhere, see ``Solution.costates``, the soft one holds; below it, it is passed where that is
+    cheaper. Among the conditions of a waypoint the amount at its time counts, once.
+
+    Parameters
+    ----------
+    relations : relation, bounded, or sequence of them
+        Each component, and each side of :func:`bounded`, counts by itself.
+    weight : float or expression
+        Positive; a number or an expression in parameters. Its unit is that of the cost over that of the limit times
+        seconds: in ``running_cost=tau**2`` with a limit in N, (N m)²/N; at a waypoint, that of the cost over that of
+        the limit.
+
+    Returns
+    -------
+    Soft
+        For lists of conditions.
+
+    Raises
+    ------
+    ConditionError
+        For what is not a relation, and conditions of parameters and time alone, which no motion can meet or pass.
+    ModelError, ExpressionError
+        If the weight is not positive, or depends on more than parameters.
+
+    Examples
+    --------
+    >>> import mbdcasadi as mbd
+    >>> cart = mbd.Body("cart", mass=1, inertia=1)
+    >>> mbd.soft(cart.vx <= 0.8, weight=3)
+    soft(cart.vx <= 0.8, weight=3)
+    """
+    conditions = read_conditions(relations)
+    for condition in conditions:
+        if condition.kinds <= {"parameter", "time"}:
+            raise ConditionError(f"soft: {condition.label} contains nothing that a motion changes")
+    return Soft(conditions, quantity(weight, "soft", "weight", above=0.0, fixed=True))
+
+
 _RELATIONS = {ca.OP_EQ: "==", ca.OP_LE: "<=", ca.OP_LT: "<="}
 
 
@@ -136,11 +193,12 @@ def read_conditions(conditions: Any) -> tuple[Condition, ...]:
         raise ConditionError(f"conditions must be a list of relations such as [body.phi == 0.3], got {conditions!r}")
     result: list[Condition] = []
     for position, entry in enumerate(conditions, start=1):
-        result += _read_one(entry, position)
+        result += read_condition(entry, position)
     return tuple(result)
 
 
-def _read_one(entry: Any, position: int) -> Sequence[Condition]:
+def read_condition(entry: Any, position: int) -> Sequence[Condition]:
+    """Return an entry of a list of conditions as scalar ones, with its position for messages."""
     if isinstance(entry, Condition):
         return [entry]
     if isinstance(entry, Bounded):
@@ -156,6 +214,10 @@ def _read_one(entry: Any, position: int) -> Sequence[Condition]:
     if isinstance(entry, ca.SX):
         elements = [entry] if entry.is_scalar() else ca.vertsplit(ca.vec(entry))
         return [c for element in elements for c in _relation(element, position)]
+    if isinstance(entry, Soft):
+        raise ConditionError(
+            f"condition {position} is {entry!r}, which belongs in path= of an optimal-control problem, or in a waypoint"
+        )
     hint = "write body.phi == 0.3"
     if isinstance(entry, bool):
         # Python compares an expression with a list of expressions itself, and finds that they are not the same object

@@ -19,7 +19,7 @@ from ..numerics.symbolic import symbolic
 from ..results.state import State
 from .poses.consistency import check_conditions
 from .statement.compiled import CompiledProblem
-from .statement.cost_parts import CostParts, parameter_parts, split_along_path
+from .statement.cost_parts import CostParts, hard_and_soft, parameter_parts, split_along_path
 from .statement.phase import Phase, Waypoint, read_cost
 from .statement.statement import ProblemStatement
 from .statement.time_span import span_text, time_span
@@ -42,7 +42,8 @@ class OptimalControlProblem(ProblemStatement):
         Conditions at the end; a state fixes everything.
     path : sequence of relations
         Conditions that hold throughout: equalities, ``<=``, :func:`mbdcasadi.bounded`; in any
-        expression of the model, rates of inputs (``tau.rate``) included.
+        expression of the model, rates of inputs (``tau.rate``) included. Those of :func:`mbdcasadi.soft` may be passed
+        at a price, and add an input each.
     running_cost, terminal_cost : expression
         Minimised: the integral of the former and the value of the latter at the
         end, where ``mbd.t`` is the duration and :func:`integral` may occur. :func:`positive_part` and :func:`absolute`
@@ -87,8 +88,14 @@ class OptimalControlProblem(ProblemStatement):
         free_parameters: Sequence[Parameter] = (),
         phases: Sequence[Phase] | None = None,
     ):
+        hard, soft = hard_and_soft(path)
+        path = (*hard, *soft)
         one = (mechanism, duration, initial, final, path, running_cost, waypoints)
         cost, rows = read_cost(terminal_cost, "terminal_cost"), read_conditions(boundary)
+        #: arguments of which parts have become inputs
+        self._given = {
+            "mechanism": mechanism, "path": path, "running_cost": running_cost, "terminal_cost": cost, "boundary": rows,
+        }  # fmt: skip
         if phases is None:
             self.phases, cost, rows = _one_phase(one, cost, rows)
         else:
@@ -108,6 +115,8 @@ class OptimalControlProblem(ProblemStatement):
         self.free_parameters = (*free, *own)
         #: arguments before parts of the cost have become parameters
         self._whole = {"terminal_cost": cost, "boundary": rows, "free_parameters": free}
+        if not self.is_phased:
+            self._whole |= {"path": (*phase.path, *phase.soft_limits), "running_cost": phase.own_cost}
         self.compiled = CompiledProblem()
         self._check()
         check_conditions(self)
@@ -119,6 +128,8 @@ class OptimalControlProblem(ProblemStatement):
             {"phases", "terminal_cost", "boundary", "free_parameters"} if self.is_phased else {*names} - {"phases"}
         )
         arguments = {name: getattr(self, name) for name in names if name in allowed} | self._whole
+        if not self.is_phased and changes.keys() & self._given.keys():  # parts belong to some of these alone
+            arguments |= self._given
         refuse_unknown(changes, arguments)
         return OptimalControlProblem(**(arguments | changes))
 
@@ -206,8 +217,9 @@ def _one_phase(
         split = [parts.split_integrals(cost, "terminal_cost")]
         return split + [parts.split_integrals(c.expression, f"boundary: {c.label}") for c in rows]
 
-    mechanism, path, (cost, *sides) = split_along_path(mechanism, read_conditions(path), split)
-    phase = Phase("motion", mechanism, duration, initial, final, path, running_cost, waypoints)
+    hard, soft = hard_and_soft(path)
+    mechanism, path, (cost, *sides) = split_along_path(mechanism, hard, split)
+    phase = Phase("motion", mechanism, duration, initial, final, (*path, *soft), running_cost, waypoints)
     time_span(duration, "phase 'motion'", "duration")  # refuses 0
     boundary = tuple(_with_side(c, side) for c, side in zip(rows, sides, strict=True))
     return (phase,), cost, boundary

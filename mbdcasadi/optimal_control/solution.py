@@ -20,7 +20,7 @@ from ..results.trajectory import Trajectory
 from ..simulation.simulate import simulate
 from .measures.cost_error import error_of_mesh
 from .motion.guess import Guess, PhaseGuess
-from .motion.limits import ActiveLimit, active_limits, costates, limit_excess
+from .motion.limits import ActiveLimit, SoftLimitUse, active_limits, costates, limit_excess, soft_limits
 from .motion.return_map import ReturnMap, Stability
 from .motion.solved_motion import SolvedMotion
 from .motion.storage import restored, save
@@ -201,6 +201,12 @@ class Solution(SolvedMotion):
     def active_limits(self) -> list[ActiveLimit]:
         """Limits that are active, and when; the costliest first."""
         return active_limits(self, self.costates)
+
+    @cached_property
+    @symbolic
+    def soft_limits(self) -> list[SoftLimitUse]:
+        """Where and by how much soft limits are passed, and what this costs; the costliest first."""
+        return soft_limits(self)
 
     @cached_property
     @symbolic

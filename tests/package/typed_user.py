@@ -147,7 +147,7 @@ def optimal_control() -> mbd.Solution:
     problem = mbd.OptimalControlProblem(
         mechanism, duration=(0.5, 2.0), initial=rest, final=[rod.phi == np.pi / 2, rod.omega == 0], running_cost=tau**2,
         path=[mbd.bounded(-9, rod.omega, 9), mbd.norm(pin.reaction_on(rod).force) <= 60],
-        waypoints=[mbd.Waypoint((0.1, 1.0), [rod.phi == 0])],
+        waypoints=[mbd.Waypoint((0.1, 1.0), [rod.phi == 0, mbd.soft(rod.omega <= 5, weight=0.1)])],
     )  # fmt: skip
     schemes: list[mbd.Transcription] = [mbd.GaussLegendre(2), mbd.HermiteSimpson()]
     swing = mbd.Phase("swing", mechanism, (0.2, 1.0), initial=rest, running_cost=tau**2)

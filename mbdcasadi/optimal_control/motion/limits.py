@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -13,10 +14,15 @@ from ...model.conditions import stacked
 from ...numerics.real import stretches
 from ...results.state import State
 from ..program.limit_sides import Side, sides_of
+from ..statement.cost_parts import SoftLimit
 from ..statement.phase import BEYOND_STATES, with_rates
-from ..transcription.rows import INITIAL, RowKind, RowName
+from ..transcription.rows import INITIAL, PATH, Place, RowKind, RowName
 from .limit_excess import POINTS
+from .phase_solution import PhaseSolution
 from .solved_motion import SolvedMotion
+
+#: Share of its size by which a soft limit must be passed to be reported: interior points come up to a tenth of it.
+PASSED = 1e-4
 
 
 @dataclass(frozen=True)
@@ -39,8 +45,41 @@ class ActiveLimit:
     costate: float
 
     def __repr__(self) -> str:
-        spans = ", ".join(f"{a:.4g} … {b:.4g} s" if b > a else f"{a:.4g} s" for a, b in self.spans)
-        return f"{self.label}: active at {spans}, costate up to {self.costate:.4g}"
+        return f"{self.label}: active at {_text(self.spans)}, costate up to {self.costate:.4g}"
+
+
+@dataclass(frozen=True)
+class SoftLimitUse:
+    """What became of a soft limit.
+
+    Attributes
+    ----------
+    label : str
+        The condition.
+    amount : float
+        Largest amount by which it is passed, in its unit; 0 if it holds.
+    time : float
+        When, s.
+    spans : tuple of (float, float)
+        Times between which it is passed, s.
+    cost : float
+        Its part of the cost: the weight times the integral of the amount, or the amount at a waypoint.
+    """
+
+    label: str
+    amount: float
+    time: float
+    spans: tuple[tuple[float, float], ...]
+    cost: float
+
+    def __repr__(self) -> str:
+        if not self.spans:
+            return f"{self.label}: holds"
+        return f"{self.label}: passed by up to {self.amount:.3g} at {_text(self.spans)}, at a cost of {self.cost:.4g}"
+
+
+def _text(spans: Iterable[tuple[float, float]]) -> str:
+    return ", ".join(f"{a:.4g} … {b:.4g} s" if b > a else f"{a:.4g} s" for a, b in spans)
 
 
 def label_of(solution: SolvedMotion, phase: int, name: RowName) -> str:
@@ -172,6 +211,45 @@ def _global_limits(solution: SolvedMotion) -> list[ActiveLimit]:
                 costate = float(sign * pull * program.cost_scale / size)
                 limits.append(ActiveLimit(f"{name} {symbol} {bound:g}", ((0.0, solution.duration),), costate))
     return limits
+
+
+def soft_limits(solution: SolvedMotion) -> list[SoftLimitUse]:
+    """Soft limits of all phases and waypoints, those that cost most first."""
+    uses = []
+    for number, part in enumerate(solution.phases):
+        named = partial(_use, solution, number)
+        uses += [named(PATH, limit, *_along(part, limit)) for limit in part.phase.soft_limits]
+        for k, (waypoint, time) in enumerate(zip(part.phase.waypoints, part.segment_times[1:-1], strict=True), start=1):
+            at = part.trajectory.at(time)
+            for limit in waypoint.soft_limits:
+                amount, cost = (np.ravel(at[x]) for x in (limit.amount, limit.weight * limit.amount))
+                uses.append(named(Place(f"waypoint {k}"), limit, np.array([time]), amount, float(cost[0])))
+    return sorted(uses, key=lambda use: -use.cost)
+
+
+def _along(part: PhaseSolution, limit: SoftLimit) -> tuple[np.ndarray, np.ndarray, float]:
+    """Times, s, amounts by which a soft limit is passed then, and its part of the cost."""
+    k, tau = np.repeat(np.arange(part.mesh.count), POINTS), np.tile(np.linspace(0, 1, POINTS), part.mesh.count)
+    (amounts,) = part.by_polynomials([limit.amount], k, tau)
+    return part.times_at(k, tau), amounts.ravel(), part.integral(limit.weight * limit.amount)
+
+
+def _use(
+    solution: SolvedMotion,
+    phase: int,
+    place: Place,
+    limit: SoftLimit,
+    times: np.ndarray,
+    amounts: np.ndarray,
+    cost: float,
+) -> SoftLimitUse:
+    size = float(solution.phases[phase].program.sizes.of_limits([limit.condition.expression])[0])
+    label = label_of(solution, phase, RowName(RowKind.CONDITION, limit.condition.label, place))
+    passed, most = amounts > PASSED * size, int(np.argmax(amounts))
+    if not passed[most]:
+        return SoftLimitUse(label, 0.0, float(times[most]), (), 0.0)
+    spans = tuple((float(times[run.start]), float(times[run.stop - 1])) for run in stretches(passed))
+    return SoftLimitUse(label, float(amounts[most]), float(times[most]), spans, float(cost))
 
 
 def limit_excess(solution: SolvedMotion) -> dict[str, float]:

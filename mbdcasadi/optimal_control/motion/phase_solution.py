@@ -26,7 +26,7 @@ from .guess import PhaseGuess, guess_from_polynomials
 from .limit_excess import POINTS, Excess, excess_of_motion, intervals_near, larger_side
 from .reintegration import end_differences, inner_errors
 
-#: Points of an interval at which the size of a running cost is looked at.
+#: Points of an interval by which the size of a running cost, and what soft limits cost, is integrated.
 COST_POINTS = 4
 #: Multiple of the shortest interval beside a mesh point that moves up to which one is no longer than that.
 STOPPED = 1.01
@@ -147,13 +147,17 @@ class PhaseSolution:
     @symbolic
     def cost_size(self) -> float:
         """Integral of the absolute value of the running cost."""
-        running, count = self.phase.running_cost, self.mesh.count
-        if running.is_zero() or not count:
+        return self.integral(ca.fabs(self.phase.running_cost))
+
+    def integral(self, expression: ca.SX) -> float:
+        """Integral of an expression of the problem over the phase, by the polynomials."""
+        count = self.mesh.count
+        if expression.is_zero() or not count:
             return 0.0
         taus, weights = np.polynomial.legendre.leggauss(COST_POINTS)
         k, tau = np.repeat(np.arange(count), taus.size), np.tile((1 + taus) / 2, count)
-        (values,) = self.by_polynomials([running], k, tau)
-        by_interval = np.abs(values).reshape(count, taus.size) @ weights / 2
+        (values,) = self.by_polynomials([expression], k, tau)
+        by_interval = values.reshape(count, taus.size) @ weights / 2
         return float(by_interval @ np.diff(self.mesh_times))
 
     @cached_property

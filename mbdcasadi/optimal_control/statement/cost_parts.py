@@ -2,16 +2,55 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import casadi as ca
 
 from ...errors import ExpressionError
-from ...model.conditions import Condition, read_conditions
+from ...model.conditions import Bounded, Condition, Soft, read_condition, read_conditions
 from ...model.mechanism import Mechanism
-from ...model.placeholders import PARTS, Placeholder, integral, with_values
+from ...model.placeholders import PARTS, Placeholder, absolute, integral, positive_part, with_values
+from ...model.quantities import is_list
 from ...model.symbols import Input, Parameter, Symbol
+
+#: What is left of costs once their parts are split.
+Expressions = TypeVar("Expressions")
+
+
+@dataclass(frozen=True, eq=False)
+class SoftLimit:
+    """A condition that may be passed at a price."""
+
+    condition: Condition
+    #: of the amount in the cost
+    weight: float | ca.SX
+    #: by which it is passed: a part of a cost, or the symbol in place of it
+    amount: ca.SX
+
+
+def hard_and_soft(conditions: Any) -> tuple[tuple[Condition, ...], tuple[SoftLimit, ...]]:
+    """Return conditions that hold, and those that may be passed."""
+    given = [conditions] if isinstance(conditions, ca.SX | Bounded | Soft) else conditions
+    if not is_list(given):
+        return read_conditions(given), ()
+    hard, soft = list[Condition](), list[SoftLimit]()
+    for position, entry in enumerate(given, start=1):
+        if isinstance(entry, SoftLimit):
+            soft.append(entry)
+        elif isinstance(entry, Soft):
+            for c in entry.conditions:
+                amount = absolute(c.expression) if c.equality else positive_part(c.expression)
+                soft.append(SoftLimit(c, entry.weight, amount))
+        else:
+            hard += read_condition(entry, position)
+    return tuple(hard), tuple(soft)
+
+
+def price(soft: Iterable[SoftLimit]) -> ca.SX:
+    """Return what soft limits add to the cost, or to its integrand."""
+    return sum((limit.weight * limit.amount for limit in soft), ca.SX(0))
 
 
 class CostParts:
@@ -45,6 +84,10 @@ class CostParts:
 
         return self._refuse_falling(with_values(expression, value), where)
 
+    def split_soft(self, soft: Iterable[SoftLimit]) -> tuple[SoftLimit, ...]:
+        """Return soft limits with symbols in place of the amounts by which they are passed."""
+        return tuple(replace(limit, amount=self.split(limit.amount, limit.condition.label)) for limit in soft)
+
     def _refuse_falling(self, expression: ca.SX, where: str) -> ca.SX:
         if not self.symbols:
             return expression
@@ -70,8 +113,8 @@ class CostParts:
 
 
 def split_along_path(
-    mechanism: Mechanism, path: tuple[Condition, ...], split: Callable[[CostParts], Sequence[ca.SX]]
-) -> tuple[Mechanism, tuple[Condition, ...], Sequence[ca.SX]]:
+    mechanism: Mechanism, path: tuple[Condition, ...], split: Callable[[CostParts], Expressions]
+) -> tuple[Mechanism, tuple[Condition, ...], Expressions]:
     """Return mechanism and path conditions with an input for each part that is split, and the expressions."""
     parts = CostParts(Input)
     expressions = split(parts)

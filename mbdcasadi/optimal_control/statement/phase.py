@@ -11,7 +11,7 @@ import numpy as np
 from ...equations import Equations, equations
 from ...equations.impact_law import ImpactLaw
 from ...errors import ExpressionError, ModelError
-from ...model.conditions import Condition, read_conditions
+from ...model.conditions import Condition, SoftRelations, read_conditions
 from ...model.events import read_restitution
 from ...model.immutable import Immutable
 from ...model.mechanism import Mechanism
@@ -24,7 +24,7 @@ from ...model.texts import text_of
 from ...numerics.lazy import cached_property
 from ...numerics.symbolic import symbolic
 from ...results.state import Conditions, State
-from .cost_parts import CostParts, parameter_parts, split_along_path
+from .cost_parts import CostParts, hard_and_soft, parameter_parts, price, split_along_path
 from .state_conditions import independent_state_conditions
 from .time_span import span_text, time_span
 
@@ -41,10 +41,10 @@ class Waypoint(Immutable):
         Time, s; two numbers: free between them, with :func:`between` from a guess.
     conditions : sequence of relations, or State, default ()
         A state fixes coordinates and velocities, those of a resting pose for instance. Relations are in any expression
-        of the model; accelerations, reactions and inputs are those just before that time. Without conditions, a
-        waypoint puts a mesh point at its time, for instance where an input jumps. A free one finds the jump with
-        ``control="constant"``; polynomials imitate a jump inside an interval as well, and ``optimize(tolerance=…)``
-        finds it for them.
+        of the model, :func:`soft` ones too; accelerations, reactions and inputs are those just before that time.
+        Without conditions, a waypoint puts a mesh point at its time, for instance where an input jumps. A free one
+        finds the jump with ``control="constant"``; polynomials imitate a jump inside an interval as well, and
+        ``optimize(tolerance=…)`` finds it for them.
     cost : expression, default 0
         Added to the cost, with the values of that time; :func:`positive_part` and :func:`absolute` of an expression add
         a free parameter each.
@@ -59,12 +59,12 @@ class Waypoint(Immutable):
 
     _symbolic = True
 
-    def __init__(self, time: float | tuple[float, float], conditions: Conditions = (), cost: Scalar = 0):
+    def __init__(self, time: float | tuple[float, float], conditions: State | SoftRelations = (), cost: Scalar = 0):
         self.time = time_span(time, "Waypoint", "time")
-        self.conditions: tuple[Condition, ...] = (
-            independent_state_conditions(conditions) if isinstance(conditions, State) else read_conditions(conditions)
-        )
-        self.cost = read_cost(cost, "cost of a waypoint")
+        given = independent_state_conditions(conditions) if isinstance(conditions, State) else conditions
+        self.conditions: tuple[Condition, ...]
+        self.conditions, self.soft_limits = hard_and_soft(given)
+        self.cost = read_cost(cost, "cost of a waypoint") + price(self.soft_limits)
         #: parameters in place of parts of the cost
         self.parameters: tuple[Parameter, ...] = ()
 
@@ -79,6 +79,7 @@ class _SplitWaypoint(Waypoint):
     def __init__(self, waypoint: Waypoint, cost: ca.SX, parts: CostParts):
         super().__init__(waypoint.time, (*waypoint.conditions, *parts.limits), cost)
         self.parameters = (*waypoint.parameters, *parts.symbols)
+        self.soft_limits = parts.split_soft(waypoint.soft_limits)
 
 
 def _without_parts(waypoint: Waypoint) -> Waypoint:
@@ -108,7 +109,7 @@ class Phase(Immutable):
         start hold just after the change into the phase, and may contain impulses; those at the end just before the
         change out of it.
     path : sequence of relations
-        Conditions that hold throughout the phase.
+        Conditions that hold throughout the phase, or that may be passed at a price, see :func:`soft`.
     running_cost : expression
         Integrand of the cost; :func:`positive_part` and :func:`absolute` of an expression add an input each.
     waypoints : sequence of Waypoint
@@ -144,9 +145,14 @@ class Phase(Immutable):
     ):
         self.name = check_name(name, "Phase")
         what = f"phase '{name}'"
-        cost = read_cost(running_cost, "running_cost")
-        parts = split_along_path(mechanism, read_conditions(path), lambda parts: [parts.split(cost, "running_cost")])
-        self.mechanism, self.path, (self.running_cost,) = parts
+        (hard, soft), cost = hard_and_soft(path), read_cost(running_cost, "running_cost")
+        parts = split_along_path(
+            mechanism, hard, lambda parts: (parts.split(cost, "running_cost"), parts.split_soft(soft))
+        )
+        #: running cost without soft limits
+        self.own_cost: ca.SX
+        self.mechanism, self.path, (self.own_cost, self.soft_limits) = parts
+        self.running_cost = self.own_cost + price(self.soft_limits)
         self.equations: Equations = equations(self.mechanism)
         self.span = time_span(duration, what, "duration", instant=True)
         self.initial = read_state_or_conditions(initial, mechanism)
