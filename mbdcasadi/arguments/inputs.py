@@ -316,7 +316,7 @@ def read_signals(
         inputs = inputs.inputs
     for key, value in () if controller else pairs_of(inputs, "inputs="):
         k = position_in(mechanism.inputs, key, "inputs=")
-        values[k] = _of_solution(value, mechanism.inputs[k])
+        values[k] = of_solution(value, mechanism.inputs[k])
     for key, value in (fixed or {}).items():
         values[position_in(mechanism.inputs, key, "inputs=")] = value
     for k, value in enumerate(values):
@@ -353,8 +353,8 @@ def read_answer(controller: SampledController, state: Any, levels: np.ndarray) -
     return values
 
 
-def _of_solution(value: Any, symbol: Any) -> Any:
-    """The course of an input in a solution of optimal control; any other value as it is."""
+def of_solution(value: Any, symbol: Any) -> Any:
+    """Return the course of an input in a solution of optimal control; any other value as it is."""
     courses = getattr(value, "inputs", None)
     if not isinstance(courses, Mapping):
         return value

@@ -123,7 +123,10 @@ class Recovery:
     def complete(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray) -> SixArrays:
         """Return ``q, v, a, z, lam, u`` on the constraints at states near to them, by row."""
         q = self.positions(t, q)
-        v = self.velocities(t, q, v)
+        return self.loaded(t, q, self.velocities(t, q, v), z, u)
+
+    def loaded(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray) -> SixArrays:
+        """Return ``q, v, a, z, lam, u`` at states that are on the constraints, by row."""
         a, lam = self.accelerations(t, q, v, z, u)
         return q, v, a, z, lam, u
 

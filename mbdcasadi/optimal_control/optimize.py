@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from typing import Any
 
 from ..errors import ModelError
@@ -41,6 +42,7 @@ from .search.search import Search
 from .search.undecided import warn_of_undecided
 from .solution import Shifted, Solution
 from .solve.best_so_far import BestSoFar
+from .statement.known_inputs import read_known_inputs
 from .transcription import Transcription
 
 
@@ -54,6 +56,7 @@ def optimize(
     starts: Any = None,
     executor: Executor | None = None,
     initial: Conditions | None = None,
+    inputs: Any = None,
     parameters: Mapping[Any, Any] | None = None,
     continuation: Any = None,
     transcription: str | type[Transcription] | Transcription = "gauss-legendre",
@@ -100,6 +103,11 @@ def optimize(
         Threads or processes on which the solver runs from several starts at a time, without `progress`.
     initial : sequence of relations or State, optional
         Start in place of the problem's own; what was compiled is used again.
+    inputs : mapping, optional
+        Inputs whose courses are known: measured signals, loads, references. Each is a number, an array over the
+        duration, a pair of times, s, and values, a curve, or an expression in ``mbd.t``; samples are joined by straight
+        lines, as in :func:`simulate`. The motion sees a polynomial through the values at the stages of each interval,
+        which is exact if intervals end at samples. Other courses of the same inputs compile nothing anew.
     parameters : mapping, optional
         Parameter to number.
     continuation : mapping, optional
@@ -157,6 +165,7 @@ def optimize(
         with LOCK, keyboard_interrupts("optimize"):
             accuracy = _tolerance(tolerance)
             settings = Settings.read(transcription, degree, control, options, progress)
+            settings = replace(settings, known=read_known_inputs(problem, inputs))
             search = Search(problem, intervals, initial, settings, best, executor)
             if continuation is None:
                 solution = search.solve(parameters, guess, starts, accuracy)

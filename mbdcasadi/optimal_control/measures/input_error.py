@@ -53,7 +53,7 @@ def input_errors(
     neighbours, if the inputs are no constants.
     """
     basis, count = part.program.scheme.inputs, part.mesh.count
-    courses = part.polynomials.inputs
+    courses = part.polynomials.free_inputs
     lengths = np.diff(part.mesh_times)
     if basis.name != "polynomial" or not courses:
         return np.zeros((count, len(courses)))
@@ -212,7 +212,7 @@ def _values(coefficients: np.ndarray, since: np.ndarray) -> np.ndarray:
 def _shares_of_largest(part: PhaseSolution) -> np.ndarray:
     """Largest value of an input at the ends of each interval, as a share of the largest one of all (N,)."""
     shares = np.zeros(part.mesh.count)
-    for course in part.polynomials.inputs.values():
+    for course in part.polynomials.free_inputs.values():
         c, powers = course.coefficients, np.arange(course.terms)
         last = np.sum(c * np.diff(part.mesh_times)[:, None] ** powers, axis=1)
         values = np.maximum(np.abs(c[:, 0]), np.abs(last))

@@ -37,7 +37,7 @@ class Kinks:
 
     def __init__(self, part: PhaseSolution, tolerance: float):
         self.part, self.tolerance = part, tolerance
-        self._courses = part.polynomials.inputs.values() if part.program.scheme.inputs.name == "polynomial" else ()
+        self._courses = part.polynomials.free_inputs.values() if part.program.scheme.inputs.name == "polynomial" else ()
         self._times, self._lengths = part.mesh_times, np.diff(part.mesh_times)
 
     def within(self, unresolved: np.ndarray) -> list[Kink]:

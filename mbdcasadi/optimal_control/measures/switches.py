@@ -302,7 +302,7 @@ def _place_at_end(part: PhaseSolution, first: int, last: int, reach: int) -> flo
     low, high = (first, last + min(reach // 2, ASTRAY)) if is_start else (first - min(-reach // 2, ASTRAY), last)
     if not (high < part.mesh.count if is_start else low > 0):
         return None
-    for symbol, course in part.polynomials.inputs.items():
+    for symbol, course in part.polynomials.free_inputs.items():
         c, powers = course.coefficients, np.arange(course.terms)
         if is_start:
             outer, inner = float(c[first, 0]), float(c[high, 0])
@@ -329,7 +329,7 @@ def _place(part: PhaseSolution, first: int, last: int) -> float | None:
     """
     times, lengths = part.mesh_times, np.diff(part.mesh_times)
     share, largest, between = np.nan, JUMP, float(times[last] - times[first])
-    for symbol, course in part.polynomials.inputs.items():
+    for symbol, course in part.polynomials.free_inputs.items():
         c, powers = course.coefficients, np.arange(course.terms)
         earlier, later = float(c[first - 1] @ lengths[first - 1] ** powers), float(c[last, 0])
         slope = float(c[first - 1, 1:] @ (powers[1:] * lengths[first - 1] ** powers[:-1]))

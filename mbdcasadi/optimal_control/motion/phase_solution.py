@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -18,6 +19,7 @@ from ...results.state import State
 from ...results.steps import Direct
 from ...results.trajectory import Statistics, Trajectory
 from ..program.phase_program import SHORTEST_SWITCH, PhaseProgram
+from ..statement.known_inputs import KnownInputs
 from ..statement.phase import Phase
 from ..transcription.mesh import Mesh
 from ..transcription.motion import OptimalMotion, Polynomials
@@ -36,8 +38,8 @@ class PhaseSolution:
     """One phase of a solution.
 
     It is made of the variables x of the whole program, in physical units, the times of start, waypoints and end if
-    none of them is free, s, the values of the free parameters that the mechanism does not have, and the time of the
-    solve, s.
+    none of them is free, s, the values of the free parameters that the mechanism does not have, the time of the
+    solve, s, and the inputs that were given.
 
     Attributes
     ----------
@@ -58,9 +60,11 @@ class PhaseSolution:
         segment_times: np.ndarray,
         extra: np.ndarray,
         seconds: float,
+        known: KnownInputs,
     ):
         self.phase: Phase = program.phase
         self.program, self.numeric, self.mesh, self.extra, self._seconds = program, numeric, mesh, extra, seconds
+        self._known = known
         self._read(x, segment_times)
 
     def _read(self, x: np.ndarray, segment_times: np.ndarray) -> None:
@@ -73,7 +77,8 @@ class PhaseSolution:
         self.mesh_times = self.mesh.times(self.segment_times)
         numbers = np.arange(mesh.count + 1)[:, None]
         points = x[program.point_index(numbers)[:, : program.scheme.point_size]]
-        intervals = x[program.inner_index(numbers[:-1])]
+        given = program.scheme.known_columns(self.mesh_times, partial(self._known.values, program.number))
+        intervals = np.hstack([x[program.inner_index(numbers[:-1])], given])
         self.polynomials = Polynomials(program.scheme, self.mesh_times, points, intervals, self.numeric)
 
     def by_polynomials(self, expressions: Sequence[ca.SX], intervals: np.ndarray, taus: np.ndarray) -> list[np.ndarray]:
@@ -329,7 +334,7 @@ class PhaseSolution:
         times, spans = self.segment_times - self.segment_times[0], phase.time_spans
         if len(times) != len(spans):
             times = np.linspace(0, times[-1], len(spans))
-        times = np.array([np.clip(t, low, high) for t, (low, high) in zip(times, spans, strict=True)])
+        times = np.clip(times, [low for low, _ in spans], [high for _, high in spans])
         return guess_from_polynomials(self.polynomials, begin + times)
 
 

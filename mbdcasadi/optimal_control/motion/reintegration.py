@@ -48,7 +48,8 @@ def not_integrated(motion: Polynomials) -> tuple[int, str] | None:
 def _integration(motion: Polynomials) -> tuple[ca.Function, np.ndarray, np.ndarray]:
     """Integrator of an interval, states at the mesh points (N + 1, 2 n + k), and parameters by interval (…, N)."""
     numeric, count, redundant = motion.numeric, len(motion.intervals), motion.scheme.redundant
-    pieces = [piece.coefficients for piece in motion.inputs.values()]
+    terms = max((piece.terms for piece in motion.inputs.values()), default=1)
+    pieces = [np.pad(p.coefficients, ((0, 0), (0, terms - p.terms))) for p in motion.inputs.values()]
     coefficients = np.stack(pieces, axis=2) if pieces else np.zeros((count, 1, 0))  # (N, d, n_u)
     degree, inputs = coefficients.shape[1:]
     parameters = np.vstack(

@@ -25,7 +25,10 @@ class ReturnMap:
         if not solution.problem.boundary:
             raise ModelError("stability: the problem has no boundary conditions, and so no next period")
         data = self.program.data(
-            [part.numeric.p for part in solution.phases], solution.meshes, [p.segment_times for p in solution.phases]
+            [part.numeric.p for part in solution.phases],
+            solution.meshes,
+            [part.segment_times for part in solution.phases],
+            solution.settings.known,
         )
         x = solution.variables / self.program.scale
         self.jacobian: ca.DM = self.program.nlp.derivatives["jac_g"](x, data)[1]
@@ -67,7 +70,7 @@ class ReturnMap:
         """Places of the inputs, which do not answer a disturbance."""
         places = []
         for phase in self.program.phases:
-            n_u = phase.scheme.eom.u.numel()
+            n_u = len(phase.scheme.free_inputs)
             joined = phase.scheme.point_size - n_u if phase.scheme.inputs.joined else phase.scheme.point_size
             for k in range(phase.count + 1):
                 places += phase.point_index(k)[joined : phase.scheme.point_size].tolist()

@@ -68,7 +68,7 @@ class SolvedMotion:
         numeric = NumericEquations(phase.equations, values)
         extra = np.array([self.parameters[s] for s in program.extra_parameters])
         kind = InstantSolution if phase.is_instant else PhaseSolution
-        return kind(program, numeric, mesh, self.variables, times, extra, self.statistics.seconds)
+        return kind(program, numeric, mesh, self.variables, times, extra, self.statistics.seconds, self.settings.known)
 
     @property
     def meshes(self) -> tuple[Mesh, ...]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ...arguments.piecewise_polynomial import PiecewisePolynomial
 from ...errors import FileError, ModelError
 from ...results.archives import Archive, read_arrays, write_arrays
 from ..problem import OptimalControlProblem
@@ -16,6 +17,7 @@ from ..program.collocation_program import CollocationProgram
 from ..program.problem_setup import ProblemSetup
 from ..program.setup import Settings
 from ..program.statistics import Answer, Attempt, SolveStatistics
+from ..statement.known_inputs import KnownInputs, inputs_of, read_known_inputs
 from ..transcription import TRANSCRIPTIONS
 from ..transcription.mesh import Mesh
 from .solved_motion import SolvedMotion
@@ -53,6 +55,9 @@ def save(solution: SolvedMotion, path: str | Path) -> None:
         content |= {f"{prefix}mesh {k}": fractions for k, fractions in enumerate(part.mesh.segments)}
         content[f"{prefix}moving mesh points"] = np.array(part.mesh.moving, int)
         content[f"{prefix}pinned mesh points"] = np.array(part.mesh.pinned, int)
+    for place, symbol in solution.settings.known.symbols(solution.problem):
+        course = solution.inputs[symbol]
+        content |= {f"input {place} times": course.breaks, f"input {place}": course.coefficients}
     write_arrays(path, content)
 
 
@@ -89,6 +94,7 @@ def _restored(problem: OptimalControlProblem, content: Archive) -> tuple[Any, ..
             f"{content.path}: the settings of the solution are damaged, or of another version: {error}"
         ) from None
     meshes, times, parameters = _phases(problem, content)
+    settings = replace(settings, known=_known_inputs(problem, content))
     setup = ProblemSetup(problem, settings)
     held = tuple((int(phase), str(label), float(tau)) for phase, label, tau in content.json("held"))
     program = setup.transcribe(meshes, held)
@@ -97,7 +103,7 @@ def _restored(problem: OptimalControlProblem, content: Archive) -> tuple[Any, ..
     if program.size != content["x"].size or labels != theirs:
         other = next((f"'{a}' where the problem has '{b}'" for a, b in zip(theirs, labels, strict=False) if a != b), "")
         raise _another(content, other or "its size is another one")
-    _check_values(problem, program, program.data(parameters, meshes, times), times, content)
+    _check_values(problem, program, program.data(parameters, meshes, times, settings.known), times, content)
     statistics = content.json("statistics")
     statistics.pop("solver", None)  # earlier versions had several
     for name in ("starts", "passes", "steps", "stages"):
@@ -150,6 +156,16 @@ def _phases(problem: OptimalControlProblem, content: Archive) -> tuple[list[Mesh
         meshes.append(Mesh(tuple(segments), *places))
         times.append(_increasing(content, f"{prefix}segment times", len(segments) + 1))
     return meshes, times, parameters
+
+
+def _known_inputs(problem: OptimalControlProblem, content: Archive) -> KnownInputs:
+    """Inputs that were given, with their courses in the solution."""
+    known: dict[Any, Any] = {}
+    for place, symbol in enumerate(inputs_of(problem)):
+        if f"input {place}" in content:
+            course = PiecewisePolynomial(_increasing(content, f"input {place} times"), content[f"input {place}"])
+            known[symbol] = course.coefficients[0, 0] if problem.has_free_times else course
+    return read_known_inputs(problem, known)
 
 
 def _increasing(content: Archive, name: str, count: int | None = None) -> np.ndarray:

@@ -21,6 +21,7 @@ from ...model.mechanism import Mechanism
 from ...model.placeholders import placeholders_in, with_values
 from ...model.symbols import Symbol, symbols_of
 from ...numerics.console import without_warnings
+from ...numerics.evaluation import Evaluator
 from ...numerics.newton import solve
 from ...results.state import State
 from ..statement.condition_rank import ranks_of
@@ -36,6 +37,13 @@ BRANCHES = 48
 
 def own_limits(mechanism: Mechanism) -> dict[Condition, tuple[Symbol, int]]:
     """Limits that inputs and first-order states carry themselves, with the symbol and the side."""
+    kept: dict[Condition, tuple[Symbol, int]] = mechanism.cache.get_or_create(
+        "own limits", partial(_own_limits, mechanism)
+    )
+    return kept
+
+
+def _own_limits(mechanism: Mechanism) -> dict[Condition, tuple[Symbol, int]]:
     limits = {}
     for symbol in (*mechanism.inputs, *mechanism.states):
         low = Condition(symbol.lower - symbol, False, f"{symbol.label} >= {symbol.lower:g}")
@@ -232,10 +240,18 @@ def _random_poses(numeric: NumericEquations) -> Iterator[np.ndarray]:
 
 def _excess(limits: Iterable[Condition], state: State) -> dict[Condition, tuple[float, float]]:
     """Values of limits in a state, each with its size."""
-    listed = list(limits)
-    parts = [c.expression.dep(0) if c.expression.n_dep() else ca.SX(0) for c in listed]
-    values = np.ravel(state[ca.vertcat(stacked(listed), *parts)]) if listed else np.zeros(0)
-    excess, sizes = np.split(values, 2)
+    listed, eom = list(limits), state.equations
+    if not listed:
+        return {}
+
+    def evaluator() -> Evaluator:
+        parts = [c.expression.dep(0) if c.expression.n_dep() else ca.SX(0) for c in listed]
+        return Evaluator(ca.Function("limits", [*eom.symbols], [ca.densify(ca.vertcat(stacked(listed), *parts))]))
+
+    kept = eom.mechanism.cache.get_or_create(("limits of states", *listed), evaluator, bounded=True)
+    excess, sizes = np.split(kept(*state.arguments)[0].ravel(), 2)
+    if np.isnan(excess).any():
+        state[stacked(listed)]  # an error that names the expression
     return dict(zip(listed, zip(excess.tolist(), (1 + np.abs(sizes)).tolist(), strict=True), strict=True))
 
 

@@ -68,7 +68,7 @@ def check_start(problem: OptimalControlProblem, phase: Phase, numeric: NumericEq
             f"the initial state does not meet {name}: it is off by {missed:.3g}; "
             "assemble it with the parameters of this problem, and for its start at t = 0"
         )
-    rows = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu)
+    rows = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu) if problem.free_parameters else ca.SX(0, 1)
     for parameter in problem.free_parameters:
         slopes = ca.jacobian(rows, parameter)
         if ca.depends_on(rows, parameter) and np.any(np.abs(start[slopes]) > START_TOLERANCE):

@@ -18,6 +18,7 @@ from ...numerics.lending import Lending
 from ...results.state import State
 from ..problem import OptimalControlProblem
 from ..statement.compiled import OPTION_SETS
+from ..statement.known_inputs import NO_INPUTS, KnownInputs
 from ..transcription.mesh import Mesh
 from ..transcription.rows import BOUNDARY, Row, RowKind, condition_rows, violations
 from .blocks import Block, Edge, block_of_edges
@@ -241,7 +242,13 @@ class CollocationProgram:
         lower, upper = (np.concatenate([*side, free, limit]) for side, free, limit in parts)
         return Bounds(lower, upper, self.lower, np.zeros(self.lower.size))
 
-    def data(self, p: Sequence[np.ndarray], meshes: Sequence[Mesh], times: Sequence[np.ndarray]) -> np.ndarray:
+    def data(
+        self,
+        p: Sequence[np.ndarray],
+        meshes: Sequence[Mesh],
+        times: Sequence[np.ndarray],
+        known: KnownInputs = NO_INPUTS,
+    ) -> np.ndarray:
         """Parameters of the compiled program: those of the mechanisms by phase, and the intervals.
 
         `times` are those of start, waypoints and end by phase, s.
@@ -253,7 +260,9 @@ class CollocationProgram:
                 intervals.append(np.array([[points[0], 0.0]]))
                 continue
             free = phase.time_count > 0
-            intervals.append(np.column_stack([mesh.begin, mesh.length] if free else [points[:-1], np.diff(points)]))
+            columns = [mesh.begin, mesh.length] if free else [points[:-1], np.diff(points)]
+            given = phase.scheme.known_columns(points, partial(known.values, phase.number))
+            intervals.append(np.column_stack([*columns, given]))
         seen = [intervals[k][i] for block in self.blocks for copy in block.copies for k, i in copy]
         return np.concatenate([*p, *seen])
 

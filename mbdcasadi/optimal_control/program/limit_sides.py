@@ -59,8 +59,8 @@ def sides_of(program: CollocationProgram) -> Iterator[Side]:
 def _variables_of(phase: PhaseProgram, symbol: Symbol) -> Iterator[tuple[int, tuple[int, ...]]]:
     """Variables of an input or a first-order state, and the intervals to which each belongs."""
     scheme, mechanism, count = phase.scheme, phase.phase.mechanism, phase.count
-    n, inputs = scheme.eom.q.numel(), len(mechanism.inputs)
-    input_place = place_of(symbol, mechanism.inputs)
+    free = [mechanism.inputs[k] for k in scheme.free_inputs]
+    n, inputs, input_place = scheme.eom.q.numel(), len(free), place_of(symbol, free)
     if input_place is None:
         at_point = 2 * n + next(k for k, z in enumerate(mechanism.states) if z is symbol)
     else:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from ...model.conditions import Condition, stacked
+from ...model.contents import contents_of
 from ...model.placeholders import Placeholder
 from ...model.symbols import Symbol
 from ...numerics.lazy import cached_property
@@ -159,7 +160,7 @@ class PhaseProgram:
         sizes = [self.point_size, self.scheme.interval_size, self.point_size, times_count]
         first, inner, last, times = (ca.SX.sym(x, size) for x, size in zip("wbxm", sizes, strict=True))
         free = ca.SX.sym("f", self.free_scale.size) if free is None else free
-        data = ca.SX.sym("d", 2)
+        data = ca.SX.sym("d", 2 + self.scheme.known_size)
         before, after = (ca.DM(self.point_scale) * x for x in (first, last))
         p, extra = self.phase.with_free(self.p, self._free, ca.DM(self.free_scale) * free)
         start, length = data[0], data[1]
@@ -167,14 +168,17 @@ class PhaseProgram:
             segment = self.scales.time * (times[1] - times[0])
             start, length = self.scales.time * times[0] + data[0] * segment, data[1] * segment
         plain = self.scheme.point_size
-        interval = Interval(before[:plain], ca.DM(self.inner_scale) * inner, after[:plain], start, length, p)
+        within = ca.vertcat(ca.DM(self.inner_scale) * inner, data[2:])
+        interval = Interval(before[:plain], within, after[:plain], start, length, p)
         variables = ca.vertcat(first, inner, last, times)
         return Unknowns(variables, free, data, interval, before[plain:], after[plain:], extra)
 
     @cached_property
     def limit_owners(self) -> dict[Condition, tuple[Symbol, int]]:
         """Limits that inputs and first-order states carry themselves, with the symbol and the side."""
-        return own_limits(self.phase.mechanism)
+        known = [self.phase.mechanism.inputs[k] for k in self.scheme.known]
+        owned = own_limits(self.phase.mechanism)
+        return {c: owner for c, owner in owned.items() if not any(owner[0] is u for u in known)}
 
     # --- expressions ----------------------------------------------------------------------
     def value(self, expression: ca.SX, at: CollocationPoint, unknowns: Unknowns) -> ca.SX:
@@ -256,12 +260,20 @@ class PhaseProgram:
         blocks = [block(*self._interval_rows(), list(range(self.count)), repeated=True)]
         for unknowns, groups, interval in [*self._start_rows(), *self._place_rows()]:
             blocks.append(block(unknowns, groups, ca.SX(0), [interval]))
+        for expression, intervals in self._waypoint_costs():
+            unknowns = self.unknowns()
+            cost = self.value(expression, self.scheme.end(unknowns.interval), unknowns)
+            blocks.append(block(unknowns, [], cost, intervals))
+        return blocks
+
+    def _waypoint_costs(self) -> list[tuple[ca.SX, list[int]]]:
+        """Costs of waypoints, each with the intervals that end there: those of samples are all alike."""
+        costs: dict[Hashable, tuple[ca.SX, list[int]]] = {}
         for waypoint, point in zip(self.phase.waypoints, self._waypoints.tolist(), strict=True):
             if not waypoint.cost.is_zero():
-                unknowns = self.unknowns()
-                cost = self.value(waypoint.cost, self.scheme.end(unknowns.interval), unknowns)
-                blocks.append(block(unknowns, [], cost, [point - 1]))
-        return blocks
+                key = contents_of(waypoint.cost, symbols=self.arguments) or point
+                costs.setdefault(key, (waypoint.cost, []))[1].append(point - 1)
+        return list(costs.values())
 
     def _interval_rows(self) -> tuple[Unknowns, list[Rows], ca.SX]:
         """Rows of an interval, and its part of the running cost."""
@@ -437,7 +449,8 @@ class PhaseProgram:
         scheme, mechanism = self.scheme, self.phase.mechanism
         n, bounds = scheme.eom.q.numel(), []
         for side, (name, infinite) in enumerate((("lower", -np.inf), ("upper", np.inf))):
-            u, z = ([getattr(x, name) for x in symbols] for symbols in (mechanism.inputs, mechanism.states))
+            inputs = [mechanism.inputs[k] for k in scheme.free_inputs]
+            u, z = ([getattr(x, name) for x in symbols] for symbols in (inputs, mechanism.states))
             point = np.r_[np.full(2 * n, infinite), z, u if scheme.inputs.joined else []]
             point = np.r_[point, np.full(self.point_size - point.size, infinite)]
             before = point.copy()

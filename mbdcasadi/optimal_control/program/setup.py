@@ -26,6 +26,7 @@ from ...results.state import State
 from ..poses.kinematic_guess import KinematicPath, kinematic_path
 from ..poses.least_squares_loads import LeastSquaresLoads
 from ..problem import OptimalControlProblem
+from ..statement.known_inputs import NO_INPUTS, KnownInputs
 from ..statement.phase import Phase
 from ..transcription import TRANSCRIPTIONS, Transcription
 from ..transcription.constraints import MotionConstraints
@@ -52,11 +53,13 @@ class Settings:
     chosen: Any
     #: whether open chains are left with their angles alone
     angles: bool = False
+    #: inputs whose courses are given
+    known: KnownInputs = NO_INPUTS
 
     @property
     def key(self) -> Hashable:
         """Key of the programs that are made by them."""
-        return self.chosen, self.transcription.degree, self.control, self.angles
+        return self.chosen, self.transcription.degree, self.control, self.angles, self.known.key
 
     @property
     def are_known(self) -> bool:
@@ -197,17 +200,18 @@ class PhaseSetup:
         # an input that drives a first-order state could else move it unseen: by a polynomial that is zero at all stages
         drives = bool(eom.u.numel() and eom.z.numel()) and bool(ca.depends_on(eom.z_rate, eom.u))
         inner, joined = settings.transcription.input_points(lower_degree=drives)
-        limited = any(np.isfinite([u.lower, u.upper]).any() for u in self.phase.mechanism.inputs)
+        place = problem.phases.index(self.phase)
+        known, inputs = settings.known.places(place), self.phase.mechanism.inputs
+        limited = any(np.isfinite([u.lower, u.upper]).any() for k, u in enumerate(inputs) if k not in known)
         rates = problem.has_input_rates(initial)
         basis = input_basis(settings.control, inner, joined, rates=rates, limited=limited)
         rows, weights = self._independent_rows(eom), self.numeric.weights[eom.independent]
-        place = problem.phases.index(self.phase)
         sizes = self.numeric.weights.tobytes(), self.numeric.light_key
         key = "scheme", place, settings.key, curved, tuple(rows), basis, *sizes
         kept = problem.shared.get_or_create(key, Cache, bounded=True) if settings.are_known else Cache()
         path_constraints = problem.differentiated_path_constraints(self.phase)
         constraints = MotionConstraints(eom, self.numeric, rows, path_constraints, kept)
-        return settings.transcription.bound_to(constraints, weights, basis)
+        return settings.transcription.bound_to(constraints, weights, basis, known)
 
     def _independent_rows(self, eom: ReducedEquations) -> list[int]:
         """Remaining rows without those that others imply; of the poses passed the one with the most counts.

@@ -68,6 +68,12 @@ class MappedBlock:
         return ca.triu(whole)
 
     @cached_property
+    def used_parameters(self) -> list[int]:
+        """Places of the parameters that occur."""
+        occur = {x.element_hash() for x in ca.symvar(ca.vertcat(self.rows, self.cost, self.states))}
+        return [k for k, x in enumerate(ca.vertsplit(self.parameters)) if x.element_hash() in occur]
+
+    @cached_property
     def _slopes(self) -> ca.SX:
         """Jacobian of the states by the variables."""
         return ca.jacobian(self.states, self.variables)
@@ -139,10 +145,11 @@ class SparseProgram:
     ) -> list[ca.MX]:
         """Results of a piece for all copies, side by side."""
         copies = piece.index.shape[1]
-        arguments = [piece.variables, piece.data, piece.parameters, *[symbol for symbol, _ in extra]]
+        used = piece.used_parameters
+        arguments = [piece.variables, piece.data, piece.parameters[used], *[symbol for symbol, _ in extra]]
         function = ca.Function("piece", arguments, piece.in_variables(results)).map(copies)
         gathered = _in_shape(self._x[piece.index.T.ravel().tolist()], piece.variables.numel(), copies)
-        shared = ca.repmat(self._shared, 1, copies)
+        shared = ca.repmat(self._shared[used], 1, copies)
         return list(function.call([gathered, data, shared, *[value for _, value in extra]]))
 
     @cached_property

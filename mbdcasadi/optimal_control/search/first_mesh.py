@@ -37,7 +37,7 @@ def first_meshes(setups: Sequence[PhaseSetup], intervals: Any) -> list[Mesh]:
 def _counts(phases: Sequence[Phase], intervals: Any) -> list[int]:
     """Number of intervals of each phase that lasts."""
     if is_automatic(intervals):
-        return [max(INTERVALS, _least(phase)) for phase in phases]
+        return [max(INTERVALS, phase.fewest_intervals) for phase in phases]
     names = ", ".join(repr(phase.name) for phase in phases)
     if isinstance(intervals, Mapping):
         given = {key.name if isinstance(key, Phase) else key: count for key, count in intervals.items()}
@@ -53,16 +53,11 @@ def _counts(phases: Sequence[Phase], intervals: Any) -> list[int]:
     return [_count(phase, count, several=len(phases) > 1) for phase, count in zip(phases, each, strict=True)]
 
 
-def _least(phase: Phase) -> int:
-    """Least number of intervals: two between waypoints."""
-    return 2 * (len(phase.waypoints) + 1)
-
-
 def _count(phase: Phase, count: Any, *, several: bool) -> int:
-    if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < _least(phase):
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < phase.fewest_intervals:
         waypoints = len(phase.waypoints)
         between = f" with {waypoints} waypoints" if waypoints else ""
         of = f" in phase '{phase.name}'" if several else ""
-        least = f"{_least(phase)}{between}{of}"
+        least = f"{phase.fewest_intervals}{between}{of}"
         raise ModelError(f"optimize: intervals must be a whole number of at least {least}, got {count!r}")
     return int(count)

@@ -53,7 +53,7 @@ def undecided(solution: SolvedMotion) -> tuple[int, list[str]]:
     if not places:
         return 0, []
     x = solution.variables / program.scale
-    data = program.data([part.numeric.p for part in solution.phases], solution.meshes, times)
+    data = program.data([part.numeric.p for part in solution.phases], solution.meshes, times, solution.settings.known)
     curvature = Curvature(program, x, data, bounds, solution.answer.lam_x, solution.answer.lam_g)
     hard, soft = (curvature.compliance(list(places), least) for least in SOFT)
     _, directions = np.linalg.eigh(soft)

@@ -281,7 +281,8 @@ class ProblemSolver(ProblemSetup):
         bounds = program.bounds(self.start, meshes, guess.segment_times, self.pace)
         if self.is_unlimited:
             bounds = _unhurried(program, x, LimitSides(program).without(bounds))
-        data = program.data([setup.numeric.p for setup in self.setups], meshes, guess.segment_times)
+        parameters = [setup.numeric.p for setup in self.setups]
+        data = program.data(parameters, meshes, guess.segment_times, self.settings.known)
         if program.has_integrals and not iterate:
             x = program.with_integrals(x, program.rows_at(np.clip(x, bounds.lower, bounds.upper), data))
         return Beginning(program, meshes, guess, iterate, x, data, bounds, began, self.ceiling / program.cost_scale)

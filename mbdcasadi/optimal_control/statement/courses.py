@@ -49,13 +49,11 @@ class Course:
         try:
             values = np.broadcast_to(real_array(self.curve(readings)), times.shape)
         except (TypeError, ValueError):
-            raise ModelError(
-                f"optimize: the guess of {self.label} is no function from times (k,) to values (k,)"
-            ) from None
+            raise ModelError(f"optimize: {self.label} is no function from times (k,) to values (k,)") from None
         wrong = np.flatnonzero(~np.isfinite(values))
         if wrong.size:
             place = int(wrong[0])
-            raise ModelError(f"optimize: the guess of {self.label} is {values[place]} at t = {times[place]:.6g} s")
+            raise ModelError(f"optimize: {self.label} is {values[place]} at t = {times[place]:.6g} s")
         return values
 
 
@@ -156,7 +154,16 @@ def _places_with(problem: ProblemStatement, candidates: Sequence[int], key: Any)
 
 def _course(expression: ca.SX, value: Any, *, is_whole: bool) -> Course:
     """The course of an expression from any form in which it is given."""
-    label = text_of(expression)
+    return course_of(expression, value, f"the guess of {text_of(expression)}", is_whole=is_whole)
+
+
+def course_of(
+    expression: ca.SX, value: Any, label: str, *, is_whole: bool = True, through: Callable[..., Any] | None = None
+) -> Course:
+    """Return the course of an expression from any form in which it is given; `label` names it in messages.
+
+    `through` makes a function of samples at places; without it the curve through them does not overshoot.
+    """
     if isinstance(value, ca.SX):
         return Course(expression, label, _curve_of(value, label), "motion", is_whole)
     if callable(value):
@@ -165,20 +172,20 @@ def _course(expression: ca.SX, value: Any, *, is_whole: bool) -> Course:
         try:
             times = time_grid(value[0])
         except SimulationError as error:
-            raise ModelError(f"optimize: the guess of {label}: {error}") from None
-        curve = _through(times, _samples(value[1], label, times.size), label)
+            raise ModelError(f"optimize: {label}: {error}") from None
+        curve = _through(times, _samples(value[1], label, times.size), label, through)
         return Course(expression, label, curve, "own", is_whole, float(times[-1]), times.size)
     samples = _samples(value, label)
-    curve = _through(np.linspace(0, 1, samples.size), samples, label)
+    curve = _through(np.linspace(0, 1, samples.size), samples, label, through)
     return Course(expression, label, curve, "share", is_whole, samples=samples.size)
 
 
 def _curve_of(value: ca.SX, label: str) -> Callable[[np.ndarray], np.ndarray]:
     """The values of an expression in time."""
     if not value.is_scalar():
-        raise ModelError(f"optimize: the guess of {label} must be a scalar, got an expression of shape {value.shape}")
+        raise ModelError(f"optimize: {label} must be a scalar, got an expression of shape {value.shape}")
     for symbol in symbols_of(ca.substitute(value, time, 0)):
-        raise ExpressionError(f"the guess of {label} contains {describe(symbol)}; it takes expressions in t alone")
+        raise ExpressionError(f"{label} contains {describe(symbol)}; it takes expressions in t alone")
     function = ca.Function("guess", [time], [ca.densify(value)])
     return lambda times: function(times[None, :]).full().ravel()
 
@@ -189,23 +196,25 @@ def _samples(value: Any, label: str, count: int | None = None) -> np.ndarray:
         samples = real_array(value)
     except (TypeError, ValueError):
         raise ModelError(
-            f"optimize: the guess of {label} takes a number, an array over the duration, a pair (times, values), a "
+            f"optimize: {label} takes a number, an array over the duration, a pair (times, values), a "
             f"curve or an expression in t, got {value!r}"
         ) from None
     if samples.ndim == 0 and count is None:
         samples = np.repeat(samples, 2)
     if samples.ndim != 1 or samples.size != (count or samples.size) or samples.size < 2:
         asked = f"{count} values, as there are times" if count else "at least two values over the duration"
-        raise ModelError(f"optimize: the guess of {label} is an array of shape {samples.shape}; give {asked}")
+        raise ModelError(f"optimize: {label} is an array of shape {samples.shape}; give {asked}")
     return samples
 
 
-def _through(places: np.ndarray, samples: np.ndarray, label: str) -> Callable[[np.ndarray], np.ndarray]:
-    """The curve through samples that does not overshoot them, constant beyond the ends."""
-    from scipy.interpolate import PchipInterpolator
-
+def _through(
+    places: np.ndarray, samples: np.ndarray, label: str, through: Callable[..., Any] | None
+) -> Callable[[np.ndarray], np.ndarray]:
+    """The curve through samples, constant beyond the ends; see :func:`course_of`."""
     if not np.all(np.isfinite(samples)):
         place = int(np.flatnonzero(~np.isfinite(samples))[0])
-        raise ModelError(f"optimize: the guess of {label} has the value {samples[place]} as sample {place}")
-    curve = PchipInterpolator(places, samples)
+        raise ModelError(f"optimize: {label} has the value {samples[place]} as sample {place}")
+    if through is None:
+        from scipy.interpolate import PchipInterpolator as through
+    curve = through(places, samples)
     return lambda readings: curve(np.clip(readings, places[0], places[-1]))

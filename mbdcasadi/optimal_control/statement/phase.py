@@ -235,6 +235,12 @@ class Phase(Immutable):
         return any(low < high for low, high in self.time_spans)
 
     @property
+    def fewest_intervals(self) -> int:
+        """Intervals that it needs: two for each stretch of the way; one between waypoints that have a cost alone."""
+        others = sum(bool(waypoint.conditions) or waypoint.cost.is_zero() for waypoint in self.waypoints)
+        return max(2 * (others + 1), len(self.waypoints) + 1)
+
+    @property
     def conditions(self) -> list[Condition]:
         """All conditions but those at the start, those of a final state left out."""
         end = [] if isinstance(self.final, State) else self.final
@@ -347,6 +353,8 @@ def read_state_or_conditions(end: Any, mechanism: Mechanism) -> State | tuple[Co
     """Return conditions at the start or at the end, or a state of the mechanism, which fixes everything."""
     if not isinstance(end, State):
         return read_conditions(end)
+    if end.mechanism is mechanism:
+        return end
     theirs, ours = equations(end.mechanism), equations(mechanism)
     for one, other in ((theirs.q, ours.q), (theirs.z, ours.z)):
         hashes = ([s.element_hash() for s in ca.vertsplit(x)] for x in (one, other))

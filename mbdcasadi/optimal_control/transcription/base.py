@@ -19,6 +19,7 @@ import numpy as np
 
 from ...equations.reduced import ReducedEquations
 from ...errors import ModelError
+from ...numerics.collocation import gauss
 from ...numerics.evaluation import Evaluator
 from ...numerics.lazy import cached_property
 from .constraints import MotionConstraints
@@ -62,6 +63,8 @@ class Transcription(ABC):
         Metric W in which states are moved onto the constraints, by independent coordinate (n,).
     inputs : InputBasis
         Course of the inputs in an interval.
+    known : tuple of int
+        Places of the inputs whose courses are given; the others are unknown.
     """
 
     name: ClassVar[str]
@@ -73,16 +76,24 @@ class Transcription(ABC):
     constraints: MotionConstraints
     weights: np.ndarray
     inputs: InputBasis
+    known: tuple[int, ...] = ()
 
     def __init__(self, degree: int = 3):
         self.degree = degree
 
-    def bound_to(self: Scheme, constraints: MotionConstraints, weights: np.ndarray, inputs: InputBasis) -> Scheme:
+    def bound_to(
+        self: Scheme,
+        constraints: MotionConstraints,
+        weights: np.ndarray,
+        inputs: InputBasis,
+        known: tuple[int, ...] = (),
+    ) -> Scheme:
         """Return the scheme for the equations of a mechanism."""
         origin: Scheme = vars(self).get("_origin", self)
         scheme = copy.copy(origin)
         scheme._origin = origin  # type: ignore[attr-defined]
         scheme.eom, scheme.constraints, scheme.weights, scheme.inputs = constraints.eom, constraints, weights, inputs
+        scheme.known = known
         return scheme
 
     # --- what a scheme says ---------------------------------------------------------------
@@ -125,7 +136,7 @@ class Transcription(ABC):
             "q": scales.q,
             "v": scales.v,
             "z": scales.z,
-            "u": scales.u,
+            "u": scales.u[self.free_inputs],
             "a": scales.a,
             "lam": scales.lam[self.rows],
             "rate": scales.z / scales.time,
@@ -149,7 +160,7 @@ class Transcription(ABC):
         """Unknowns of a mesh point: number of rows by name."""
         eom = self.eom
         sizes = {"q": eom.q.numel(), "v": eom.q.numel(), "z": eom.z.numel()}
-        return sizes | {"u": eom.u.numel() if self.inputs.joined else 0}
+        return sizes | {"u": len(self.free_inputs) if self.inputs.joined else 0}
 
     @cached_property
     def _parts(self) -> tuple[dict[str, slice], dict[str, slice]]:
@@ -162,7 +173,23 @@ class Transcription(ABC):
 
     @cached_property
     def _variables(self) -> dict[str, tuple[int, np.ndarray]]:
-        return self.interval_variables
+        variables = self.interval_variables
+        return {k: (len(self.free_inputs) if k == "u" else size, taus) for k, (size, taus) in variables.items()}
+
+    @cached_property
+    def free_inputs(self) -> list[int]:
+        """Places of the inputs that are unknown."""
+        return [k for k in range(self.eom.u.numel()) if k not in self.known]
+
+    @cached_property
+    def known_basis(self) -> InputBasis:
+        """Known inputs in an interval: polynomials through values at points inside; they may jump at mesh points."""
+        return InputBasis("polynomial", tuple(gauss(max(self.stages.size, 2)).points.tolist()), False)
+
+    def known_columns(self, times: np.ndarray, values: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """Values of the known inputs in the intervals of a mesh, s, by a function of times (k,) to (k, n); (N, n k)."""
+        at = times[:-1, None] + np.diff(times)[:, None] * self.known_basis.taus
+        return values(at.ravel()).reshape(times.size - 1, -1) if self.known else np.zeros((times.size - 1, 0))
 
     @cached_property
     def point_size(self) -> int:
@@ -173,6 +200,11 @@ class Transcription(ABC):
     def interval_size(self) -> int:
         """Number of unknowns of an interval alone."""
         return sum(k * taus.size for k, taus in self._variables.values())
+
+    @property
+    def known_size(self) -> int:
+        """Number of values of known inputs that follow the unknowns of an interval."""
+        return len(self.known) * self.known_basis.taus.size if self.known else 0
 
     def split_point(self, values: Any) -> dict[str, Any]:
         """Unknowns of a mesh point by name: ``q``, ``v``, ``z``, and ``u`` if the inputs are continuous."""
@@ -205,12 +237,15 @@ class Transcription(ABC):
         """Of the values of a motion by name, each (k, size), the columns that are unknowns of the scheme."""
         if name in ("q", "v", "a"):
             return values[:, self.eom.independent]
+        if name == "u":
+            return values[:, self.free_inputs]
         return values[:, [self.eom.rows[k] for k in self.rows]] if name == "lam" else values
 
     # --- the motion between the mesh points -----------------------------------------------
     def _symbolic_interval(self) -> tuple[Interval, list[ca.SX]]:
         """An interval of symbols, and these in order, with tau and the parameters last."""
-        sizes = {"w": self.point_size, "b": self.interval_size, "x": self.point_size, "t": 1, "h": 1, "s": 1}
+        inner = self.interval_size + self.known_size
+        sizes = {"w": self.point_size, "b": inner, "x": self.point_size, "t": 1, "h": 1, "s": 1}
         first, inner, last, start, length, tau = (ca.SX.sym(name, size) for name, size in sizes.items())
         return Interval(first, inner, last, start, length, self.eom.p), [
             first, inner, last, start, length, tau, self.eom.p,
@@ -273,15 +308,31 @@ class Transcription(ABC):
 
     def inputs_at(self, interval: Interval, tau: Any) -> tuple[ca.SX, ca.SX]:
         """Inputs and their rates at a point of the interval."""
-        unknowns = self._input_unknowns(interval)
-        weights, slopes = (ca.SX(w(tau)) for w in (self.inputs.weights, self.inputs.rate_weights))
-        return unknowns @ weights, unknowns @ slopes / interval.length
+        parts = [(self._input_unknowns(interval), self.inputs)]
+        if self.known:
+            parts.append((self._known_values(interval), self.known_basis))
+        values = self._in_order([x @ ca.SX(basis.weights(tau)) for x, basis in parts])
+        slopes = self._in_order([x @ ca.SX(basis.rate_weights(tau)) for x, basis in parts])
+        return values, slopes / interval.length
 
     def input_control_points(self, interval: Interval) -> tuple[ca.SX, ca.SX]:
         """Bernstein coefficients (n_u, k) of the inputs and (n_u, k - 1) of their rates, which enclose them."""
         points = self._input_unknowns(interval) @ ca.DM(self.inputs.control_points.T)
         count = points.size2()
+        if self.known:
+            weights = np.column_stack([self.known_basis.weights(tau) for tau in np.linspace(0, 1, count)])
+            points = self._in_order([points, self._known_values(interval) @ ca.DM(weights)])
         return points, (count - 1) * (points[:, 1:] - points[:, :-1]) / interval.length
+
+    def _known_values(self, interval: Interval) -> ca.SX:
+        """Values of the known inputs at their points of an interval (n, k)."""
+        values = interval.inner[self.interval_size :]
+        return ca.reshape(values, len(self.known), self.known_basis.taus.size)
+
+    def _in_order(self, parts: list[ca.SX]) -> ca.SX:
+        """Rows of the unknown inputs and of the known ones as those of the mechanism."""
+        places = [*self.free_inputs, *self.known]
+        return ca.vertcat(*parts)[np.argsort(places).tolist(), :] if self.known else parts[0]
 
     def _input_unknowns(self, interval: Interval) -> ca.SX:
         """Unknowns of the inputs in an interval, those of its ends included (n_u, k)."""

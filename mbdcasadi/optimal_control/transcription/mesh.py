@@ -31,7 +31,8 @@ class Mesh:
             counts[np.argmax(np.where(counts > 1, counts / lengths, 0.0))] -= 1  # every segment keeps an interval
         while counts.sum() < intervals:
             counts[np.argmin(counts / lengths)] += 1
-        return cls(tuple(np.linspace(0, 1, n + 1) for n in counts))
+        fractions = {n: np.linspace(0, 1, n + 1) for n in set(counts.tolist())}
+        return cls(tuple(fractions[n] for n in counts.tolist()))
 
     @classmethod
     def instant(cls) -> Mesh:
@@ -48,7 +49,7 @@ class Mesh:
         places = (tuple(np.searchsorted(positions, sorted(some)).tolist()) for some in (moving, pinned))
         return cls(tuple(segments), *places)
 
-    @property
+    @cached_property
     def counts(self) -> tuple[int, ...]:
         """Number of intervals of each segment."""
         return tuple(fractions.size - 1 for fractions in self.segments)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -17,6 +18,7 @@ from ...results.steps import Direct
 from ...results.trajectory import Statistics, Trajectory
 from ..statement.phase import Phase
 from .base import Transcription
+from .controls import InputBasis
 
 
 class OptimalMotion(Trajectory):
@@ -122,18 +124,29 @@ class Polynomials:
     @cached_property
     def inputs(self) -> dict[Any, PiecewisePolynomial]:
         """The inputs as ``simulate(inputs=…)`` takes them."""
-        basis = self.scheme.inputs
-        symbols = self.scheme.eom.mechanism.inputs
-        if not symbols:
-            return {}
-        part, count = self.scheme.interval_slice("u"), len(self.intervals)
-        values = self.intervals[:, part].reshape(count, len(basis.inner), len(symbols))
-        if basis.joined:
-            ends = self.scheme.split_point(self.points.T)["u"].T
+        scheme, courses = self.scheme, self.free_inputs
+        if scheme.known:
+            given = self._courses(scheme.known, self.intervals[:, scheme.interval_size :], scheme.known_basis)
+            courses = courses | given
+        return {u: courses[u] for u in scheme.eom.mechanism.inputs}
+
+    @cached_property
+    def free_inputs(self) -> dict[Any, PiecewisePolynomial]:
+        """Those of them that were found."""
+        places, part = self.scheme.free_inputs, self.scheme.interval_slice("u")
+        ends = self.scheme.split_point(self.points.T)["u"].T if self.scheme.inputs.joined else None
+        return self._courses(places, self.intervals[:, part], self.scheme.inputs, ends) if places else {}
+
+    def _courses(
+        self, places: Sequence[int], inner: np.ndarray, basis: InputBasis, ends: np.ndarray | None = None
+    ) -> dict[Any, PiecewisePolynomial]:
+        """Courses of inputs from values in the intervals (N, k n), and at the mesh points if those count (N + 1, n)."""
+        values = inner.reshape(len(inner), len(basis.inner), len(places))
+        if ends is not None:
             values = np.concatenate([ends[:-1, None], values, ends[1:, None]], axis=1)
         by_power = np.einsum("kj,ikn->ijn", basis.coefficients, values)
-        lengths = np.diff(self.times)[:, None] ** np.arange(basis.taus.size)
-        return {u: PiecewisePolynomial(self.times, by_power[:, :, k] / lengths) for k, u in enumerate(symbols)}
+        lengths, symbols = np.diff(self.times)[:, None] ** np.arange(basis.taus.size), self.scheme.eom.mechanism.inputs
+        return {symbols[p]: PiecewisePolynomial(self.times, by_power[:, :, k] / lengths) for k, p in enumerate(places)}
 
     def trajectory(self, phase: Phase, extra: dict[Parameter, float], statistics: Statistics) -> OptimalMotion:
         """The motion at mesh points and stages, on the constraints to rounding."""
@@ -144,7 +157,8 @@ class Polynomials:
         t = t.ravel()
         t[:: taus.size] = self.times
         q[-1], v[-1], z[-1] = (values[-1] for values in self.at_mesh_points)
-        complete = Recovery(self.numeric, redundant=self.scheme.redundant).complete
+        recovery = Recovery(self.numeric, redundant=self.scheme.redundant)
+        complete = recovery.complete if self.scheme.eom.rows else recovery.loaded
         more: dict[str, Any] = {
             "statistics": statistics,
             "interpolation": Direct(lambda times: complete(times, *self.states(times)), t),

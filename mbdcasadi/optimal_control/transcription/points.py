@@ -54,7 +54,7 @@ class Interval:
     first, last : casadi.SX
         Variables of the mesh points at its ends, see :meth:`Transcription.split_point`.
     inner : casadi.SX
-        Variables of the interval alone, see :meth:`Transcription.split_interval`.
+        Variables of the interval alone, see :meth:`Transcription.split_interval`, then values of known inputs.
     start, length : casadi.SX
         Time at which it begins, and its length, s.
     p : casadi.SX
