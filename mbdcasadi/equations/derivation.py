@@ -184,6 +184,11 @@ class Equations:
         force = ca.vertcat(ca.SX(0, 1), *[ca.vec(as_sx(f)) for _, f in pairs])
         return ca.densify(ca.jtimes(displacement, self.q, force, True)) if pairs else ca.SX.zeros(self.q.numel())
 
+    def residual(self, force: ca.SX | None = None) -> ca.SX:
+        """``[M a + Phi_q^T lam - Q; Phi_q a - gamma]`` (n + m,), zero along a motion; under another force than Q."""
+        motion = self.mass_diagonal * self.a + self.Phi_q.T @ self.lam - (self.Q if force is None else force)
+        return ca.vertcat(motion, self.Phi_q @ self.a - self.gamma)
+
     # --- sizes and properties ------------------------------------------------------
     @cached_property
     def contents(self) -> Hashable | None:

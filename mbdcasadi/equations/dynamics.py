@@ -50,30 +50,6 @@ def dynamics_saddle(
     return eom.mechanism.cache.get_or_create(key, make, bounded=True)
 
 
-def solution(
-    eom: Equations,
-    force: ca.SX,
-    gamma: ca.SX,
-    *,
-    augmentation: np.ndarray | None,
-    redundant: bool = False,
-    weights: np.ndarray | None = None,
-) -> tuple[ca.SX, ca.SX]:
-    """Return ``(a, lam)`` under right sides (n, k) and (m, k), multipliers of redundant rows to rounding.
-
-    Parameters
-    ----------
-    augmentation : numpy.ndarray, optional
-        Effective masses of the rows (m,), if some bodies are light or have no mass.
-    redundant : bool
-        True if rows are dependent; the multipliers are then those of least norm.
-    weights : numpy.ndarray, optional
-        Masses that are more nearly alike, of the coordinates (n,), for the least norm; given with an augmentation.
-    """
-    a, lam = dynamics_saddle(eom, augmentation, REPORTED if redundant else None).solve(force, gamma)
-    return a, of_least_norm(eom, lam, weights) if redundant and weights is not None else lam
-
-
 def stabilised(eom: Equations, rate: ca.SX) -> ca.SX:
     """Right side of the acceleration equation (m,) with drift that decays at a rate.
 
@@ -98,18 +74,28 @@ def forward_dynamics(
     redundant: bool = False,
     weights: np.ndarray | None = None,
 ) -> ca.Function:
-    """Compile ``(t, q, v, z, u, p) -> (a, lam)``; arguments as of :func:`solution`.
+    """Compile ``(t, q, v, z, u, p) -> (a, lam)``.
 
     If a force depends on the multipliers (friction) the system is not
     linear, and Newton's method solves it; multipliers that are not unique raise a SingularityError.
+
+    Parameters
+    ----------
+    augmentation : numpy.ndarray, optional
+        Effective masses of the rows (m,), if some bodies are light or have no mass.
+    redundant : bool
+        True if rows are dependent; the multipliers are then those of least norm.
+    weights : numpy.ndarray, optional
+        Masses that are more nearly alike (n,), for the least norm beside light bodies.
     """
     arguments = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
     names = ["t", "q", "v", "z", "u", "p"]
     if not eom.Q_depends_on_lam:
-        a, lam = solution(eom, eom.Q, eom.gamma, augmentation=augmentation, redundant=redundant, weights=weights)
+        a, lam = dynamics_saddle(eom, augmentation, REPORTED if redundant else None).solve(eom.Q, eom.gamma)
+        lam = lam if weights is None else of_least_norm(eom, lam, weights)
         return ca.Function("forward_dynamics", arguments, [a, lam], names, ["a", "lam"])
     unknowns = ca.vertcat(eom.a, eom.lam)
-    residual = ca.vertcat(eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q, eom.Phi_q @ eom.a - eom.gamma)
+    residual = eom.residual()
     if ca.sprank(ca.jacobian_sparsity(residual, unknowns)) < unknowns.numel():
         raise SingularityError(eom.why_not_unique)
     sizes_of = ca.Function("sizes", [unknowns, *arguments], [term_sizes(eom)])
@@ -118,7 +104,7 @@ def forward_dynamics(
     root = ca.rootfinder("newton", "newton", function, NEWTON)
     symbols = [ca.MX.sym(name, *arg.shape) for name, arg in zip(names, arguments, strict=True)]
     without_friction = ca.substitute(eom.Q, unknowns, ca.SX.zeros(unknowns.numel()))
-    bare = ca.vertcat(*solution(eom, without_friction, eom.gamma, augmentation=augmentation))
+    bare = ca.vertcat(*dynamics_saddle(eom, augmentation).solve(without_friction, eom.gamma))
     bare_sizes = sizes_of(ca.Function("bare", arguments, [ca.densify(bare)])(*symbols), *symbols)
     found = root(ca.MX.zeros(unknowns.numel()), *symbols, bare_sizes)
     polish = ca.rootfinder("polish", "newton", function, NEWTON | {"abstol": 0.0, "max_iter": POLISHING})

@@ -9,6 +9,7 @@ the last row of a loop cannot.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -22,7 +23,7 @@ MOST = 6
 #: one to three links: with two angles and more the solver lost its way in nine of them, in all coordinates in one; of
 #: ninety pendulums and cart-poles, with one angle, the same were solved, in half the time.
 CURVED = 1
-#: The same in loops, and in open chains in angles alone, there also as many as there are inputs. Fifty four-bars,
+#: Such coordinates in loops, and in open chains in angles alone, there also as many as inputs. Fifty four-bars,
 #: slider-cranks, five-bars, six-bars, lifts and platforms took the same iterations as in all coordinates, and a third
 #: to two thirds of the time. With guesses at rest, and residuals of the equations of motion in plain loads, chains of
 #: two and three links took a third of the time that they take in all coordinates; five with one motor took as long.
@@ -137,27 +138,42 @@ def tree_rows(eom: Equations) -> dict[int, tuple[int, dict[int, float]]]:
     able = {place: rows[int(k)] for place, k in enumerate(eom.position_rows) if still[int(k)]}
     linear = {k for row in able.values() for k in row.linear} - {k for row in able.values() for k in row.curved}
     unknown = {place: linear & set(row.linear) for place, row in able.items()}
-    holding: dict[int, list[int]] = {k: [] for k in linear}
-    for place, coordinates in unknown.items():
-        for k in coordinates:
-            holding[k].append(place)
     solved: dict[int, tuple[int, dict[int, float]]] = {}
+    for place, k in _outwards(unknown):
+        factors = able[place].linear
+        if abs(factors[k]) >= LEAST * max(map(abs, factors.values())):
+            solved[k] = place, {j: x for j, x in factors.items() if j == k or j in solved}
+    return solved
+
+
+def _outwards(unknown: dict[int, set[int]]) -> Iterator[tuple[int, int]]:
+    """Rows, each with the only coordinate that those before leave unknown in it; these are taken out of the sets.
+
+    Of a part that floats one coordinate counts as known.
+    """
+    holding = _rows_holding(unknown)
     ready = deque(place for place, coordinates in unknown.items() if len(coordinates) == 1)
-    waiting = deque(sorted(linear))
+    waiting = deque(sorted(holding))
     while ready or waiting:
         if not ready:
-            k = waiting.popleft()  # of a part that floats
+            k = waiting.popleft()
         elif unknown[place := ready.popleft()]:
             (k,) = unknown[place]
-            factors = able[place].linear
-            if abs(factors[k]) >= LEAST * max(map(abs, factors.values())):
-                solved[k] = place, {j: x for j, x in factors.items() if j == k or j in solved}
+            yield place, k
         else:  # it closes a loop
             continue
         for place in holding.pop(k, ()):
             unknown[place].discard(k)
             ready += [place] if len(unknown[place]) == 1 else []
-    return solved
+
+
+def _rows_holding(rows: Mapping[int, set[int]]) -> dict[int, list[int]]:
+    """Rows by coordinate."""
+    holding: dict[int, list[int]] = {}
+    for place, coordinates in rows.items():
+        for k in coordinates:
+            holding.setdefault(k, []).append(place)
+    return holding
 
 
 def _solve(rows: list[_Row], lasting: set[int], curved: int) -> list[ExplicitRow]:
@@ -182,10 +198,7 @@ def _solve(rows: list[_Row], lasting: set[int], curved: int) -> list[ExplicitRow
 
 def connected(rows: list[_Row], coordinates: set[int]) -> set[int]:
     """Coordinates that rows connect with some."""
-    holding: dict[int, list[int]] = {}
-    for place, row in enumerate(rows):
-        for k in row.coordinates:
-            holding.setdefault(k, []).append(place)
+    holding = _rows_holding({place: row.coordinates for place, row in enumerate(rows)})
     connected, new = set(coordinates), list(coordinates)
     while new:
         near = {j for place in holding.get(new.pop(), ()) for j in rows[place].coordinates} - connected

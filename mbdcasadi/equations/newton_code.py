@@ -23,11 +23,11 @@ def newton_step(eom: Equations, name: str, augmentation: np.ndarray | None) -> c
 
     What the unknowns before the step leave over of the equations is relative to the size of their terms.
     """
-    force, rate = eom.Q - eom.mass_diagonal * eom.a - eom.Phi_q.T @ eom.lam, eom.gamma - eom.Phi_q @ eom.a
-    left_over = ca.mmax(ca.densify(ca.fabs(ca.vertcat(force, rate)) / term_sizes(eom)))
+    residual, n = eom.residual(), eom.q.numel()
+    left_over = ca.mmax(ca.densify(ca.fabs(residual) / term_sizes(eom)))
     unknown = ca.vertcat(eom.a, eom.lam)
     saddle = dynamics_saddle(eom, augmentation, under_reactions=True)
-    stepped = ca.densify(unknown + ca.vertcat(*saddle.solve(force, rate)))
+    stepped = ca.densify(unknown - ca.vertcat(*saddle.solve(residual[:n, :], residual[n:, :])))
     known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
     return ca.Function(name, [*known, unknown], [stepped, left_over])
 

@@ -17,7 +17,7 @@ from ..numerics.lazy import cached_property
 from ..numerics.least_squares import largest
 from .derivation import Equations
 from .numeric import NumericEquations
-from .saddle import ONTO_ROWS, SHIFTED, Refinement, Saddle
+from .saddle import ONTO_ROWS, SHIFTED, Saddle
 
 #: Residual of a constraint, relative to 1 + |q|, that is rounding.
 ROUNDING = 1e-14
@@ -190,18 +190,11 @@ def projection_saddle(eom: Equations, rows: list[int], *, refined: bool = False)
     share the factors, unless there are velocity-level rows.
     """
 
-    cache, refinement = eom.mechanism.cache, ONTO_ROWS if refined else None
+    cache, refinement = eom.mechanism.cache, SHIFTED if eom.has_loops else None
     weights = cache.get_or_create("projection weights", lambda: ca.SX.sym("w", eom.q.numel()))
 
     def make() -> Saddle:
-        return saddle_of_rows(eom, weights, rows, refinement, is_shared=True)
+        options = {"refinement": ONTO_ROWS if refined else refinement, "is_shared": True}
+        return Saddle(weights, eom.Phi_q[rows, :], eom.angular_rows[rows], **options)
 
     return weights, cache.get_or_create(("projection saddle", refined, *rows), make, bounded=True)
-
-
-def saddle_of_rows(
-    eom: Equations, weights: ca.SX, rows: list[int], refinement: Refinement | None = None, *, is_shared: bool = False
-) -> Saddle:
-    """Return the system of some rows in a metric; without a refinement shifted if rows close loops."""
-    refinement = refinement or (SHIFTED if eom.has_loops else None)
-    return Saddle(weights, eom.Phi_q[rows, :], eom.angular_rows[rows], refinement, is_shared=is_shared)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -12,9 +11,11 @@ import numpy as np
 from ..arguments.inputs import Signals
 from ..assembly.consistent_start import levels_of
 from ..equations import Equations
-from ..equations.dynamics import dynamics_saddle, solution
+from ..equations.dynamics import dynamics_saddle
+from ..equations.least_norm import of_least_norm
 from ..equations.newton_code import NewtonLoop, newton_step
 from ..equations.numeric import NumericEquations
+from ..equations.saddle import REPORTED
 from ..equations.switching.explicit_time import explicit_time
 from ..errors import ModelError
 from ..model.conditions import Condition, stacked
@@ -99,11 +100,12 @@ class Model:
 
     def _solve(self, force: ca.SX, gamma: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Changes of (a, lam) that changes of the force and of the right side of the acceleration equation cause."""
-        eom, augmentation = self.eom, self.numeric.augmentation
+        eom, numeric = self.eom, self.numeric
         if eom.Q_depends_on_lam:
-            return dynamics_saddle(eom, augmentation, under_reactions=True).solve(force, gamma)
-        options: dict[str, Any] = {"redundant": self.is_redundant, "weights": self.numeric.multiplier_weights}
-        return solution(eom, force, gamma, augmentation=augmentation, **options)
+            return dynamics_saddle(eom, numeric.augmentation, under_reactions=True).solve(force, gamma)
+        a, lam = numeric.saddle(REPORTED if self.is_redundant else None).solve(force, gamma)
+        weights = numeric.multiplier_weights if self.is_redundant else None
+        return a, lam if weights is None else of_least_norm(eom, lam, weights)
 
     @property
     def _dynamics(self) -> list[Tape | NewtonLoop]:
@@ -137,8 +139,8 @@ class Model:
         eom = self.eom
         along = [ca.SX.sym(f"d{name}", symbol.numel()) for name, symbol in zip("qvzup", self._seeded, strict=True)]
         symbols, seeds = ca.vertcat(*self._seeded), ca.vertcat(*along)
-        residuals = eom.Q - eom.mass_diagonal * eom.a - eom.Phi_q.T @ eom.lam, eom.gamma - eom.Phi_q @ eom.a
-        da, dlam = self._solve(*(ca.jtimes(ca.densify(row), symbols, seeds) for row in residuals))
+        left, n = -ca.jtimes(ca.densify(eom.residual()), symbols, seeds), eom.q.numel()
+        da, dlam = self._solve(left[:n, :], left[n:, :])
         everything = ca.vertcat(symbols, eom.a, eom.lam)
         every_seed = ca.vertcat(seeds, da, dlam)
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from ..arguments.inputs import Signals
 from ..equations.numeric import NumericEquations
-from ..equations.recovery import saddle_of_rows
+from ..equations.recovery import projection_saddle
 from ..equations.switching.held import HeldEquations
 from ..integrators.compiled import InitialValueProblem
 from ..integrators.native.stretch import ExplicitSystem
@@ -138,7 +138,8 @@ class VariedSystem:
             return ca.vertcat(self._of[name], ca.vec(changes[name]))
 
         q, v, z, u, p = (*map(state, "qvzu"), ca.vertcat(eom.p, ca.vec(changes["p"][list(varied), :])))
-        a, weights = ca.SX.sym("a", q.numel()), ca.SX.sym("weights", q.numel())
+        a, (own, _) = ca.SX.sym("a", q.numel()), projection_saddle(eom, eom.position_rows.tolist())
+        weights = ca.vertcat(own, ca.SX.sym("weights of variations", q.numel() - self._n))
         # elements know nothing of switches that are held
         natural = switching_of(eom, signals, with_gaps=True)
         switching = _NONE if self._is_held else natural(eom.t, eom.q, eom.v, eom.z, eom.p)
@@ -146,7 +147,7 @@ class VariedSystem:
             ca.Function("input", [eom.t, q, v, z, p, state("levels"), state("channel")], [self._inputs(changes)]),
             ca.Function("dynamics", [eom.t, q, v, z, u, p], self._accelerations(changes)),
             ca.Function("quadrature", [eom.t, q, v, a, z, eom.lam, u, p], [_NONE]),
-            ca.Function("projection", [eom.t, q, v, p, weights], self._projected(weights[: self._n], changes)),
+            ca.Function("projection", [eom.t, q, v, p, weights], self._projected(own, changes)),
             ca.Function("switching", [eom.t, q, v, z, p], [switching]),
         )
 
@@ -164,8 +165,7 @@ class VariedSystem:
         """Accelerations and rates of states, with their variations; multipliers; a regularity that is not used."""
         eom, n, everything = self._numeric.eom, self._n, ("q", "v", "z", "u", "p")
         saddle = self._numeric.saddle()
-        residual = ca.vertcat(eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q, eom.Phi_q @ eom.a - eom.gamma)
-        left = self._along(changes, residual, *everything)
+        left = self._along(changes, eom.residual(), *everything)
         da, dlam = saddle.solve(-left[:n, :], -left[n:, :])
         rates = self._along(changes, self._rates, *everything)
         rates += ca.jtimes(self._rates, ca.vertcat(eom.a, eom.lam), ca.vertcat(da, dlam))
@@ -177,20 +177,19 @@ class VariedSystem:
         """Coordinates and velocities on the constraints, with their variations, and what is left."""
         eom = self._numeric.eom
         q, v, left = projection_of(eom)(eom.t, eom.q, eom.v, eom.p, weights)
-        parts = ca.substitute(list(self._on_constraints(changes, weights)), [eom.q, eom.v], [q, v])
+        parts = ca.substitute(list(self._on_constraints(changes)), [eom.q, eom.v], [q, v])
         return [*[ca.densify(_stacked(*pair)) for pair in zip((q, v), parts, strict=True)], left]
 
-    def _on_constraints(self, changes: Symbols, weights: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def _on_constraints(self, changes: Symbols) -> tuple[ca.SX, ca.SX]:
         """Variations of coordinates and velocities on the constraints, at a state that is on them."""
         eom, (dq, dv) = self._numeric.eom, (changes["q"], changes["v"])
         if not eom.lam.numel():
             return dq, dv
-        of_rows = saddle_of_rows(eom, weights, list(range(eom.lam.numel())))
-        positions = eom.position_rows.tolist()
-        if positions:
-            of_positions = of_rows if len(positions) == eom.lam.numel() else saddle_of_rows(eom, weights, positions)
+        if eom.Phi.numel():
+            of_positions = projection_saddle(eom, eom.position_rows.tolist())[1]
             dq = dq - of_positions.project(self._along(changes, eom.Phi, "q", "p"))
         of_velocities = self._along(changes | {"q": dq}, eom.Phi_q @ eom.v - eom.nu, "q", "p")
+        of_rows = projection_saddle(eom, list(range(eom.lam.numel())))[1]
         return dq, dv - of_rows.project(of_velocities + eom.Phi_q @ dv)
 
 

@@ -35,7 +35,7 @@ class KKT(Formulation):
         # positions of bodies in terms of all angles before them would make the sparse equations dense
         eom = numeric.eom
         given = ca.vertcat(eom.q[tree.dependent], eom.v[tree.dependent])
-        return not ca.depends_on(ca.vertcat(self._residual(numeric, eom.Q), eom.z_rate), given)
+        return not ca.depends_on(ca.vertcat(eom.residual(), eom.z_rate), given)
 
     def given_accelerations(self, numeric: NumericEquations, tree: TreeCoordinates) -> list[int]:
         # those of the angles stay, and in loops all: without them the iterations of an integrator converge worse, of
@@ -46,10 +46,4 @@ class KKT(Formulation):
         return [k for k in tree.dependent if reactions[k] <= FEW]
 
     def under_forces(self, numeric: NumericEquations, force: ca.SX, rate: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        return numeric.eom.a, numeric.eom.lam, self._residual(numeric, force)
-
-    @staticmethod
-    def _residual(numeric: NumericEquations, force: ca.SX) -> ca.SX:
-        eom = numeric.eom
-        motion = eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - force
-        return ca.vertcat(motion, eom.Phi_q @ eom.a - eom.gamma)
+        return numeric.eom.a, numeric.eom.lam, numeric.eom.residual(force)
