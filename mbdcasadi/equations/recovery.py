@@ -7,13 +7,11 @@ whole batch until the worst point has converged.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ..numerics.evaluation import Evaluator
-from ..numerics.lazy import cached_property
 from ..numerics.least_squares import largest
 from .derivation import Equations
 from .numeric import NumericEquations
@@ -45,34 +43,19 @@ class Recovery:
         #: largest ``|Phi|`` that was left by the last projection
         self.left_over = 0.0
 
-    @cached_property
+    @property
     def position_step(self) -> ca.Function:
         """``(t, q, p, weights) -> (q, |Phi|)``: one step towards ``Phi = 0``, and the residual after it."""
-        return self._kept("position step", lambda: _position_step(self.numeric.eom))
+        return self._step(_position_step).function
 
-    @cached_property
+    @property
     def velocity_step(self) -> ca.Function:
         """``(t, q, v, p, weights) -> (v, |Phi_q v - nu|)``: towards ``Phi_q v = nu``, and the residual after it."""
-        return self._kept("velocity step", lambda: _velocity_step(self.numeric.eom))
+        return self._step(_velocity_step).function
 
-    @cached_property
-    def _position_rows(self) -> Evaluator:
-        return self._kept("position step by row", lambda: Evaluator(self.position_step))
-
-    @cached_property
-    def _velocity_rows(self) -> Evaluator:
-        return self._kept("velocity step by row", lambda: Evaluator(self.velocity_step))
-
-    @cached_property
-    def _refined_position_rows(self) -> Evaluator:
-        return self._kept("refined position step", lambda: Evaluator(_position_step(self.numeric.eom, refined=True)))
-
-    @cached_property
-    def _refined_velocity_rows(self) -> Evaluator:
-        return self._kept("refined velocity step", lambda: Evaluator(_refined_velocity_step(self.numeric.eom)))
-
-    def _kept(self, key: str, make: Callable[[], Any]) -> Any:
-        return self.numeric.eom.shared.get_or_create(key, make)
+    def _step(self, make: Callable[..., ca.Function], *, refined: bool = False) -> Evaluator:
+        eom = self.numeric.eom
+        return eom.shared.get_or_create((make, refined), lambda: Evaluator(make(eom, refined=refined)))
 
     def positions(self, t: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Bring coordinates (k, n) onto ``Phi = 0``."""
@@ -82,7 +65,7 @@ class Recovery:
         self.left_over = 0.0
         before, left = np.inf, None
         for _ in range(PROJECTIONS):
-            moved, size = self._position_rows.rows(t[:, None], q, p, weights)
+            moved, size = self._step(_position_step).rows(t[:, None], q, p, weights)
             worst = largest(size)
             if not np.isfinite(worst) or worst >= before / 2:
                 self.left_over = self.left_over or worst
@@ -95,7 +78,7 @@ class Recovery:
             return q
 
         def step(here: np.ndarray, poses: np.ndarray) -> list[np.ndarray]:
-            return self._refined_position_rows.rows(t[here, None], poses, p, weights)
+            return self._step(_position_step, refined=True).rows(t[here, None], poses, p, weights)
 
         q, self.left_over = _refined(step, q, left)
         return q
@@ -105,10 +88,11 @@ class Recovery:
         if not self.numeric.eom.lam.numel() or not t.size:
             return v
         p, weights = self.numeric.p, self.numeric.projection_weights
-        v, left = self._velocity_rows.rows(t[:, None], q, v, p, weights)
+        v, left = self._step(_velocity_step).rows(t[:, None], q, v, p, weights)
 
         def step(here: np.ndarray, velocities: np.ndarray) -> list[np.ndarray]:
-            moved, after, off = self._refined_velocity_rows.rows(t[here, None], q[here], velocities, p, weights)
+            refined = self._step(_velocity_step, refined=True)
+            moved, after, off = refined.rows(t[here, None], q[here], velocities, p, weights)
             # what a pose is off by, in a motion that rows hardly resist, counts in velocities by the square of that
             return [moved, np.where(off > HELD_BACK * (1 + largest(q)), np.inf, after)]
 
@@ -156,28 +140,25 @@ def _refined(
     return states, largest(left)
 
 
-def _position_step(eom: Equations, *, refined: bool = False) -> ca.Function:
+def _position_step(eom: Equations, *, refined: bool) -> ca.Function:
     weights, saddle = projection_saddle(eom, eom.position_rows.tolist(), refined=refined)
     moved = ca.densify(eom.q - saddle.project(eom.Phi))
-    left = ca.Function("left", [eom.t, eom.q, eom.p], ca.cse([ca.norm_inf(ca.densify(eom.Phi))]))
+    left = ca.Function("left", [eom.t, eom.q, eom.p], ca.cse([_largest(eom.Phi)]))
     return ca.Function("position_step", [eom.t, eom.q, eom.p, weights], [moved, left(eom.t, moved, eom.p)])
 
 
-def _velocity_step(eom: Equations) -> ca.Function:
-    weights, saddle = projection_saddle(eom, list(range(eom.lam.numel())))
+def _velocity_step(eom: Equations, *, refined: bool) -> ca.Function:
+    """A refined step returns ``|Phi|``, too."""
+    weights, saddle = projection_saddle(eom, list(range(eom.lam.numel())), refined=refined)
     v = eom.v
-    for _ in range(2):  # the second step removes the rounding of the first
+    for _ in range(1 if refined else 2):  # the second step removes the rounding of the first
         v = v - saddle.project(eom.Phi_q @ v - eom.nu)
-    left = ca.norm_inf(ca.densify(eom.Phi_q @ v - eom.nu))
-    return ca.Function("velocity_step", [eom.t, eom.q, eom.v, eom.p, weights], [ca.densify(v), left])
-
-
-def _refined_velocity_step(eom: Equations) -> ca.Function:
-    """``(t, q, v, p, weights) -> (v, |Phi_q v - nu|, |Phi|)``."""
-    weights, saddle = projection_saddle(eom, list(range(eom.lam.numel())), refined=True)
-    v = eom.v - saddle.project(eom.Phi_q @ eom.v - eom.nu)
-    left = [ca.norm_inf(ca.densify(residual)) for residual in (eom.Phi_q @ v - eom.nu, eom.Phi)]
+    left = [_largest(part) for part in (eom.Phi_q @ v - eom.nu, *([eom.Phi] if refined else []))]
     return ca.Function("velocity_step", [eom.t, eom.q, eom.v, eom.p, weights], [ca.densify(v), *left])
+
+
+def _largest(residual: ca.SX) -> ca.SX:
+    return ca.norm_inf(ca.densify(residual))
 
 
 def projection_saddle(eom: Equations, rows: list[int], *, refined: bool = False) -> tuple[ca.SX, Saddle]:
