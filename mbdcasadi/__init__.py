@@ -12,7 +12,6 @@ import typing as _typing
 from importlib import import_module as _import_module
 
 from .arguments.inputs import SampledController
-from .assembly.assemble import assemble
 from .assembly.impact import impact
 from .equations import Equations, equations
 from .errors import (
@@ -77,6 +76,7 @@ from .model.validity import Smoothing, ValidityCondition
 from .results.state import State
 from .results.trajectory import Trajectory
 from .results.trajectory_files import read_trajectory
+from .simulation.assemble import assemble
 from .simulation.simulate import simulate
 
 #: The one place of the version.

@@ -199,12 +199,6 @@ class Integrator(Immutable):
         return f"{type(self).__name__}({', '.join(parts)})"
 
 
-class NativeMethod(Integrator):
-    """Base class of methods in code of their own: they take no options, and no algebraic unknowns."""
-
-    solves_algebraic: ClassVar[bool] = False
-
-
 def tightened(tolerance: float, factor: float, tightest: float) -> float:
     """Local tolerance of a multistep method, whose global error is well above it."""
     return max(tolerance / factor, min(tolerance, tightest))

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import SimulationError
 from ..model.cache import Cache
 from ..numerics.lazy import cached_property
-from .base import NativeMethod
+from .base import Integrator
 from .compiled import TOO_MANY_STEPS, CompiledIntegrator, Forms, InitialValueProblem
 
 #: Share of a step by which times of a method may differ from those that were asked for, by rounding.
@@ -138,7 +138,7 @@ class RunEquations:
         return np.cumsum(parts, axis=0)
 
 
-class SteppingMethod(NativeMethod):
+class SteppingMethod(Integrator):
     """A method of one's own; a subclass says how it goes from one step to the next.
 
     It takes any mechanism: the rates of the state are those of the accelerations and multipliers that belong to it.
@@ -159,8 +159,6 @@ class SteppingMethod(NativeMethod):
     name : str
         Name in results and messages.
     """
-
-    solves_algebraic = True
 
     def steps(self, system: RunEquations, t: float, y: np.ndarray, end: float) -> Iterator[IntegratorStep]:
         """Go from a state to a time, step by step.

@@ -8,10 +8,10 @@ import numpy as np
 
 #: Fraction of its change over an interval by which a parabola through samples must come near to zero.
 TOUCHES = 0.1
-#: Steps in which bracketed roots are found to the last bit: by halving alone in the worst case.
-MOST_STEPS = 60
 #: Width to which brackets of roots and of extrema are narrowed, relative to the first one.
 OF_ROOTS, OF_EXTREMA = 2.0**-28, 2.0**-19
+#: That by which nothing but rounding is left.
+TO_ROUNDING = 2.0**-56
 #: Parts into which brackets are cut, at least and at most, and points of all of them that one call evaluates, which
 #: costs as much as some hundred of them.
 FEWEST_PARTS, MOST_PARTS, AT_ONCE = 4, 16, 4096
@@ -21,7 +21,7 @@ Functions = Callable[[np.ndarray], np.ndarray]
 
 
 def bracketed_root(
-    function: Callable[[float], float],
+    function: Callable[[np.ndarray], np.ndarray],
     low: float,
     high: float,
     at_low: float,
@@ -40,7 +40,7 @@ def bracketed_root(
     Parameters
     ----------
     function : callable
-        Continuous; ``at_low`` and ``at_high``, its values at the ends, differ in sign.
+        ``points (1,) -> values (1,)``, continuous; ``at_low`` and ``at_high``, its values at the ends, differ in sign.
     accuracy : float, optional
         Largest width of the bracket that is left; rounding if left out.
     """
@@ -54,7 +54,7 @@ def bracketed_root(
             middle = (low + high) / 2
         if not low < middle < high:
             break
-        value = function(middle)
+        value = float(function(np.array([middle]))[0])
         if value == 0 or (value > 0) == (at_high > 0):
             high, at_high = middle, value
             if side == 1:
@@ -69,42 +69,10 @@ def bracketed_root(
     return high
 
 
-def bracketed_roots(
-    function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray | None]],
-    low: np.ndarray,
-    high: np.ndarray,
-    at_low: np.ndarray,
+def narrowed_roots(
+    functions: Functions, low: np.ndarray, high: np.ndarray, at_low: np.ndarray, width: float = OF_ROOTS
 ) -> np.ndarray:
-    """Return roots in brackets, all at once, by Newton steps that stay inside, and halving (k,).
-
-    Parameters
-    ----------
-    function : callable
-        ``points -> (values, slopes)``, each (k,); without slopes brackets are halved.
-    low, high : numpy.ndarray
-        Ends of the brackets (k,).
-    at_low : numpy.ndarray
-        Values at their beginnings, whose signs are those of that side (k,).
-    """
-    x = (low + high) / 2
-    for _ in range(MOST_STEPS if low.size else 0):
-        value, slope = function(x)
-        same = np.sign(value) == np.sign(at_low)
-        low, high = np.where(same, x, low), np.where(same, high, x)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            step = np.full(x.size, np.nan) if slope is None else value / slope
-            aimed = x - step
-        inside = (aimed > low) & (aimed < high)
-        done = (value == 0) | (high - low <= 2 * np.spacing(np.abs(high)))
-        done |= inside & (np.abs(step) <= np.spacing(np.abs(x)))
-        if np.all(done):
-            break
-        x = np.where(done, x, np.where(inside, aimed, (low + high) / 2))
-    return x
-
-
-def narrowed_roots(functions: Functions, low: np.ndarray, high: np.ndarray, at_low: np.ndarray) -> np.ndarray:
-    """Return roots of sampled functions in brackets, all at once, to ``2^-28`` of these; of several the first (k,).
+    """Return roots of sampled functions in brackets, all at once; of several the first (k,).
 
     Where a call costs as much as a hundred points, cutting brackets into many parts takes less time than halving.
 
@@ -114,13 +82,15 @@ def narrowed_roots(functions: Functions, low: np.ndarray, high: np.ndarray, at_l
         Ends of the brackets (k,).
     at_low : numpy.ndarray
         Values at their beginnings (k,), whose signs differ from those at their ends.
+    width : float
+        Width to which the brackets are narrowed, relative to the first ones.
     """
 
     def first(values: np.ndarray) -> np.ndarray:
         same = np.sign(values) == np.sign(at_low)[:, None]
         return np.argmin(np.column_stack([same, np.zeros(len(same), bool)]), axis=1)
 
-    return _narrowed(functions, low, high, first, 1, OF_ROOTS)
+    return _narrowed(functions, low, high, first, 1, width)
 
 
 def narrowed_extrema(functions: Functions, low: np.ndarray, high: np.ndarray, sign: np.ndarray) -> np.ndarray:
@@ -200,10 +170,19 @@ def nears_zero(before: np.ndarray, after: np.ndarray, length: np.ndarray | float
     return near
 
 
-def may_touch(t0: float, f0: np.ndarray, t1: float, f1: np.ndarray, t2: float, f2: np.ndarray) -> np.ndarray:
-    """Return True for functions (k,) if a parabola through three values of one sign comes near to zero between them."""
-    h0, h1 = t1 - t0, t2 - t1
-    with np.errstate(invalid="ignore", divide="ignore"):
-        same = (f0 != 0.0) & (np.sign(f0) == np.sign(f1)) & (np.sign(f1) == np.sign(f2))
-        bend = ((f2 - f1) / h1 - (f1 - f0) / h0) / (h1 + h0)
-    return same & (nears_zero(f0, f1, h0, bend) | nears_zero(f1, f2, h1, bend))
+def may_touch(times: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return True for intervals (k, n) in which functions may pass zero and come back, by parabolas through samples.
+
+    Parameters
+    ----------
+    times, values : numpy.ndarray
+        Samples (k + 1,), (k + 1, n), of which three neighbouring ones give a parabola.
+    """
+    near = np.zeros((times.size - 1, values.shape[1]), bool)
+    h = np.diff(times)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):  # of an interval of no length there is no parabola
+        bends = np.diff(np.diff(values, axis=0) / h, axis=0) / (h[1:] + h[:-1])
+    for part in (slice(0, -1), slice(1, None)):
+        near[part] |= nears_zero(values[:-1][part], values[1:][part], h[part], bends)
+    touched: np.ndarray = near & (values[:-1] != 0) & (np.sign(values[:-1]) == np.sign(values[1:]))
+    return touched

@@ -20,13 +20,21 @@ def hermite(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, wanted: 
     if t.size == 1:
         return q[k], v[k]
     q0, q1, v0, v1, a0, a1 = q[k], q[k + 1], h * v[k], h * v[k + 1], h**2 * a[k], h**2 * a[k + 1]
-    rise = q1 - q0
-    c3 = 10 * rise - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1
-    c4 = -15 * rise + 8 * v0 + 7 * v1 + 1.5 * a0 - a1
-    c5 = 6 * rise - 3 * v0 - 3 * v1 - 0.5 * a0 + 0.5 * a1
+    c3, c4, c5 = _quintic(q1 - q0, v0, a0, v1, a1)
     position = q0 + s * (v0 + s * (a0 / 2 + s * (c3 + s * (c4 + s * c5))))
     velocity = (v0 + s * (a0 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))) / h
     return position, velocity
+
+
+def _quintic(
+    rise: np.ndarray, v0: np.ndarray, a0: np.ndarray, v1: np.ndarray, a1: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Coefficients of third to fifth power of the share of a step that has passed, of rates by that share."""
+    return (
+        10 * rise - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1,
+        -15 * rise + 8 * v0 + 7 * v1 + 1.5 * a0 - a1,
+        6 * rise - 3 * v0 - 3 * v1 - 0.5 * a0 + 0.5 * a1,
+    )
 
 
 def quintic_step(
@@ -40,10 +48,8 @@ def quintic_step(
     a1: np.ndarray,
 ) -> np.ndarray:
     """Quintic Hermite polynomials at shares s (k, 1) of steps of lengths h (k, 1)."""
-    v0, v1, a0, a1, rise = h * v0, h * v1, h**2 * a0, h**2 * a1, q1 - q0
-    c3 = 10 * rise - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1
-    c4 = -15 * rise + 8 * v0 + 7 * v1 + 1.5 * a0 - a1
-    c5 = 6 * rise - 3 * v0 - 3 * v1 - 0.5 * a0 + 0.5 * a1
+    v0, v1, a0, a1 = h * v0, h * v1, h**2 * a0, h**2 * a1
+    c3, c4, c5 = _quintic(q1 - q0, v0, a0, v1, a1)
     position: np.ndarray = q0 + s * (v0 + s * (a0 / 2 + s * (c3 + s * (c4 + s * c5))))
     return position
 
@@ -62,24 +68,7 @@ def cubic(t: np.ndarray, values: np.ndarray, rates: np.ndarray, wanted: np.ndarr
     k, h, s = _bracket(t, wanted)
     if t.size == 1 or values.shape[1] == 0:
         return values[k], rates[k]
-    first, r0, second, third = _terms(k, h, values, rates)
-    return first + s * (r0 + s * (second + s * third)), (r0 + s * (2 * second + 3 * s * third)) / h
-
-
-def cubic_values(t: np.ndarray, values: np.ndarray, rates: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """The same as :func:`cubic` without the derivative."""
-    k, h, s = _bracket(t, wanted)
-    if t.size == 1 or values.shape[1] == 0:
-        return values[k]
-    first, r0, second, third = _terms(k, h, values, rates)
-    return first + s * (r0 + s * (second + s * third))
-
-
-def _terms(k: np.ndarray, h: np.ndarray, values: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Coefficients of cubic polynomials by rising powers of the fraction that has passed."""
-    first, r0, r1 = values[k], h * rates[k], h * rates[k + 1]
-    rise = values[k + 1] - first
-    return first, r0, 3 * rise - 2 * r0 - r1, r0 + r1 - 2 * rise
+    return cubic_step(s, h, values[k], rates[k], values[k + 1], rates[k + 1])
 
 
 def linear(t: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ border of the first one that is left; then its side is changed, and the integrat
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -236,12 +237,8 @@ class BorderPassage:
                 continue
             low, high = times[beyond[0] - 1], times[beyond[0]]
             at_low, at_high = margins[i, beyond[0] - 1], margins[i, beyond[0]]
-
-            def margin(time: float, i: int = int(i)) -> float:
-                at = np.array([time])
-                return float(self._margins(at, states_at(at))[i, 0])
-
-            time = low if at_low == 0 else bracketed_root(margin, low, high, float(at_low), float(at_high))
+            course = partial(lambda i, at: self._margins(at, states_at(at))[i], i)
+            time = low if at_low == 0 else bracketed_root(course, low, high, float(at_low), float(at_high))
             if best is None or time < best[1]:
                 best = int(i), time
         return None if best is None else (*best, states_at(np.array([best[1]]))[0])

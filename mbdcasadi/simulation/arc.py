@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,13 +13,14 @@ from ..integrators.compiled import IntegrationFailure
 from ..model.events import Event
 from ..numerics.console import Interruption
 from ..results.state import State
-from .changes.events import Crossing, EventWatch
+from .changes.event_search import Crossing, EventSearch
+from .changes.events import EventWatch
 from .checks.failure_diagnosis import singular_stop
 from .checks.resolution import Resolution
 from .checks.uniqueness import Uniqueness
 from .checks.unseen_loads import UnseenLoads
 from .outputs import Outputs
-from .path import Path, StatesAt, StatesFrom
+from .path import Path, StatesFrom
 from .schedule import Piece
 from .singular.passage import Passage, SingularPassage, Trail
 from .singular.regularity import Regularity
@@ -48,6 +48,32 @@ def ends_run(event: Event) -> bool:
 def resets_or_ends(event: Event) -> bool:
     """Return True for an event that decides how a run goes on."""
     return bool(event.reset) or ends_run(event)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What took place over a piece of a run.
+
+    Attributes
+    ----------
+    piece : Piece
+        The part of it that was gone over.
+    path : Path
+        States on the constraints.
+    crossings, deciding : list of Crossing
+        Events up to the first that decides how the run goes on, and those that do so at its instant.
+    failure : IntegrationFailure or None
+        Why it ended before its end.
+    ends_at_jump : bool
+        True if it ended just beyond a jump of forces that stopped the integrator.
+    """
+
+    piece: Piece
+    path: Path
+    crossings: list[Crossing]
+    deciding: list[Crossing]
+    failure: IntegrationFailure | None = None
+    ends_at_jump: bool = False
 
 
 class Arc:
@@ -118,7 +144,7 @@ class Arc:
             times = piece.times[: len(stopped.x)]
             nothing = np.zeros((times.size, self.resolution.terms.size))
             return piece, Path(np.r_[piece.start, times], np.vstack([x, stopped.x]), nothing), stopped
-        return piece.refined(path.times[1:]) if self.stepper.integrator.runs_whole else piece, path, None
+        return piece.refined(path.times[1:]), path, None
 
     def outputs(self, passage: Passage | None) -> Outputs:
         """Return what makes outputs of states, on the way across a singular pose if there is one."""
@@ -135,21 +161,35 @@ class Arc:
         self.stepper.note_turning(x)
         return replace(path, times=path.times[: len(x) + 1], x=np.vstack([path.x[:1], x])), apart
 
-    def crossings(self, path: Path, passage: Passage | None) -> list[Crossing]:
-        """Events on a path, up to the instant of the first that decides how the run goes on.
-
-        Parameters
-        ----------
-        passage : Passage or None
-            Continues the motion across a singular pose, instead of the integrator.
-        """
-        return self.crossings_of(path, self.stepper.states_from if passage is None else lambda _, __: passage.states)
-
-    def crossings_of(self, path: Path, states_from: StatesFrom) -> list[Crossing]:
+    def crossings(self, path: Path, states_from: StatesFrom) -> list[Crossing]:
         """Events on a path, up to the instant of the first that decides, with the motion from a state on it."""
         if not self.watch.events or path.times.size < 2:
             return []
-        return self.watch.crossings(self.stepper.outputs, path.times, path.x, states_from, self.decides)
+        search = EventSearch(self.watch, self.stepper.outputs, path.times, path.x, states_from)
+        return search.crossings(self.decides)
+
+    def outcome(self, piece: Piece, path: Path, failure: IntegrationFailure | None, passage: Passage | None) -> Outcome:
+        """Return what took place over a piece.
+
+        Raises
+        ------
+        IntegrationFailure
+            Between two outputs that another run of steps has reached.
+        """
+        path, apart = self.on_constraints(piece, path, passage)
+        failure = apart or failure
+        crossings = self.crossings(path, self.stepper.states_from if passage is None else lambda *_: passage.states)
+        deciding, count, to_jump = self._deciding(crossings), path.times.size - 1, None
+        if failure is not None and passage is None and not deciding and count < piece.times.size:
+            to_jump = self.up_to_jump(path, float(piece.times[count]), failure)
+        if to_jump is not None:
+            path, crossings, failure = to_jump[0], [*crossings, *to_jump[1]], None
+            deciding = self._deciding(crossings)
+            piece = piece if deciding else piece.until(float(path.times[-1]))
+        return Outcome(piece, path, crossings, deciding, failure, ends_at_jump=to_jump is not None)
+
+    def _deciding(self, crossings: Sequence[Crossing]) -> list[Crossing]:
+        return [crossing for crossing in crossings if self.decides(crossing.event)]
 
     def up_to_jump(self, path: Path, end: float, failure: IntegrationFailure) -> tuple[Path, list[Crossing]] | None:
         """Return the way to where forces jump that stop the integrator, and the events on it.
@@ -189,7 +229,7 @@ class Arc:
             # an event that is at the border itself may be located behind it
             until = reach if border is None else min(reach, border + AT_BORDER * self.watch.instant)
             further = self._held_way(motion, start, x, until, path)
-            crossings = self.crossings_of(further, partial(_same_motion, motion))
+            crossings = self.crossings(further, lambda *_: motion.states_at)
             if any(self.decides(crossing.event) for crossing in crossings):
                 return (Path.joined([path, further]) if until == end else path), crossings
             if border is None or self.stepper.integrator.runs_whole:
@@ -267,8 +307,3 @@ class Arc:
         if passage is None and self.passage.smallest(path) < REALLY_SINGULAR:
             raise singular_stop(self.numeric, entry, *trail.before(entry))
         return passage
-
-
-def _same_motion(motion: HeldMotion, _time: float, _x: np.ndarray) -> StatesAt:
-    """The motion from a state of its own."""
-    return motion.states_at

@@ -29,8 +29,9 @@ from ..results.state import State
 from ..results.steps import Stretch
 from ..results.trajectory import EventOccurrence, Trajectory
 from ..results.validity import validity_conditions
-from .arc import Arc, ends_run, resets_or_ends
-from .changes.events import Crossing, EventWatch
+from .arc import Arc, Outcome, ends_run, resets_or_ends
+from .changes.event_search import Crossing
+from .changes.events import EventWatch
 from .changes.impacts import instant_of
 from .changes.modes import Block, Modes
 from .changes.transitions import Transitions
@@ -229,7 +230,6 @@ class Run:
         """Empty the record of a run."""
         self._builder = TrajectoryBuilder(self.modes, self.setup.p)
         self._builder.statistics.notes += self._notes
-        self.transitions.resting.clear()
         self._passed, self._extra_stops = [], np.zeros(0)
         self.changing, self.reached, self.stops = [], None, False
 
@@ -393,58 +393,53 @@ class Run:
             Continues the motion across a singular pose, instead of the integrator.
         """
         arc = self._arc
-        consistent, apart = arc.on_constraints(piece, path, passage)
-        failure = failure if apart is None else apart
-        times, x = consistent.times[1:], consistent.x[1:]
         try:
-            crossings = arc.crossings(consistent, passage)
-        except IntegrationFailure as stopped:  # between two outputs that another run of steps has reached
-            raise self._failed(piece, stopped, times[:0], x[:0]) from None
-        deciding = [c for c in crossings if arc.decides(c.event)]
-        to_jump = None
-        if failure is not None and passage is None and not deciding and times.size < piece.times.size:
-            to_jump = arc.up_to_jump(consistent, float(piece.times[times.size]), failure)
-            if to_jump is not None:
-                consistent, crossings = to_jump[0], [*crossings, *to_jump[1]]
-                times, x = consistent.times[1:], consistent.x[1:]
-                deciding = [c for c in crossings if arc.decides(c.event)]
-                piece, failure = piece if deciding else piece.until(float(times[-1])), None
-        count = times.size
-        if deciding:
-            # an output at the event itself comes before it
-            count = int(np.searchsorted(times, deciding[0].time + self.instant, side="right"))
-            x = np.where((times > deciding[0].time)[:, None], deciding[0].x, x)
-        if failure is None and passage is None and times.size:
+            found = arc.outcome(piece, path, failure, passage)
+        except IntegrationFailure as stopped:
+            raise self._failed(piece, stopped) from None
+        times, deciding = found.path.times[1:], found.deciding
+        if found.failure is None and passage is None and times.size:
             counted = path.until(deciding[0].time if deciding else float(times[-1]))
             arc.resolution.note(counted)
             if self.keeps_paths:
                 self._paths.append(counted)
-        at_events = [arc.outputs(passage) if passage else arc.outputs_before(consistent, c) for c in crossings]
-        before = next((o for o, c in zip(at_events, crossings, strict=True) if deciding and c is deciding[0]), None)
-        wanted = piece.wanted[:count]
-        # an output at the event itself is just before it
-        at_end = wanted & (times[:count] >= deciding[0].time - self.instant) if deciding else np.zeros(count, bool)
-        for some, made_by in ((wanted & ~at_end, arc.outputs(passage)), (at_end, before)):
-            kept: Any = slice(count) if some.all() else some.nonzero()[0]
-            self._keep(times[kept], x[kept], piece.begins[kept], made_by)
-        for crossing, outputs in zip(crossings, at_events, strict=True):
+        before = self._keep_outputs(found, passage)
+        if deciding:
+            if passage is not None and not all(c.event.terminal for c in deciding):
+                raise singular_event(arc.numeric, deciding[0].event.name, deciding[0].time, deciding[0].x)
+            return self._at_events(deciding, before)
+        if found.failure is not None:
+            raise self._failed(piece, found.failure, found.path)
+        self._time, self._x = float(times[-1]), found.path.x[-1]
+        self._index = self._schedule.index_after(self._time)
+        if found.piece.ends_at_jump:
+            self._pass_jump(found.piece.after)
+        elif found.ends_at_jump:
+            arc.trail.begin(self._time, self._x)
+        else:
+            arc.trail.add(times, found.path.x[1:])
+        return False
+
+    def _keep_outputs(self, found: Outcome, passage: Passage | None) -> Outputs:
+        """Keep outputs and events up to the first that decides; return what makes outputs just before that one."""
+        arc, deciding = self._arc, found.deciding
+        times, x, usual = found.path.times[1:], found.path.x[1:], arc.outputs(passage)
+        at_events = [usual if passage else arc.outputs_before(found.path, c) for c in found.crossings]
+        before, wanted, count = usual, found.piece.wanted[: times.size], times.size
+        at_end = np.zeros(count, bool)
+        if deciding:
+            time, before = deciding[0].time, at_events[found.crossings.index(deciding[0])]
+            # an output at the event itself is just before it
+            count = int(np.searchsorted(times, time + self.instant, side="right"))
+            x = np.where((times > time)[:, None], deciding[0].x, x)
+            at_end = times >= time - self.instant
+        for some, made_by in ((wanted & ~at_end, usual), (wanted & at_end, before)):
+            kept = slice(count) if some[:count].all() else some[:count].nonzero()[0]
+            self._keep(times[kept], x[kept], found.piece.begins[kept], made_by)
+        for crossing, outputs in zip(found.crossings, at_events, strict=True):
             if not arc.decides(crossing.event):
                 self._builder.events.append(self._occurrence(crossing, outputs))
-        if deciding and passage is not None and not all(c.event.terminal for c in deciding):
-            raise singular_event(arc.numeric, deciding[0].event.name, deciding[0].time, deciding[0].x)
-        if deciding:
-            return self._at_events(deciding, before or arc.outputs(passage))
-        if failure is not None:
-            raise self._failed(piece, failure, times, x)
-        self._time, self._x = float(times[-1]), x[-1]
-        self._index = self._schedule.index_after(self._time)
-        if piece.ends_at_jump:
-            self._pass_jump(piece.after)
-        elif to_jump is not None:
-            self._arc.trail.begin(self._time, self._x)
-        else:
-            self._arc.trail.add(times, x)
-        return False
+        return before
 
     # --- singular poses -------------------------------------------------------------------------------
     def _advance_across(self, piece: Piece, path: Path, passage: Passage) -> bool:
@@ -520,7 +515,7 @@ class Run:
         system = SteppedSystem(
             numeric, self.setup.signals, self.modes.levels, self.integrator, self._span, self.redundant, self._max_step
         )
-        watch = EventWatch(numeric.eom, self.events, self.instant, self.transitions.resting, own)
+        watch = EventWatch(numeric.eom, self.events, self.instant, self.transitions.states, own)
         return Arc(mode, state, system, watch, own)
 
     def _occurrence(self, crossing: Crossing, outputs: Outputs) -> EventOccurrence:
@@ -542,16 +537,9 @@ class Run:
             What makes the outputs just before it.
         """
         arc, first = self._arc, crossings[0]
-        time = first.time
-        self._index = self._schedule.index_after(time + self.instant)
+        self._index = self._schedule.index_after(first.time + self.instant)
         terminal = [c for c in crossings if ends_run(c.event) and not arc.is_own(c.event)]
-        if terminal and abs(self._builder.last_time - time) <= self.instant:
-            time = max(time, self._builder.last_time)  # at an output, by rounding before it
-        for crossing in terminal:
-            if crossing.event.becomes is None:
-                self._builder.events.append(self._occurrence(crossing, before))
-        if terminal and self._builder.last_time < time:
-            self._keep(np.array([time]), first.x[None, :], np.array([time]), before)
+        time = self._keep_end(terminal, before) if terminal else first.time
         state = self._state(before, time, first.x)
         self._time, self._x = time, first.x
         mode_events = [c.event for c in crossings if arc.is_own(c.event)]
@@ -572,6 +560,18 @@ class Run:
             if just_after is not None:
                 self._pass_jump(just_after)
         return False
+
+    def _keep_end(self, terminal: Sequence[Crossing], before: Outputs) -> float:
+        """Keep the events that end the run, and the output at their instant; return its time."""
+        time, last = terminal[0].time, self._builder.last_time
+        if abs(last - time) <= self.instant:
+            time = max(time, last)  # at an output, by rounding before it
+        for crossing in terminal:
+            if crossing.event.becomes is None:
+                self._builder.events.append(self._occurrence(crossing, before))
+        if last < time:
+            self._keep(np.array([time]), terminal[0].x[None, :], np.array([time]), before)
+        return time
 
     def _reset_at(self, state: State, located: Sequence[Event], passed: Sequence[Event] = ()) -> None:
         """Go on from the resets at a state, if any take place."""
@@ -595,8 +595,8 @@ class Run:
             partial=self.trajectory(),
         )
 
-    def _failed(self, piece: Piece, failure: IntegrationFailure, times: np.ndarray, x: np.ndarray) -> SimulationError:
-        reached, last = (float(times[-1]), x[-1]) if len(times) else (piece.start, self._x)
+    def _failed(self, piece: Piece, failure: IntegrationFailure, path: Path | None = None) -> SimulationError:
+        reached, last = (piece.start, self._x) if path is None else (float(path.times[-1]), path.x[-1])
         if failure.last is not None and failure.last_x is not None:
             reached, last = failure.last, failure.last_x
         ahead = 1e-3 * (piece.times[-1] - piece.start)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..results.interpolation import cubic, cubic_values, linear
+from ..results.interpolation import cubic, linear
 
 #: ``times -> states``: a short integration from a state to later times (k,), with the states (k, n_x).
 StatesAt = Callable[[np.ndarray], np.ndarray]
@@ -69,7 +69,7 @@ def hermite_states(path: Path, times: np.ndarray, n: int) -> np.ndarray:
 
 def hermite_poses(path: Path, times: np.ndarray, n: int) -> np.ndarray:
     """Coordinates (k, n) of :func:`hermite_states` alone."""
-    return cubic_values(path.times, path.x[:, :n], path.x[:, n : 2 * n], times)
+    return cubic(path.times, path.x[:, :n], path.x[:, n : 2 * n], times)[0]
 
 
 def states_from_start(start: float, x: np.ndarray, integrated: StatesAt) -> StatesAt:

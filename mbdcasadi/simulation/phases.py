@@ -236,9 +236,8 @@ class PhasedRun:
         """
         eom = state.equations
         known = [e for e in self.events if e.becomes is not None and eom.contains(e.expression)]
-        watch = EventWatch(eom, known, instant)
-        through, at_zero = watch.moves_through(state), set(watch.at_zero(state))
-        others = [e for k, e in enumerate(known) if (k in at_zero and through[k]) or e in located]
+        driven = EventWatch(eom, known, instant).driven_through(state)
+        others = [e for e in known if e in driven or e in located]
         chains = []
         for first in located:
             chain = [first]

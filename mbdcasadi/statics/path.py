@@ -383,7 +383,8 @@ class Follower:
         ends = {advance: eigenvalue(advance) for advance in (0.0, length)}
         at = min(ends, key=lambda advance: abs(ends[advance]))
         if abs(ends[at]) > NEUTRAL * low.state.stiffness.scale:  # else a point of the path is the critical one itself
-            at = bracketed_root(eigenvalue, 0.0, length, ends[0.0], ends[length], ACCURACY)
+            course = np.vectorize(eigenvalue, otypes=[float])
+            at = bracketed_root(course, 0.0, length, ends[0.0], ends[length], ACCURACY)
         eigenvalue(at)
         point = points[at]
         turned = low.tangent[-1] * high.tangent[-1] < 0

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mbdcasadi.numerics.roots import (
+    TO_ROUNDING,
     bracketed_root,
-    bracketed_roots,
     may_touch,
     narrowed_extrema,
     narrowed_roots,
@@ -30,17 +30,11 @@ def test_parabolas_that_dip_to_zero_between_samples(sign):
     assert not np.any(nears_zero(before, after, 1.0, np.zeros(4)))  # straight lines have no extremum
 
 
-def test_many_bracketed_roots_with_slopes_and_without():
+def test_many_roots_to_rounding():
     targets = np.linspace(0.5, 7.5, 50)
     low, high = np.zeros(50), np.full(50, 3.0)
-
-    def cubes(x):
-        return x**3 - targets, 3 * x**2
-
-    roots = bracketed_roots(cubes, low, high, -targets)
+    roots = narrowed_roots(lambda x: x**3 - targets[:, None], low, high, -targets, TO_ROUNDING)
     np.testing.assert_allclose(roots, np.cbrt(targets), rtol=1e-15)
-    halved = bracketed_roots(lambda x: (cubes(x)[0], None), low, high, -targets)
-    np.testing.assert_allclose(halved, np.cbrt(targets), rtol=1e-15)
 
 
 def test_signs_change_between_samples_or_at_them():
@@ -81,7 +75,9 @@ def test_no_brackets_have_no_roots():
 @pytest.mark.parametrize(("low", "wanted"), [(0.5, False), (0.01, True), (-0.01, True)])
 def test_parabolas_that_may_touch_zero(low, wanted):
     """``(x - 0.4)² + low`` through 0, 1 and 2: near to zero or beyond it between samples of one sign."""
-    values = [np.array([(x - 0.4) ** 2 + low]) for x in (0.0, 1.0, 2.0)]
-    assert may_touch(0.0, values[0], 1.0, values[1], 2.0, values[2]) == [wanted]
-    assert may_touch(0.0, -values[0], 1.0, -values[1], 2.0, -values[2]) == [wanted]
-    assert not may_touch(0.0, -values[0], 1.0, values[1], 2.0, values[2])[0]
+    times = np.array([0.0, 1.0, 2.0])
+    values = (times[:, None] - 0.4) ** 2 + low
+    for sign in (1, -1):
+        np.testing.assert_array_equal(may_touch(times, sign * values), [[wanted], [False]])
+    assert not may_touch(times, values * np.array([[-1], [1], [1]]))[0, 0]
+    assert not may_touch(times[:2], values[:2]).any()

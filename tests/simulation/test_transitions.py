@@ -5,6 +5,7 @@ import pytest
 
 import mbdcasadi as mbd
 from mbdcasadi.assembly.setup import Setup
+from mbdcasadi.simulation.changes.events import Standing
 from mbdcasadi.simulation.changes.modes import SingleMode
 from mbdcasadi.simulation.changes.transitions import Transitions
 
@@ -34,7 +35,9 @@ def test_a_reset_turns_the_velocity_back():
 def test_what_stands_still_at_its_zero_rests():
     changes, state = transitions([bounce], initial=[ball.vy == 0])
     after, occurrences = changes.by_resets(state, [bounce])
-    assert after is state and not occurrences and changes.resting == {bounce: pytest.approx(0.0)}
+    known = changes.states[bounce]
+    assert after is state and not occurrences
+    assert known.standing is Standing.RESTING and known.zero == pytest.approx(0.0)
 
 
 def test_a_controller_decides_the_accelerations():

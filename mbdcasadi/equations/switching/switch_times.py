@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from ...numerics.roots import bracketed_roots, sign_changes
+from ...numerics.roots import TO_ROUNDING, narrowed_roots, sign_changes
 from ...numerics.scattered import scattered
 from .switch_functions import nesting_depths
 
@@ -177,11 +177,11 @@ class SampledRoots:
         """Roots of a derivative less a target in brackets (k,)."""
         level = self._level if level is None else level
 
-        def function(x: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-            value, *slope = _evaluated(self._function, self._p, rows, x)[level : level + 2]
-            return value - target, slope[0] if slope else None
+        def functions(x: np.ndarray) -> np.ndarray:
+            each, m = np.repeat(rows, x.shape[1]), x.shape
+            return _evaluated(self._function, self._p, each, x.ravel())[level].reshape(m) - np.reshape(target, (-1, 1))
 
-        return bracketed_roots(function, low, high, at_low)
+        return narrowed_roots(functions, low, high, at_low, TO_ROUNDING)
 
 
 def _evaluated(function: ca.Function, p: np.ndarray, rows: np.ndarray, points: np.ndarray) -> list[np.ndarray]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ..base import NativeMethod
+from ..base import Integrator
 from ..compiled import Forms
 from .pieces import ImplicitIntegrator
 
 
-class BDF(NativeMethod):
+class BDF(Integrator):
     """Backward differentiation formulas of order 1 to 5 in C, for bodies that no joint holds.
 
     The fastest method for many contacts: Newton's matrix is that of the velocities, and its factorisation passes
@@ -46,6 +46,7 @@ class BDF(NativeMethod):
     """
 
     name: ClassVar[str] = "bdf"
+    solves_algebraic: ClassVar[bool] = False
 
     def over_pieces(self, forms: Forms) -> ImplicitIntegrator:
         return ImplicitIntegrator(forms.explicit(), self, forms.equations.mechanism.cache)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ..base import NativeMethod
+from ..base import Integrator
 
 
-class DOP853(NativeMethod):
+class DOP853(Integrator):
     """Explicit Runge–Kutta of order 8(5,3) with dense output of order 7, the whole run in C.
 
     The fastest method for motion that is smooth and not stiff: 6 to 27 times as fast as
@@ -57,4 +57,5 @@ class DOP853(NativeMethod):
     """
 
     name: ClassVar[str] = "dop853"
+    solves_algebraic: ClassVar[bool] = False
     runs_whole: ClassVar[bool] = True

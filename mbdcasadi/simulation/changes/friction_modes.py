@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from ...assembly.assemble import decide_friction_by
 from ...assembly.consistent_start import consistent_start
 from ...assembly.setup import Setup
 from ...equations import equations
@@ -194,24 +193,17 @@ class FrictionModes(Modes):
             Frictions that break away just there, and the sense in which they were pulled.
         """
         speeds = np.atleast_1d(state[ca.vertcat(*[f.sliding_speed for f in self.frictions])])
-        limit = AT_REST * self._fineness * (1 + largest(state.v))
-        frictions = list(zip(self.frictions, speeds, strict=True))
-        resting = [i for i, (f, s) in enumerate(frictions) if abs(s) <= limit + _speed_by_rounding(f, state)]
-        if 3 ** len(resting) > TRIALS:
-            raise SimulationError(
-                f"{len(resting)} frictions come to rest together at t = {state.t:.6g} s, more than are sorted out at "
-                "once; take a smoothed law for some of them",
-                time=state.t,
-            )
+        resting = self._resting(state, speeds)
         rows = dict(zip(resting, self._slides(state, resting), strict=True))
         by_pose = self._held(rows, ())
         v = self._at_rest(state, [i for i in resting if i not in by_pose])
         choices = [self._choices(i, float(speeds[i]), i in resting, broken) for i in range(len(self.frictions))]
         for i in by_pose:
             choices[i] = ["forth", "back", "free"]
-        breaking = {i for i in rows for k in broken if k in rows and _parallel(rows[i], rows[k])}
+        begins = [(i, rows[i], rows[k]) for i in rows for k in broken if k in rows]
+        breaking = {i for i, own, other in begins if _parallel(own, other)}
         # what has a part in the motion that begins would break away at once if it were at its limit: others come first
-        strict = {i for i in rows for k in broken if k in rows and abs(float(rows[i] @ rows[k])) > TURNS}
+        strict = {i for i, own, other in begins if abs(float(own @ other)) > TURNS}
         at_limit: tuple[FrictionMode, State] | None = None
         for senses, held in self._candidates(choices, rows):
             mode = FrictionMode(senses, tuple(held))
@@ -224,6 +216,19 @@ class FrictionModes(Modes):
             except SingularityError:
                 continue
         return at_limit
+
+    def _resting(self, state: State, speeds: np.ndarray) -> list[int]:
+        """Frictions at rest; raise if they are too many."""
+        limit = AT_REST * self._fineness * (1 + largest(state.v))
+        frictions = zip(self.frictions, speeds, strict=True)
+        resting = [i for i, (f, s) in enumerate(frictions) if abs(s) <= limit + _speed_by_rounding(f, state)]
+        if 3 ** len(resting) > TRIALS:
+            raise SimulationError(
+                f"{len(resting)} frictions come to rest together at t = {state.t:.6g} s, more than are sorted out at "
+                "once; take a smoothed law for some of them",
+                time=state.t,
+            )
+        return resting
 
     @staticmethod
     def _choices(i: int, speed: float, rests: bool, broken: dict[int, float]) -> list[str]:
@@ -265,12 +270,7 @@ class FrictionModes(Modes):
         for modes in product(*choices):
             sticking = [i for i in rows if modes[i] == "sticks"]
             held = self._held(rows, sticking)
-            depends = sticking and analyse_rank(np.array([rows[i] for i in sticking]), TURNS).rank < len(sticking)
-            slide = [i for i in rows if i not in held and i not in sticking]
-            opposed = any(
-                _parallel(rows[i], rows[k]) * SENSE[modes[i]] * SENSE[modes[k]] < 0 for i, k in combinations(slide, 2)
-            )
-            if depends or opposed or any(mode == "free" and i not in held for i, mode in enumerate(modes)):
+            if not self._is_possible(modes, rows, sticking, held):
                 continue
             helps = {i for i in held if sticking and SENSE[modes[i]]}
             # what the pose holds starts to slide; what others hold is at its limit at rest
@@ -278,6 +278,16 @@ class FrictionModes(Modes):
             senses = tuple(f"pulled {mode}" if i in pulled else mode for i, mode in enumerate(modes))
             candidates.append(((helps != pulled, -len(sticking) if falls else 0, bool(helps)), senses, held))
         return [(senses, held) for _, senses, held in sorted(candidates, key=lambda candidate: candidate[0])]
+
+    @staticmethod
+    def _is_possible(modes: Senses, rows: dict[int, np.ndarray], sticking: list[int], held: list[int]) -> bool:
+        """True if what sticks is independent, what slides together does so in one sense, and what is free is held."""
+        if sticking and analyse_rank(np.array([rows[i] for i in sticking]), TURNS).rank < len(sticking):
+            return False
+        slide = [(rows[i], SENSE[modes[i]]) for i in rows if i not in held and i not in sticking]
+        if any(_parallel(one, other) * sense * to < 0 for (one, sense), (other, to) in combinations(slide, 2)):
+            return False
+        return all(mode != "free" or i in held for i, mode in enumerate(modes))
 
     def _is_met(
         self,
@@ -357,9 +367,6 @@ def start_with_friction(setup: Setup) -> State:
     )
     lam, a = modes.multipliers(modes.free, state)[0], state.a
     return State(setup.mechanism, time, state.q, state.v, a, state.z, lam, state.inputs, state.parameters, obstacle)
-
-
-decide_friction_by(start_with_friction)
 
 
 def _speed_by_rounding(friction: Any, motion: Trajectory | State) -> float:

@@ -131,13 +131,13 @@ class Impacts:
         it takes place again once another one has turned it back.
         """
         watch, active = self.watch, []
-        rests, through, at_zero = watch.rests(state), watch.moves_through(state), set(watch.at_zero(state))
-        for k, event in enumerate(watch.events):
+        driven = watch.driven_through(state)
+        for event, rests, through in zip(watch.events, watch.rests(state), watch.moves_through(state), strict=True):
             if not event.reset:
                 continue
-            if not through[k]:
+            if not through:
                 passing.discard(event)
-            if (event in located and not rests[k]) or (k in at_zero and through[k] and event not in passing):
+            if (event in located and not rests) or (event in driven and event not in passing):
                 active.append(event)
         passing.update(active)
         return active

@@ -12,7 +12,7 @@ from ...equations.impact_law import by_element
 from ...errors import MechanismError, SimulationError
 from ...model.events import Event
 from ...results.state import EventOccurrence, State
-from .events import EventWatch
+from .events import EventState, EventStates, EventWatch, Standing
 from .impacts import Impacts
 from .modes import Modes
 
@@ -34,8 +34,8 @@ class Transitions:
     ----------
     mode : hashable
         The mode that holds; None before the start.
-    resting : dict of Event to float
-        Events with a reset that stand still at their zeros, and the values of their expressions there.
+    states : EventStates
+        States of the events.
     impacts : Impacts
         Resets, from the first state on.
     """
@@ -43,11 +43,13 @@ class Transitions:
     def __init__(self, modes: Modes, events: Sequence[Event], instant: float):
         self._modes, self._events, self._instant = modes, tuple(events), instant
         self.mode: Any = None
-        self.resting: dict[Event, float] = {}
+        self.states = EventStates(EventState)
         self._switches = 0
 
     def begin(self) -> None:
         """Forget an earlier run."""
+        for state in self.states.values():
+            state.become(Standing.ARMED)
         numeric = self._modes.numeric(self._modes.free)
         self.impacts = Impacts(numeric, EventWatch(numeric.eom, self._events, self._instant))
 
@@ -99,7 +101,7 @@ class Transitions:
             fired += impact.events
         for event in located:
             if event not in fired:
-                self.resting[event] = float(moving[event.expression])
+                self.states[event].become(Standing.RESTING, float(moving[event.expression]))
         return state, occurrences
 
     def by_controller(self, state: State) -> State:
@@ -129,8 +131,7 @@ class Transitions:
         """
         watched, eom = [event for event in self._events if event.becomes is not None], state.equations
         watch = EventWatch(eom, watched, self._instant)
-        through, at_zero = watch.moves_through(state), set(watch.at_zero(state))
-        changing = [e for k, e in enumerate(watched) if k in at_zero and through[k] and e not in passed]
+        changing = [e for e in watch.driven_through(state) if e not in passed]
         # a reaction that has the wrong sign from the start on never passes zero
         of_reactions = [e for e in watched if ca.depends_on(e.expression, eom.lam)]
         return changing + [e for e in of_reactions if e.direction * state[e.expression] > 0]

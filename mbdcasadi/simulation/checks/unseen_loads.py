@@ -226,14 +226,13 @@ class UnseenLoads:
         at_top = self._of_rows(path, rows, tops)
         # a quantity that is beyond zero between two points alone
         beyond = (np.sign(at_top) * np.sign(middle) < 0) & ~smooth
-        rows_inside, roots_inside = [], []
-        for begin, end, at_begin, at_end in ((low, tops, before, at_top), (tops, high, at_top, after)):
-            inside = beyond & (np.sign(at_begin) * np.sign(at_end) < 0)
-            rows_inside.append(rows[inside])
-            at_rows = partial(self._of_rows, path, rows[inside])
-            roots_inside.append(narrowed_roots(at_rows, begin[inside], end[inside], at_begin[inside]))
+        begin, end, at_begin, at_end = np.r_[low, tops], np.r_[tops, high], np.r_[before, at_top], np.r_[at_top, after]
+        inside = np.tile(beyond, 2) & (np.sign(at_begin) * np.sign(at_end) < 0)
+        rows_inside = np.tile(rows, 2)[inside]
+        at_rows = partial(self._of_rows, path, rows_inside)
+        roots_inside = narrowed_roots(at_rows, begin[inside], end[inside], at_begin[inside])
         tops, durations = tops[smooth], self._lasting(path, rows[smooth], tops[smooth], durations[smooth], longest)
-        return tops, durations, np.concatenate(rows_inside), np.concatenate(roots_inside)
+        return tops, durations, rows_inside, roots_inside
 
     def _lasting(
         self, path: Path, rows: np.ndarray, tops: np.ndarray, durations: np.ndarray, longest: float

@@ -185,24 +185,25 @@ class HeldMotion:
 
     def beyond_border(self, until: float, instant: float) -> float | None:
         """Time just after the first at which a switch passes its border, by at least an instant; None up to a time."""
-        first, last = (self._margin(time) for time in (self._start, until))
+        first, last = (float(self._margin(np.array([time]))[0]) for time in (self._start, until))
         if not first > 0 >= last:
             return None
         passing = bracketed_root(self._margin, self._start, until, first, last)
         while passing < until:
             passing, instant = min(passing + instant, until), 2 * instant
-            if self._margin(passing) < 0:
+            if self._margin(np.array([passing]))[0] < 0:
                 return passing
         return None
 
-    def _margin(self, time: float) -> float:
-        """Smallest distance of a switch from the border of its side; negative beyond."""
-        switches, at = self._held.switches, np.array([time])
+    def _margin(self, at: np.ndarray) -> np.ndarray:
+        """Smallest distance of a switch from the border of its side at one time (1,); negative beyond."""
+        switches = self._held.switches
         quantities = ca.densify(ca.vertcat(*[switch.quantity for switch in switches]))
         whole = np.array([switch.whole for switch in switches], bool)
         system, outputs = self._held.system, self._stepper.outputs
         values = _values(system, outputs, quantities, self._start, at, self.states_at(at))
-        return float(np.min(margins_of(values, self._held.sides, whole)))
+        smallest: np.ndarray = np.min(margins_of(values, self._held.sides, whole), axis=0)
+        return smallest
 
     def release(self) -> None:
         """Give back what is kept for later motions."""

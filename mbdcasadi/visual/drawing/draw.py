@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import casadi as ca
 import numpy as np
 
-from ...assembly.assemble import assemble
 from ...errors import MechanismError
 from ...model.bodies import Body, Marker
 from ...model.mechanism import Mechanism
 from ...model.quantities import whole, yes_or_no
 from ...results.state import State
 from ...results.trajectory import Trajectory
+from ...simulation.assemble import assemble
 from ..axes import two_spines
 from .canvas import LOWEST, STEP, Canvas
 from .compose import Options, compose

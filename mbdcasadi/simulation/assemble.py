@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
+from ..assembly.setup import Setup
 from ..model.conditions import read_conditions
 from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
 from ..numerics.console import keyboard_interrupts
 from ..results.state import Conditions, State
-from .setup import Setup
-
-#: Start of a mechanism with exact friction: ``setup -> state``. Simulation, which knows how friction switches, sets it.
-_start_with_friction: Callable[[Setup], State] | None = None
-
-
-def decide_friction_by(start: Callable[[Setup], State]) -> None:
-    """Set what finds the start of mechanisms with exact friction."""
-    global _start_with_friction
-    _start_with_friction = start
+from .changes.friction_modes import start_with_friction
 
 
 def assemble(
@@ -80,6 +72,4 @@ def assemble(
     rows = read_conditions(conditions)
     with keyboard_interrupts("assemble"):
         setup = Setup(mechanism, "assemble", t=t, initial=rows, inputs=inputs, parameters=parameters)
-        if switching(mechanism) and _start_with_friction is not None:
-            return _start_with_friction(setup)
-        return setup.start
+        return start_with_friction(setup) if switching(mechanism) else setup.start
