@@ -33,7 +33,7 @@ from .measures.closings import warn_of_closings
 from .measures.cost_error import warn_of_false_cost
 from .measures.local_error import warn_of_coarse_mesh, warn_of_growth
 from .measures.singularity import warn_of_folding_poses
-from .motion.held_limits import warn_of_passed_limits
+from .motion.limit_excess import warn_of_passed_limits
 from .problem import OptimalControlProblem
 from .program.setup import Settings
 from .search.parameter_continuation import read_continuation

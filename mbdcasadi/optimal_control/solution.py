@@ -20,7 +20,8 @@ from ..results.trajectory import Trajectory
 from ..simulation.simulate import simulate
 from .measures.cost_error import error_of_mesh
 from .motion.guess import Guess, PhaseGuess
-from .motion.limits import ActiveLimit, SoftLimitUse, active_limits, costates, limit_excess, soft_limits
+from .motion.limit_excess import limit_excess
+from .motion.limits import ActiveLimit, SoftLimitUse, active_limits, costates, soft_limits
 from .motion.return_map import ReturnMap, Stability
 from .motion.solved_motion import SolvedMotion
 from .motion.storage import restored, save

@@ -8,8 +8,8 @@ from motions import pendulum, rest_to_rest
 from scipy.optimize import brentq
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.motion import held_limits
-from mbdcasadi.optimal_control.motion.held_limits import passed_limits
+from mbdcasadi.optimal_control.motion import limit_excess
+from mbdcasadi.optimal_control.motion.limit_excess import passed_limits
 from mbdcasadi.optimal_control.solve import problem_solver
 
 
@@ -185,7 +185,7 @@ def test_a_part_that_falls_short_for_an_instant_is_no_warning():
 
 def test_a_part_that_falls_short_is_a_warning_with_what_is_missing(monkeypatch):
     monkeypatch.setattr(problem_solver, "ROUNDS", 0)
-    monkeypatch.setattr(held_limits, "LIMIT_TOLERANCE", 5e-3)
+    monkeypatch.setattr(limit_excess, "LIMIT_TOLERANCE", 5e-3)
     problem, u, block = rest_to_rest(1.0, 1.0, lower=-8, upper=8)
     work = problem.replace(running_cost=mbd.absolute(u * block.vx) + 1e-3 * u**2)
     with pytest.warns(mbd.MechanismWarning, match=r"\(so that 0.56 % of its integral are missing in the cost\)"):

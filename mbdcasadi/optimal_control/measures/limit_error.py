@@ -1,10 +1,10 @@
-"""Limits that a motion passes between the points at which they are held, as errors of the mesh."""
+"""Limits that a motion passes between the points at which they are enforced, as errors of the mesh."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..motion.held_limits import passed_limits
+from ..motion.limit_excess import excess_of_motion, passed_limits
 from ..motion.phase_solution import PhaseSolution
 from .measure import Measure
 
@@ -17,10 +17,8 @@ class PassedLimits(Measure):
     def of(self, part: PhaseSolution) -> np.ndarray:
         """Shares of the intervals of a phase (N,)."""
         shares = np.zeros(part.mesh.count)
-        for excess in part.excess_of_motion:
-            most = np.argmax(excess.values, axis=1)[:, None]
-            amounts, sizes = (np.take_along_axis(x, most, axis=1).ravel() for x in (excess.values, excess.sizes))
-            shares[excess.intervals] = np.maximum(shares[excess.intervals], np.maximum(amounts, 0.0) / sizes)
+        for excess in excess_of_motion(part):
+            shares[excess.intervals] = np.maximum(shares[excess.intervals], excess.shares)
         return shares
 
     def order(self, part: PhaseSolution) -> int:

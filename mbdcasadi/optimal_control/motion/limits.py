@@ -17,7 +17,7 @@ from ..program.limit_sides import Side, sides_of
 from ..statement.cost_parts import SoftLimit
 from ..statement.phase import BEYOND_STATES, with_rates
 from ..transcription.rows import INITIAL, PATH, Place, RowKind, RowName
-from .limit_excess import POINTS
+from .limit_excess import points_of
 from .phase_solution import PhaseSolution
 from .solved_motion import SolvedMotion
 
@@ -177,10 +177,8 @@ def active_limits(solution: SolvedMotion, costates: Mapping[str, np.ndarray | fl
     pulls, slack_of, limits = _pulls(solution), _slacks(solution), []
     for side in sides_of(solution.program):
         if not side.repeated and not side.equality and side.sign * pulls[side.place] > slack_of(side):
-            label, time = (
-                label_of(solution, side.phase, side.name),
-                solution.phases[side.phase].time_at(side.intervals[0], side.tau),
-            )
+            label = label_of(solution, side.phase, side.name)
+            time = solution.phases[side.phase].time_at(side.intervals[0], side.tau)
             limits.append(ActiveLimit(label, ((time, time),), float(costates[label])))
     for (phase, name), shares in activity(solution).items():
         if np.any(shares):
@@ -229,9 +227,9 @@ def soft_limits(solution: SolvedMotion) -> list[SoftLimitUse]:
 
 def _along(part: PhaseSolution, limit: SoftLimit) -> tuple[np.ndarray, np.ndarray, float]:
     """Times, s, amounts by which a soft limit is passed then, and its part of the cost."""
-    k, tau = np.repeat(np.arange(part.mesh.count), POINTS), np.tile(np.linspace(0, 1, POINTS), part.mesh.count)
-    (amounts,) = part.by_polynomials([limit.amount], k, tau)
-    return part.times_at(k, tau), amounts.ravel(), part.integral(limit.weight * limit.amount)
+    points = points_of(part)
+    (amounts,) = part.by_polynomials([limit.amount], *points)
+    return part.times_at(*points), amounts.ravel(), part.integral(limit.weight * limit.amount)
 
 
 def _use(
@@ -250,17 +248,3 @@ def _use(
         return SoftLimitUse(label, 0.0, float(times[most]), (), 0.0)
     spans = tuple((float(times[run.start]), float(times[run.stop - 1])) for run in stretches(passed))
     return SoftLimitUse(label, float(amounts[most]), float(times[most]), spans, float(cost))
-
-
-def limit_excess(solution: SolvedMotion) -> dict[str, float]:
-    """Amounts by which limits are passed between the points at which they are held, by label."""
-    excess: dict[str, float] = {}
-    for part in solution.phases:
-        if not part.limits:
-            continue
-        times = part.mesh_times[:-1, None] + np.diff(part.mesh_times)[:, None] * np.linspace(0, 1, POINTS)
-        motion = part.trajectory.at(np.unique(times.ravel()))
-        for limit in part.limits:
-            here = max(float(np.max(motion[limit.expression])), 0.0)
-            excess[limit.label] = max(here, excess.get(limit.label, 0.0))
-    return excess

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ...equations.numeric import NumericEquations
 from ...equations.recovery import Recovery
-from ...model.conditions import Condition, stacked
+from ...model.cache import Cache
+from ...model.conditions import Condition
 from ...numerics.evaluation import Evaluator
 from ...numerics.lazy import cached_property
 from ...numerics.symbolic import symbolic
@@ -25,7 +25,6 @@ from ..transcription.mesh import Mesh
 from ..transcription.motion import OptimalMotion, Polynomials
 from .growth import Growth, growth
 from .guess import PhaseGuess, guess_from_polynomials
-from .limit_excess import POINTS, Excess, excess_of_motion, intervals_near, larger_side
 from .reintegration import end_differences, inner_errors
 
 #: Points of an interval by which the size of a running cost, and what soft limits cost, is integrated.
@@ -65,6 +64,8 @@ class PhaseSolution:
         self.phase: Phase = program.phase
         self.program, self.numeric, self.mesh, self.extra, self._seconds = program, numeric, mesh, extra, seconds
         self._known = known
+        #: what was found about the phase
+        self.cache = Cache()
         self._read(x, segment_times)
 
     def _read(self, x: np.ndarray, segment_times: np.ndarray) -> None:
@@ -83,70 +84,17 @@ class PhaseSolution:
 
     def by_polynomials(self, expressions: Sequence[ca.SX], intervals: np.ndarray, taus: np.ndarray) -> list[np.ndarray]:
         """Return values of expressions of the problem at points of intervals, each (size, k)."""
-        return self._evaluated(self._evaluator(expressions), intervals, taus)
+        values = self.evaluator(expressions).rows(*self.polynomials.unknowns(intervals, taus), self.extra)
+        return [of.T for of in values]
 
-    def _evaluator(self, expressions: Sequence[ca.SX]) -> Evaluator:
-        """Expressions as functions of the unknowns of an interval, of which they need few."""
+    def evaluator(self, expressions: Sequence[ca.SX]) -> Evaluator:
+        """Return expressions as functions of the unknowns of an interval, of which they need few."""
         motion, extra = self.program.scheme.motion.function, ca.SX.sym("e", self.extra.size)
         unknowns = motion.sx_in()
         values = ca.Function("values", self.program.arguments, [ca.densify(e) for e in expressions])
         return Evaluator(
             ca.Function("values", [*unknowns, extra], values.call([*motion.call(unknowns), unknowns[-1], extra]))
         )
-
-    def _evaluated(self, evaluator: Evaluator, intervals: np.ndarray, taus: np.ndarray) -> list[np.ndarray]:
-        unknowns = self.polynomials.unknowns(intervals, taus)
-        return [values.T for values in evaluator.rows(*unknowns, self.extra)]
-
-    @cached_property
-    def excess_of_polynomials(self) -> np.ndarray:
-        """Values of the limits at points of the intervals by the polynomials (N, POINTS, k), negative if they hold."""
-        limits, count = self.program.limits_at_points, self.mesh.count
-        if not limits or not count:
-            return np.zeros((count, POINTS, len(limits)))
-        k, tau = np.repeat(np.arange(count), POINTS), np.tile(np.linspace(0, 1, POINTS), count)
-        return self._limits_by_polynomials(k, tau)[0].reshape(count, POINTS, len(limits))
-
-    def _limits_by_polynomials(self, k: np.ndarray, tau: np.ndarray) -> list[np.ndarray]:
-        """Values of the limits and of their larger sides at points of intervals, each (k, limits)."""
-        kept = self.program.scheme.constraints.kept
-        evaluator = kept.get_or_create("limits", lambda: self._evaluator(self._limits_and_sides))
-        return list(evaluator.rows(*self.polynomials.unknowns(k, tau), self.extra))
-
-    @property
-    def _limits_and_sides(self) -> list[ca.SX]:
-        limits = self.program.limits_at_points
-        return [stacked(limits), ca.vertcat(ca.SX(0, 1), *map(larger_side, limits))]
-
-    def limit_values(self, k: Any, tau: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Return values and sizes of the limits by the motion at points of intervals, each (k, limits).
-
-        A size is the larger of the sides, or the typical one if one of them is zero.
-        """
-        k, tau = np.atleast_1d(k), np.atleast_1d(tau)
-        limits = self.program.limits_at_points
-        if self.program.scheme.eom.rows or any(c.depends_on("acceleration", "multiplier") for c in limits):
-            values, sides = self._limits_by_motion(k, tau)
-        else:  # nothing moves the polynomials onto constraints
-            values, sides = self._limits_by_polynomials(k, tau)
-        typical = np.array([self.program.condition_sizes[c] for c in limits])
-        return values, np.where(sides > 0, sides, typical)
-
-    def _limits_by_motion(self, k: np.ndarray, tau: np.ndarray) -> list[np.ndarray]:
-        # up to just before the next mesh point, since what jumps there belongs to the interval that ends
-        times = np.minimum(self.times_at(k, tau), np.nextafter(self.mesh_times[k + 1], -np.inf))
-        motion, kept = self.trajectory.at(times), self.program.scheme.constraints.kept
-        *states, p = motion.arguments
-        evaluator = kept.get_or_create(
-            "limits of a motion",
-            lambda: Evaluator(
-                ca.Function("limits", self.program.arguments, list(map(ca.densify, self._limits_and_sides)))
-            ),
-        )
-        values, sides = evaluator.rows(*states, self.polynomials.input_rates(times), p, self.extra)
-        if np.isnan(values).any():
-            motion[stacked(self.program.limits_at_points)]  # an error that names the expression
-        return [values, sides]
 
     @property
     @symbolic
@@ -164,14 +112,6 @@ class PhaseSolution:
         (values,) = self.by_polynomials([expression], k, tau)
         by_interval = values.reshape(count, taus.size) @ weights / 2
         return float(by_interval @ np.diff(self.mesh_times))
-
-    @cached_property
-    def excess_of_motion(self) -> list[Excess]:
-        """Limits that the motion comes near."""
-        limits = self.program.limits_at_points
-        sizes = np.array([self.program.condition_sizes[limit] for limit in limits])
-        near = intervals_near(self.excess_of_polynomials, sizes)
-        return list(excess_of_motion(self.limit_values, near, limits)) if near.size else []
 
     @property
     def stopped(self) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 from ..measures.local_error import COARSE_ERROR, Coarseness, ReplayErrors, StateCoarseness
 from ..measures.measure import split
 from ..measures.singularity import close_to_singular
-from ..motion.held_limits import passed_limits
+from ..motion.limit_excess import passed_limits
 from ..solution import Solution
 from ..solve.problem_solver import ProblemSolver
 from ..transcription.mesh import Mesh, interval_count

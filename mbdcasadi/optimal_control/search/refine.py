@@ -17,7 +17,7 @@ from ..measures.measure import Measure, pieces_of, split
 from ..measures.singularity import close_to_singular
 from ..measures.switches import UnresolvedSwitches
 from ..measures.time_jumps import TimeJumps, meshes_at_jumps
-from ..motion.held_limits import LIMIT_TOLERANCE
+from ..motion.limit_excess import LIMIT_TOLERANCE
 from ..motion.phase_solution import PhaseSolution
 from ..motion.reintegration import not_integrated
 from ..program.statistics import Attempt

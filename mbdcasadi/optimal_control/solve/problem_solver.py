@@ -14,7 +14,7 @@ import numpy as np
 from ...errors import OptimizationError
 from ...results.state import State
 from ..motion.guess import Guess
-from ..motion.held_limits import LIMIT_TOLERANCE, ROUNDS, largest_share, points_to_hold
+from ..motion.limit_excess import LIMIT_TOLERANCE, ROUNDS, largest_share, points_to_hold
 from ..problem import OptimalControlProblem
 from ..program.collocation_program import Bounds, CollocationProgram, Held
 from ..program.elastic_program import ElasticProgram

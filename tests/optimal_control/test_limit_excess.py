@@ -7,6 +7,7 @@ import pytest
 from motions import crank_rocker, half_turn, rest_to_rest
 
 import mbdcasadi as mbd
+from mbdcasadi.optimal_control.motion.limit_excess import limit_values
 from mbdcasadi.optimal_control.transcription.controls import input_basis
 
 
@@ -124,4 +125,4 @@ def test_the_size_of_a_limit_does_not_depend_on_how_it_is_written(written):
     problem, _, block = rest_to_rest(-1.0, 1.0)
     solution = mbd.optimize(problem.replace(path=[written(block.vx)]), intervals=20)
     (part,) = solution.phases
-    assert part.limit_values(10, 0.0)[1] == pytest.approx(1.6, rel=1e-3)
+    assert limit_values(part, 10, 0.0)[1] == pytest.approx(1.6, rel=1e-3)
