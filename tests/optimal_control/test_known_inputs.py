@@ -7,6 +7,7 @@ from scipy.interpolate import CubicSpline
 
 import mbdcasadi as mbd
 from mbdcasadi.arguments.piecewise_polynomial import PiecewisePolynomial
+from mbdcasadi.optimal_control.program import setup
 
 
 @pytest.fixture
@@ -185,10 +186,17 @@ def test_waypoints_of_equal_costs_make_one_block():
         mbd.optimize(via, intervals=19)
 
 
-def test_a_solve_near_a_solution_is_that_from_nothing():
-    """With other parameters and starts; and the sizes of a solve near one are no others afterwards."""
-    problem, _u, k, _block = sprung_block(3.0, 2.0)
+def test_a_solve_near_a_solution_is_that_from_nothing(monkeypatch):
+    """With other parameters and starts, and without a path; what follows finds a path and sizes of its own."""
+    problem, _u, k, block = sprung_block(3.0, 2.0)
     near = mbd.optimize(problem, intervals=16)
+    starts = [[block.x == 0.2, block.vx == -1], mbd.assemble(problem.mechanism, [block.x == 0.3]), [block.x == 0.1]]
+    for start in starts:
+        with monkeypatch.context() as patch:
+            patch.setattr(setup, "kinematic_path", None)
+            quick = mbd.optimize(problem, intervals=16, guess=near, initial=start, parameters={k: 5.0})
+        cold = mbd.optimize(problem.replace(initial=start), intervals=16, parameters={k: 5.0})
+        assert quick.cost == pytest.approx(cold.cost, rel=1e-7)
     for stiffness in (2.5, 4.0, 30.0):
         quick = mbd.optimize(problem, intervals=16, guess=near, parameters={k: stiffness})
         cold = mbd.optimize(problem.replace(), intervals=16, parameters={k: stiffness})

@@ -112,7 +112,7 @@ def test_wrong_parameters(sprung):
 
 
 WRONG = [
-    *[("intervals", x) for x in (0, 1, -1, 2.5, "4", True, None, np.nan, np.inf, [3])],
+    *[("intervals", x) for x in (0, 1, -1, 2.5, "4", True, None, np.nan, np.inf, [3, 4])],
     *[("degree", x) for x in (0, 6, 2.5, "3", None, True, [3])],
     *[("tolerance", x) for x in (0, -1, "a", np.nan, [1])],
     *[("guess", x) for x in (3, "x", [1])],

@@ -315,7 +315,7 @@ def test_phases_say_what_is_wrong():
     good = problem(phases=[reach, carry], terminal_cost=mbd.t)
     with pytest.raises(mbd.ModelError, match="unknown argument"):
         good.replace(duration=2)
-    with pytest.raises(mbd.ModelError, match="not those of the phases"):
+    with pytest.raises(mbd.ModelError, match="goes through 1 mechanism, the problem through 2 phases"):
         mbd.optimize(good, guess=mbd.simulate(reaching, duration=0.1))
 
 

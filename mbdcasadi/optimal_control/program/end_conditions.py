@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
+from copy import copy
 from functools import partial
 from typing import Any
 
@@ -63,6 +64,22 @@ class EndConditions:
         self.key = (self._final_key, self._initial_key)
         #: whether conditions of a place say nothing to first order there, such as at the top of a circle
         self.are_singular: bool = kept.get_or_create("singular", lambda: self._are_singular(ranks))
+
+    def at(
+        self,
+        problem: OptimalControlProblem,
+        numeric: NumericEquations,
+        start: State,
+        initial: State | Sequence[Condition],
+    ) -> EndConditions:
+        """Return the same conditions at the end with another start, and at other values of the parameters."""
+        other = copy(self)
+        other._numeric, other._start, other._kept = numeric, start, Cache()
+        began = {*(self.initial or []), *self._initial_key}
+        other.implied = {c: width for c, width in self.implied.items() if c not in began}
+        other.initial = other._initial(initial, partial(ranks_of, problem, self._phase, numeric))
+        other.key = (self._final_key, other._initial_key)
+        return other
 
     @property
     def _duration(self) -> float:
@@ -141,7 +158,7 @@ class EndConditions:
             return None
         eom = self._phase.equations
         self._initial_key = tuple(initial)
-        if not self._few_rows or self._follows:
+        if not initial or not self._few_rows or self._follows:
             return list(initial)
         begin: Place = (0.0, self._start.q, self._start.v, self._start.z)
         rows = [c for c in on_states(initial) if c.equality]

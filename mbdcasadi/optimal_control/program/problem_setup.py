@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from copy import copy
 from functools import partial
 from typing import Any
 
@@ -27,11 +28,11 @@ from ..poses.key_poses import KeyPoses, key_poses
 from ..poses.kinematic_guess import KinematicPath, kinematic_path
 from ..poses.start import check_start, first_state
 from ..problem import OptimalControlProblem
-from ..statement.phase import Phase, read_state_or_conditions
+from ..statement.phase import Phase, on_states, read_state_or_conditions
 from ..transcription.mesh import Mesh
 from .change import ChangeSetup, numeric_at
 from .collocation_program import CollocationProgram, Held
-from .setup import PhaseSetup, Settings, key_of
+from .setup import PhaseSetup, Settings
 
 #: Distance of the first key pose from the start, as a share of the coordinates, from which it is another one.
 START_MOVED = 1e-9
@@ -92,9 +93,11 @@ class ProblemSetup:
         if isinstance(self.initial, State):
             with naming_phase(problem, first):
                 check_start(problem, first, numerics[0], self.initial)
-        key = *key_of(settings, self.initial), *(numeric.p.tobytes() for numeric in numerics)
-        shares = self._is_own_start or (isinstance(self.initial, State) and len(problem.phases) == 1)
-        near = near if near is not None and near.key_of_start == key[:2] else None
+        start = "state" if isinstance(self.initial, State) and len(problem.phases) == 1 else self.initial
+        key = settings.key, start, *(numeric.p.tobytes() for numeric in numerics)
+        shares = self._is_own_start or start == "state"
+        if near is not None and (near.settings_key != settings.key or not self._is_decided_by_states):
+            near = None
         kept = problem.compiled.setups if shares and (near is None or key in problem.compiled.setups) else Cache()
         ready = kept.get_or_create_quietly(key, partial(self._make, numerics, signals, near), bounded=True)
         self.start, self.free_values, self.setups, self.changes = ready
@@ -104,16 +107,22 @@ class ProblemSetup:
     def _make(self, numerics: list[NumericEquations], signals: Signals, near: PhaseSetup | None) -> tuple[Any, ...]:
         """Find the first state, values of free parameters, and setups of phases and changes."""
         with naming_phase(self.problem, self.problem.phases[0]):
-            self.start = near.start if near and self.initial == () else self._first_state(numerics, signals)
+            free = near is not None and self.initial == ()
+            self.start = copy(near.start) if near and free else self._first_state(numerics, signals)
         for phase, numeric in zip(self.problem.phases, numerics, strict=True):
             if isinstance(phase.final, State):
                 with naming_phase(self.problem, phase):
                     refuse_beyond_limits(self.problem, phase, numeric, "final", phase.final)
         if near:
-            self.setups = [near.at(numerics[0])]
+            self.setups = [near.at(self.problem, numerics[0], self.start, self.initial)]
         else:
             self._set_up(numerics, signals)
         return self.start, self.free_values, self.setups, self.changes
+
+    @property
+    def _is_decided_by_states(self) -> bool:
+        """True if the start is a state, or stated by conditions on states alone."""
+        return isinstance(self.initial, State) or len(on_states(self.initial)) == len(self.initial)
 
     def _other_start(self, initial: Any) -> State | tuple[Condition, ...]:
         """A start in place of the problem's own, checked as that is."""

@@ -107,11 +107,6 @@ def is_open_chain(problem: OptimalControlProblem) -> bool:
     return bool(chains) and all(map(is_chain_in_angles, chains))
 
 
-def key_of(settings: Settings, initial: State | Sequence[Condition]) -> tuple[Hashable, ...]:
-    """Return a key of settings and start, the same for all starts that are states."""
-    return settings.key, "state" if isinstance(initial, State) else tuple(initial)
-
-
 class PhaseSetup:
     """Ends, sizes and transcription of a phase, with its equations at the parameters that are given.
 
@@ -145,13 +140,20 @@ class PhaseSetup:
         #: typical sizes of the mechanism and its motion, and of the parameters that the mechanism does not have
         self.scales, self._parameter_sizes = self.kept.get_or_create("scales", lambda: self._scales(problem, time))
         self.scheme = self._bound_scheme(problem, settings, initial)
-        #: settings and start for which it was made
-        self.key_of_start = key_of(settings, initial)
+        #: settings for which it was made
+        self.settings_key = settings.key
 
-    def at(self, numeric: NumericEquations) -> PhaseSetup:
-        """Return the same setup at other values of the parameters."""
+    def at(
+        self,
+        problem: OptimalControlProblem,
+        numeric: NumericEquations,
+        start: State,
+        initial: State | Sequence[Condition],
+    ) -> PhaseSetup:
+        """Return the same setup, with the path from its own start, for another one and other values of parameters."""
         other = copy(self)
         other.numeric, other.kept = numeric, Cache()
+        other.ends = self.ends.at(problem, numeric, start, initial)
         for name in ("sizes", "loads"):
             other.__dict__.pop(name, None)
         return other
