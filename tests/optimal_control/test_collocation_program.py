@@ -42,7 +42,7 @@ def stated(
 def forget(monkeypatch):
     """As in a process that has solved nothing yet."""
     monkeypatch.setattr(contents, "_VALUES", Cache(contents.RECENT))
-    monkeypatch.setattr(collocation_program, "_MADE", Cache(1))
+    monkeypatch.setattr(collocation_program, "_COMPILED", Cache(1))
 
 
 @pytest.fixture

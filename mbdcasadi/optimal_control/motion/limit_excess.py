@@ -139,21 +139,21 @@ def limit_values(part: PhaseSolution, k: Any, tau: Any) -> tuple[np.ndarray, np.
 
 def _by_polynomials(part: PhaseSolution, k: np.ndarray, tau: np.ndarray) -> list[np.ndarray]:
     """Values of the limits and of their larger sides at points of intervals, each (k, limits)."""
-    kept = part.program.scheme.constraints.kept
-    evaluator = kept.get_or_create("limits", lambda: part.evaluator(_limits_and_sides(part)))
+    cache = part.program.scheme.constraints.cache
+    evaluator = cache.get_or_create("limits", lambda: part.evaluator(_limits_and_sides(part)))
     return list(evaluator.rows(*part.polynomials.unknowns(k, tau), part.extra))
 
 
 def _by_motion(part: PhaseSolution, k: np.ndarray, tau: np.ndarray) -> list[np.ndarray]:
     # up to just before the next mesh point, since what jumps there belongs to the interval that ends
     times = np.minimum(part.times_at(k, tau), np.nextafter(part.mesh_times[k + 1], -np.inf))
-    motion, kept = part.trajectory.at(times), part.program.scheme.constraints.kept
+    motion, cache = part.trajectory.at(times), part.program.scheme.constraints.cache
     *states, p = motion.arguments
 
     def evaluator() -> Evaluator:
         return Evaluator(ca.Function("limits", part.program.arguments, list(map(ca.densify, _limits_and_sides(part)))))
 
-    of_motion = kept.get_or_create("limits of a motion", evaluator)
+    of_motion = cache.get_or_create("limits of a motion", evaluator)
     values, sides = of_motion.rows(*states, part.polynomials.input_rates(times), p, part.extra)
     if np.isnan(values).any():
         motion[stacked(part.program.limits_at_points)]  # an error that names the expression
@@ -225,7 +225,7 @@ def largest_share(solution: SolvedMotion) -> float:
 def _places(part: PhaseSolution, limit: Condition, values: np.ndarray) -> set[float]:
     """Points at which intervals pass a limit most (N, POINTS), if it is not enforced there yet."""
     taus = np.linspace(0, 1, POINTS)
-    enforced = np.r_[0.0, 1.0, part.program.scheme.stages, part.program.held_at(limit)]
+    enforced = np.r_[0.0, 1.0, part.program.scheme.stages, part.program.enforced_at(limit)]
     free = np.min(np.abs(taus[:, None] - enforced), axis=1) > 0.5 / (POINTS - 1)
     inside, most = np.where(free, values, -np.inf), float(np.max(values))
     return {float(taus[np.argmax(row)]) for row in inside if np.max(row) > most / 2}

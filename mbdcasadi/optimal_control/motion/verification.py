@@ -201,7 +201,7 @@ class Replay:
         q = Recovery(numeric, redundant=False).positions(np.array([before.t]), before.q[change.here][None, :])[0]
         collision = change.law.solve(numeric, before.t, q, before.v[change.here])
         planned = self.solution.variables[change.index]
-        kept = collision.impulses[list(change.setup.kept)]
+        kept = collision.impulses[list(change.setup.independent)]
         size = largest(planned)
         if size > 0:
             self.impulse_error = max(self.impulse_error, largest(kept - planned) / size)

@@ -29,7 +29,7 @@ class ChangeSetup:
     before: PhaseSetup
     after: PhaseSetup
     #: independent rows of the impact: of the mechanism afterwards, then of joints of the instant alone
-    kept: tuple[int, ...]
+    independent: tuple[int, ...]
     #: position rows, in the same order, that neither the mechanism before nor conditions at its end imply
     guards: tuple[int, ...]
 
@@ -39,16 +39,16 @@ class ChangeSetup:
     ) -> ChangeSetup:
         """Find the independent rows at a pose of the mechanism before."""
         here = places_in(before.phase.equations.q, after.phase.equations.q)
-        kept = _kept(after, pose[here], t)
-        return cls(before, after, kept, _guards(before, after, pose, here, t, free))
+        independent = _independent(after, pose[here], t)
+        return cls(before, after, independent, _guards(before, after, pose, here, t, free))
 
     @property
     def key(self) -> Hashable:
         """Key of a program of the change."""
-        return self.kept, self.guards
+        return self.independent, self.guards
 
 
-def _kept(after: PhaseSetup, q: np.ndarray, t: float) -> tuple[int, ...]:
+def _independent(after: PhaseSetup, q: np.ndarray, t: float) -> tuple[int, ...]:
     """Independent rows of the impact: those of the transcription, and of the instant alone."""
     law, numeric, scheme = after.phase.law, after.numeric, after.scheme
     constraint_rows = [*scheme.eom.explicit, *(scheme.eom.rows[k] for k in scheme.rows)]
@@ -99,7 +99,7 @@ class Change:
     def __init__(self, setup: ChangeSetup, before: PhaseProgram, after: PhaseProgram, first: int):
         self.setup, self.before, self.after = setup, before, after
         self.law = after.phase.law
-        self.index = first + np.arange(len(setup.kept))
+        self.index = first + np.arange(len(setup.independent))
         eom = after.phase.equations
         self.here = places_in(before.phase.equations.q, eom.q)
 
@@ -108,7 +108,7 @@ class Change:
         """Typical sizes of the impulses (k,)."""
         scales, sizes = self.after.scales, np.r_[self.after.scales.lam, np.zeros(self.law.momentary.numel())]
         sizes[scales.lam.size :] = float(np.max(scales.load)) if scales.load.size else 1.0
-        return sizes[list(self.setup.kept)] * scales.time
+        return sizes[list(self.setup.independent)] * scales.time
 
     @property
     def _momentum_scale(self) -> np.ndarray:
@@ -121,10 +121,10 @@ class Change:
         """The rows, and conditions at the start of the phase."""
         begin = self.before.edge(True)
         end = self.after.edge(False, begin.unknowns.free)
-        impulses = ca.SX.sym("i", len(self.setup.kept))
+        impulses = ca.SX.sym("i", len(self.setup.independent))
         full = ca.SX.zeros(self.law.impulses.numel())
-        if self.setup.kept:
-            full[list(self.setup.kept)] = ca.DM(self.scale) * impulses
+        if self.setup.independent:
+            full[list(self.setup.independent)] = ca.DM(self.scale) * impulses
         groups = self._rows(begin, end, full)
         return [block_of_edges([begin, end], groups, p, free_index, others=(impulses, self.index))]
 
@@ -180,7 +180,7 @@ class Change:
     def _velocity_rows(self, values: ca.SX) -> Rows:
         """``J v⁺ = b``; rows by which the coordinates are chosen hold identically."""
         solved = set(self.after.scheme.eom.explicit)
-        chosen = [k for k in self.setup.kept if k not in solved]
+        chosen = [k for k in self.setup.independent if k not in solved]
         rows = list(range(self.after.phase.equations.lam.numel()))
         return self._chosen(values, RowKind.VELOCITY, self.law.row_names, chosen, rows)
 
@@ -237,7 +237,7 @@ class Change:
     def by_joint(self, kept: np.ndarray) -> dict[Any, np.ndarray]:
         """Impulses by joint, from those of the independent rows."""
         full = np.zeros(self.law.impulses.numel())
-        full[list(self.setup.kept)] = kept
+        full[list(self.setup.independent)] = kept
         return self.law.by_joint(full)
 
     # --- the guess --------------------------------------------------------------------------
@@ -249,7 +249,7 @@ class Change:
         p = self.setup.before.numeric.p
         q, v = before.scheme.eom.states(np.array([time]), parts["q"][None, :], parts["v"][None, :], p)
         collision = self.law.solve(numeric, time, q[0][self.here], v[0][self.here])
-        x[self.index] = collision.impulses[list(self.setup.kept)]
+        x[self.index] = collision.impulses[list(self.setup.independent)]
         if after.phase.is_instant:
             chosen = after.scheme.eom.independent
             z = [s.value if i is None else float(parts["z"][i]) for s, i in self._state_places]

@@ -52,7 +52,7 @@ class Bounds:
 
 
 @dataclass(frozen=True)
-class _Made:
+class _CompiledProgram:
     """What is made for a program, in symbols of its own."""
 
     blocks: list[Block]
@@ -63,7 +63,7 @@ class _Made:
     packed: Cache = field(default_factory=partial(Cache, OPTION_SETS))
 
 
-_MADE = Cache(KEPT_VARIABLES, size=lambda made: made.nlp.size + PROGRAM_IN_VARIABLES)
+_COMPILED = Cache(KEPT_VARIABLES, size=lambda made: made.nlp.size + PROGRAM_IN_VARIABLES)
 
 
 class CollocationProgram:
@@ -85,7 +85,7 @@ class CollocationProgram:
     ):
         self._free, self.held = problem.free_parameters, held
         # one phase shares with others of the same start what holds no symbols
-        kept = setups[0].kept if len(setups) == 1 else Cache()
+        cache = setups[0].cache if len(setups) == 1 else Cache()
         expressions = [problem.terminal_cost, *[c.expression for c in problem.boundary]]
         nodes = {p.node.element_hash(): p for e in expressions for p in placeholders_in(e)}
         placeholders = list(nodes.values())
@@ -106,16 +106,16 @@ class CollocationProgram:
         self.scale = np.concatenate([*[p.scale for p in self.phases], *[c.scale for c in self.changes], free_scale])
         p = ca.vertcat(*[phase.p for phase in self.phases])
         #: typical size of the cost, so that the solver's tolerance means the same in any unit
-        self.cost_scale = kept.get_or_create("size of the cost", partial(self._size_of_cost, problem.terminal_cost))
+        self.cost_scale = cache.get_or_create("size of the cost", partial(self._size_of_cost, problem.terminal_cost))
 
-        def made() -> _Made:
+        def made() -> _CompiledProgram:
             blocks = [b for phase in self.phases for b in phase.blocks(self.parameter_index, p, self.cost_scale)]
             blocks += [b for change in self.changes for b in change.blocks(self.parameter_index, p)]
             blocks += self._boundary_blocks(problem, placeholders, p)
             blocks += [b for phase in self.phases for b in phase.time_blocks(p)]
-            return _Made(blocks, SparseProgram(self.size, [block.piece for block in blocks], p))
+            return _CompiledProgram(blocks, SparseProgram(self.size, [block.piece for block in blocks], p))
 
-        parts = made() if key is None else _MADE.get_or_create((key, self.scale.tobytes()), made, bounded=True)
+        parts = made() if key is None else _COMPILED.get_or_create((key, self.scale.tobytes()), made, bounded=True)
         self.blocks, self.nlp, self.solvers, self.packed = parts.blocks, parts.nlp, parts.solvers, parts.packed
 
     def _phases(

@@ -31,7 +31,7 @@ class EndConditions:
     """Independent conditions at the ends of a phase, in place of those that the user stated.
 
     `start` is the first state as far as the initial conditions decide it, `path` the poses from the start to the end;
-    what was found about them is in `kept`.
+    what was found about them is in `cache`.
     """
 
     def __init__(
@@ -42,9 +42,9 @@ class EndConditions:
         start: State,
         initial: State | Sequence[Condition],
         path: KinematicPath,
-        kept: Cache,
+        cache: Cache,
     ):
-        self._phase, self._numeric, self._start, self._path, self._kept = phase, numeric, start, path, kept
+        self._phase, self._numeric, self._start, self._path, self._cache = phase, numeric, start, path, cache
         self._free = problem.free_parameters
         self._at_end = at_end_alone(problem) if phase is problem.phases[-1] else []
         self._follows = phase is not problem.phases[0]
@@ -63,7 +63,7 @@ class EndConditions:
         #: of a program with these conditions: the stated ones, and which of them are kept
         self.key = (self._final_key, self._initial_key)
         #: whether conditions of a place say nothing to first order there, such as at the top of a circle
-        self.are_singular: bool = kept.get_or_create("singular", lambda: self._are_singular(ranks))
+        self.are_singular: bool = cache.get_or_create("singular", lambda: self._are_singular(ranks))
 
     def at(
         self,
@@ -74,7 +74,7 @@ class EndConditions:
     ) -> EndConditions:
         """Return the same conditions at the end with another start, and at other values of the parameters."""
         other = copy(self)
-        other._numeric, other._start, other._kept = numeric, start, Cache()
+        other._numeric, other._start, other._cache = numeric, start, Cache()
         began = {*(self.initial or []), *self._initial_key}
         other.implied = {c: width for c, width in self.implied.items() if c not in began}
         other.initial = other._initial(initial, partial(ranks_of, problem, self._phase, numeric))
@@ -108,7 +108,7 @@ class EndConditions:
             independent = timed.independent(rows, state, self._prescribed)
             return list(map(rows.index, independent)), timed.each_singular(independent, state)
 
-        places, singular = self._kept.get_or_create("final conditions", found)
+        places, singular = self._cache.get_or_create("final conditions", found)
         independent = [rows[k] for k in places]
         stationary = {c: self._stationary(c) for c, is_so in zip(independent, singular, strict=True) if is_so}
         kept = [c for c in independent if not stationary.get(c)]
@@ -173,7 +173,7 @@ class EndConditions:
             complete = not others and not contains_any(fixed, self._free)
             return list(map(rows.index, kept)), complete and untimed.complete([*self._prescribed, *kept])
 
-        places, complete = self._kept.get_or_create("initial conditions", found)
+        places, complete = self._cache.get_or_create("initial conditions", found)
         if complete:
             self._initial_key = ()
             return None

@@ -55,7 +55,7 @@ class PhaseProgram:
     waypoints, mesh points that move, end) if one of them is free; each divided by its typical size. The mesh fractions
     are data, so that one compiled program serves every mesh with as many intervals in each piece.
 
-    Values of `integrals` accumulate along it. At the points `held` of every interval path limits hold, by label,
+    Values of `integrals` accumulate along it. At the points `enforced` of every interval path limits hold, by label,
     besides stages and mesh points.
     """
 
@@ -66,7 +66,7 @@ class PhaseProgram:
         mesh: Mesh,
         place: PhasePlace,
         integrals: Sequence[Placeholder] = (),
-        held: Sequence[tuple[str, float]] = (),
+        enforced: Sequence[tuple[str, float]] = (),
     ):
         self.number, self._first, self.begins = place.number, place.first, place.begins
         self.setup, self.phase, self.scheme, self.scales = setup, setup.phase, setup.scheme, setup.scales
@@ -81,7 +81,7 @@ class PhaseProgram:
         #: places of the start, the waypoints and the end among the knots of the mesh
         self.stated_knots = [k for k, point in enumerate(mesh.knots.tolist()) if point in stated]
         self.arguments = setup.arguments
-        self.integrals, self._held = list(integrals), held
+        self.integrals, self._enforced = list(integrals), enforced
         self.point_size = self.scheme.point_size + len(self.integrals)
         point_scale, self.inner_scale = self.scheme.sizes(self.reduced_scales)
         self.point_scale = np.concatenate([point_scale, [self.typical_value(p) for p in self.integrals]])
@@ -238,7 +238,7 @@ class PhaseProgram:
             changes = self.sizes.of_changes([c.expression for c in equalities])
             return [*of_limits.tolist(), *changes.tolist()]
 
-        found = self.setup.kept.get_or_create("sizes of conditions", sizes)
+        found = self.setup.cache.get_or_create("sizes of conditions", sizes)
         return dict(zip([*limits, *equalities], found, strict=True))
 
     # --- blocks ---------------------------------------------------------------------------
@@ -306,9 +306,9 @@ class PhaseProgram:
             here = equalities if tau > 0 or not scheme.inputs.joined else []
             place([*here, *([*limits, *self._limits_of_states] if 0 < tau < 1 else [])], at, tau)
         place(limits, end, 1.0)
-        for tau in sorted({tau for _, tau in self._held}):
-            held = [c for c in self.limits_at_points if tau in self.held_at(c)]
-            place(held, scheme.at(unknowns.interval, tau), tau)
+        for tau in sorted({tau for _, tau in self._enforced}):
+            here = [c for c in self.limits_at_points if tau in self.enforced_at(c)]
+            place(here, scheme.at(unknowns.interval, tau), tau)
         return groups + self._input_limit_rows(unknowns, end)
 
     def _input_limit_rows(self, unknowns: Unknowns, at: CollocationPoint) -> list[Rows]:
@@ -339,9 +339,9 @@ class PhaseProgram:
         of_inputs = [c for limits in self._limits_of_inputs.values() for c in limits]
         return [*(c for c in self.phase.path if not c.equality and c not in of_inputs), *self._limits_of_states]
 
-    def held_at(self, condition: Condition) -> list[float]:
-        """Points of an interval at which a limit is held besides stages and mesh points."""
-        return [tau for label, tau in self._held if label == condition.label]
+    def enforced_at(self, condition: Condition) -> list[float]:
+        """Points of an interval at which a limit is enforced besides stages and mesh points."""
+        return [tau for label, tau in self._enforced if label == condition.label]
 
     @cached_property
     def _limits_of_states(self) -> list[Condition]:

@@ -98,8 +98,8 @@ class ProblemSetup:
         shares = self._is_own_start or start == "state"
         if near is not None and (near.settings_key != settings.key or not self._is_decided_by_states):
             near = None
-        kept = problem.compiled.setups if shares and (near is None or key in problem.compiled.setups) else Cache()
-        ready = kept.get_or_create_quietly(key, partial(self._make, numerics, signals, near), bounded=True)
+        cache = problem.compiled.setups if shares and (near is None or key in problem.compiled.setups) else Cache()
+        ready = cache.get_or_create_quietly(key, partial(self._make, numerics, signals, near), bounded=True)
         self.start, self.free_values, self.setups, self.changes = ready
         if isinstance(self.initial, State):  # those that are given as states share their setups
             self.start = self.initial
@@ -193,8 +193,8 @@ class ProblemSetup:
                     start, initial = _at_rest(phase, poses.starts[k], spans[k][0], numeric.p), phase.initial
                 path = self._path_to(poses.ends[k], phase, numeric, start, spans[k])
             time = usual if phase.is_instant else None
-            kept = self.of_start if len(phases) == 1 else Cache()
-            self.setups.append(PhaseSetup(problem, phase, self.settings, numeric, start, initial, path, time, kept))
+            cache = self.of_start if len(phases) == 1 else Cache()
+            self.setups.append(PhaseSetup(problem, phase, self.settings, numeric, start, initial, path, time, cache))
         if poses is not None:
             pairs = zip(itertools.pairwise(self.setups), poses.ends, ends.tolist(), strict=False)
             self.changes += [ChangeSetup.at(*pair, pose, t, problem.free_parameters) for pair, pose, t in pairs]

@@ -112,7 +112,7 @@ class PhaseSetup:
 
     `start` is the first state as far as the initial conditions decide it, `path` the poses from the start to the end
     with the times of start, waypoints and end to begin with; `time` is the typical one, s, of a phase of no duration.
-    Numbers and compiled functions that follow from all of these are in `kept`.
+    Numbers and compiled functions that follow from all of these are in `cache`.
     """
 
     def __init__(
@@ -125,20 +125,20 @@ class PhaseSetup:
         initial: State | Sequence[Condition],
         path: KinematicPath | None = None,
         time: float | None = None,
-        kept: Cache | None = None,
+        cache: Cache | None = None,
     ):
         numeric.refuse_missing_mass(start.t, start.q)
         self.phase, self.numeric, self.start = phase, numeric, start
-        self.kept = Cache() if kept is None else kept
-        self.path = self.kept.get_or_create_quietly("path", lambda: self._path(problem)) if path is None else path
-        self.ends = EndConditions(problem, phase, numeric, start, initial, self.path, self.kept)
+        self.cache = Cache() if cache is None else cache
+        self.path = self.cache.get_or_create_quietly("path", lambda: self._path(problem)) if path is None else path
+        self.ends = EndConditions(problem, phase, numeric, start, initial, self.path, self.cache)
         self.extra_parameters = problem.extra_parameters(phase)
         eom = phase.equations
         #: symbols that an expression of the problem may contain
         self.arguments = [eom.t, eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u, phase.input_rates, eom.p]
         self.arguments.append(ca.vertcat(ca.SX(0, 1), *self.extra_parameters))
         #: typical sizes of the mechanism and its motion, and of the parameters that the mechanism does not have
-        self.scales, self._parameter_sizes = self.kept.get_or_create("scales", lambda: self._scales(problem, time))
+        self.scales, self._parameter_sizes = self.cache.get_or_create("scales", lambda: self._scales(problem, time))
         self.scheme = self._bound_scheme(problem, settings, initial)
         #: settings for which it was made
         self.settings_key = settings.key
@@ -152,7 +152,7 @@ class PhaseSetup:
     ) -> PhaseSetup:
         """Return the same setup, with the path from its own start, for another one and other values of parameters."""
         other = copy(self)
-        other.numeric, other.kept = numeric, Cache()
+        other.numeric, other.cache = numeric, Cache()
         other.ends = self.ends.at(problem, numeric, start, initial)
         for name in ("sizes", "loads"):
             other.__dict__.pop(name, None)
@@ -210,9 +210,9 @@ class PhaseSetup:
         rows, weights = self._independent_rows(eom), self.numeric.weights[eom.independent]
         sizes = self.numeric.weights.tobytes(), self.numeric.light_key
         key = "scheme", place, settings.key, curved, tuple(rows), basis, *sizes
-        kept = problem.shared.get_or_create(key, Cache, bounded=True) if settings.are_known else Cache()
+        cache = problem.shared.get_or_create(key, Cache, bounded=True) if settings.are_known else Cache()
         path_constraints = problem.differentiated_path_constraints(self.phase)
-        constraints = MotionConstraints(eom, self.numeric, rows, path_constraints, kept)
+        constraints = MotionConstraints(eom, self.numeric, rows, path_constraints, cache)
         return settings.transcription.bound_to(constraints, weights, basis, known)
 
     def _independent_rows(self, eom: ReducedEquations) -> list[int]:

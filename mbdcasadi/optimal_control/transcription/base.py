@@ -251,9 +251,9 @@ class Transcription(ABC):
             first, inner, last, start, length, tau, self.eom.p,
         ]  # fmt: skip
 
-    def _kept(self, name: str, terms: Callable[[], tuple[list[ca.SX], Sequence[ca.SX]]]) -> ca.Function:
+    def _compiled(self, name: str, terms: Callable[[], tuple[list[ca.SX], Sequence[ca.SX]]]) -> ca.Function:
         """A function by its name, made of its arguments and results if there is none yet."""
-        return self.constraints.kept.get_or_create(name, lambda: ca.Function(name, *terms()))
+        return self.constraints.cache.get_or_create(name, lambda: ca.Function(name, *terms()))
 
     @cached_property
     def _compiled_point(self) -> ca.Function:
@@ -261,7 +261,7 @@ class Transcription(ABC):
             interval, symbols = self._symbolic_interval()
             return symbols, [ca.densify(x) for x in self.point(interval, symbols[5]).values]
 
-        return self._kept("point", terms)
+        return self._compiled("point", terms)
 
     @cached_property
     def motion(self) -> Evaluator:
@@ -272,7 +272,7 @@ class Transcription(ABC):
             at = self.expanded(self.at(interval, symbols[5]), self.eom.p)
             return symbols, [ca.densify(x) for x in at.values]
 
-        return self.constraints.kept.get_or_create("motion", lambda: Evaluator(ca.Function("motion", *terms())))
+        return self.constraints.cache.get_or_create("motion", lambda: Evaluator(ca.Function("motion", *terms())))
 
     def at(self, interval: Interval, tau: Any) -> CollocationPoint:
         """:meth:`point`, by a function that is compiled once; at numbers it is evaluated once, too."""
@@ -365,11 +365,11 @@ class Transcription(ABC):
     @cached_property
     def _residuals(self) -> ca.Function:
         eom, constraints = self.eom, self.constraints
-        return self._kept("residuals", lambda: ([*eom.symbols], [eom.motion, constraints.acceleration_residual]))
+        return self._compiled("residuals", lambda: ([*eom.symbols], [eom.motion, constraints.acceleration_residual]))
 
     @cached_property
     def _state_rates(self) -> ca.Function:
-        return self._kept("rates", lambda: ([*self.eom.symbols], [self.eom.z_rate]))
+        return self._compiled("rates", lambda: ([*self.eom.symbols], [self.eom.z_rate]))
 
     def state_rates(self, at: CollocationPoint, p: ca.SX) -> ca.SX:
         """Rates of the first-order states at a point."""

@@ -25,7 +25,7 @@ class MotionConstraints:
     conditions that prescribe the motion, in parameters of the mechanism, see
     :meth:`ProblemStatement.differentiated_path_constraints`. The equations at the parameters that are given, `numeric`,
     give the sizes of the rows. Compiled functions of these choices, and of a scheme that works with them, are in
-    `kept`.
+    `cache`.
     """
 
     def __init__(
@@ -34,9 +34,9 @@ class MotionConstraints:
         numeric: NumericEquations,
         rows: Sequence[int],
         path_constraints: Sequence[Condition],
-        kept: Cache,
+        cache: Cache,
     ):
-        self.eom, self.rows, self.kept, self._numeric = eom, [int(k) for k in rows], kept, numeric
+        self.eom, self.rows, self.cache, self._numeric = eom, [int(k) for k in rows], cache, numeric
         place = {int(k): i for i, k in enumerate(eom.position_rows)}
         positions = [c for c in path_constraints if not c.depends_on("velocity")]
         velocities = [c for c in path_constraints if c.depends_on("velocity")]
@@ -68,7 +68,7 @@ class MotionConstraints:
     def function(self) -> ca.Function:
         """``(t, q, p) -> (Phi, its Jacobian, Phi_q, nu)``: position rows, then all rows."""
         eom = self.eom
-        return self.kept.get_or_create(
+        return self.cache.get_or_create(
             "constraints", lambda: ca.Function("constraints", [eom.t, eom.q, eom.p], self._terms[:4])
         )
 
@@ -83,12 +83,12 @@ class MotionConstraints:
     def least_norm(self) -> ca.Function:
         """``(t, q, lam, p) -> lam``, of all coordinates: multipliers of least norm with the same loads."""
         light = self._numeric.augmentation is not None
-        return self.kept.get_or_create("least norm", lambda: self._implied_rows.least_norm(light=light))
+        return self.cache.get_or_create("least norm", lambda: self._implied_rows.least_norm(light=light))
 
     @property
     def independent(self) -> Evaluator:
         """``(t, q, lam, p) -> lam``, of all coordinates: multipliers of independent rows with the same loads."""
-        return self.kept.get_or_create("independent", lambda: Evaluator(self._implied_rows.independent()))
+        return self.cache.get_or_create("independent", lambda: Evaluator(self._implied_rows.independent()))
 
     @property
     def acceleration_residual(self) -> ca.SX:
