@@ -396,3 +396,49 @@ def test_a_state_brings_its_parameters_to_all_phases():
     phases = [mbd.Phase("first", one, 0.1, initial=start), mbd.Phase("second", other, (0.01, 3), final=[body.vy == 0])]
     found = mbd.optimize(mbd.OptimalControlProblem(phases=phases, terminal_cost=-body.y), intervals=4)
     assert -found.cost == pytest.approx(2**2 / (2 * 3.0), rel=1e-8)
+
+
+def from_bar_to_bar():
+    """Two links with a motor in the elbow that swing on a bar, and go on on the next one, which the hand takes."""
+    a = mbd.Body("a", 1, 1 / 48, pose=(-0.15, -0.2, np.arctan2(-0.4, -0.3)))
+    b = mbd.Body("b", 1, 1 / 48, pose=(-0.15, -0.6, np.arctan2(-0.4, 0.3)))
+    u = mbd.Input("u", lower=-20, upper=20)
+    hold, elbow = (
+        mbd.Revolute(n, x, y)
+        for n, x, y in (("hold", mbd.ground.at(0, 0), a.at(-0.25, 0)), ("elbow", a.at(0.25, 0), b.at(-0.25, 0)))
+    )
+    grasp = mbd.Revolute("grasp", mbd.ground.at(0.6, 0), b.at(0.25, 0))
+    first = mbd.Mechanism(
+        [a, b], joints=[hold, elbow], forces=[mbd.Gravity(), mbd.Torque("motor", b, u, opposite=a)], inputs=[u]
+    )
+    start = [a.phi == -np.pi / 2 - 0.5, b.phi == -np.pi / 2, a.omega == 0, b.omega == 0]
+    swing = mbd.Phase("swing", first, (0.3, 2), initial=start, running_cost=u**2)
+    end, impulse = [a.at(-0.25, 0).x == 0.8, a.omega == 0], mbd.norm(grasp.impulse_on(b).force)
+    catch = mbd.Phase(
+        "catch", first.replace(joints=[elbow, grasp]), (0.3, 2), initial=[impulse <= 3], final=end, running_cost=u**2
+    )
+    return mbd.OptimalControlProblem(phases=[swing, catch]), grasp
+
+
+@pytest.mark.slow
+def test_open_chains_keep_their_angles_alone_in_phases_too():
+    """With the impulses of all joints at the change; in all coordinates the motion is an optimum as well."""
+    problem, grasp = from_bar_to_bar()
+    solution = mbd.optimize(problem, intervals=30)
+    assert [part.program.scheme.eom.is_chain for part in solution.phases] == [True, True]
+    assert np.max(solution.verify().defects) < 1e-3 and solution.verify().time_error < 1e-4
+    whole = mbd.optimize(problem, intervals=30, guess=solution.trajectory)
+    assert [part.program.scheme.eom.is_chain for part in whole.phases] == [False, False]
+    assert whole.statistics.variables > 2 * solution.statistics.variables
+    assert whole.cost == pytest.approx(solution.cost, rel=3e-3)
+    impulses = [one.trajectory.events[0].after.impulses[grasp] for one in (solution, whole)]
+    np.testing.assert_allclose(impulses[0], impulses[1], rtol=0.02)
+
+
+def test_only_the_phases_that_are_chains():
+    """A chain whose end a latch takes is a loop afterwards, in all coordinates."""
+    problem, grasp = from_bar_to_bar()
+    swing, _ = problem.phases
+    held = swing.mechanism.replace(joints=[*swing.mechanism.joints, grasp])
+    solution = mbd.optimize(problem.replace(phases=[swing, mbd.Phase("held", held, 0)]), intervals=20)
+    assert [part.program.scheme.eom.is_chain for part in solution.phases] == [True, False]

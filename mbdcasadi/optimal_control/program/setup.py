@@ -98,13 +98,10 @@ def _scheme(transcription: Any, degree: Any) -> Transcription:
         ) from None
 
 
-def is_open_chain(problem: OptimalControlProblem) -> bool:
+def has_open_chains(problem: OptimalControlProblem) -> bool:
     """Return True if a mechanism is an open chain whose angles alone are a better choice than all coordinates."""
-    if len(problem.phases) > 1:  # impulses of the changes belong to the rows of all coordinates
-        return False
     mechanisms = [phase.equations for phase in problem.phases]
-    chains = [eom for eom in mechanisms if reduced_equations(eom).rows]
-    return bool(chains) and all(map(is_chain_in_angles, chains))
+    return any(reduced_equations(eom).rows and is_chain_in_angles(eom) for eom in mechanisms)
 
 
 class PhaseSetup:
@@ -198,7 +195,8 @@ class PhaseSetup:
         self, problem: OptimalControlProblem, settings: Settings, initial: State | Sequence[Condition]
     ) -> Transcription:
         curved = not self.ends.are_singular
-        eom = reduced_equations(self.phase.equations, curved=curved, angles=settings.angles)
+        angles = settings.angles and is_chain_in_angles(self.phase.equations)
+        eom = reduced_equations(self.phase.equations, curved=curved, angles=angles)
         # an input that drives a first-order state could else move it unseen: by a polynomial that is zero at all stages
         drives = bool(eom.u.numel() and eom.z.numel()) and bool(ca.depends_on(eom.z_rate, eom.u))
         inner, joined = settings.transcription.input_points(lower_degree=drives)

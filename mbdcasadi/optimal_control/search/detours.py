@@ -88,7 +88,7 @@ def _swinging_angles(solver: ProblemSolver) -> list[int]:
     """Angles of a chain in angles, of one phase, with fewer inputs than coordinates, from the ground on; else none."""
     setup = solver.setups[0]
     eom = setup.scheme.eom
-    if not eom.is_chain or eom.u.numel() >= eom.q.numel():
+    if len(solver.setups) > 1 or not eom.is_chain or eom.u.numel() >= eom.q.numel():
         return []
     moved = np.bincount(eom.expansion.jac_sparsity(0, 1).get_triplet()[1], minlength=eom.q.numel())
     places = [k for k, place in enumerate(eom.independent) if setup.scales.angles[place]]

@@ -43,8 +43,8 @@ def read_guess(solver: ProblemSolver, guess: Any) -> Guess:
     given = [part for part in guess.phases if part.t[-1] > part.t[0]] if len(phases) > 1 else [guess]
     if len(given) != len(needed):
         raise ModelError(
-            f"optimize: the motion given as guess goes through {len(given)} mechanism{'s' * (len(given) != 1)}, the "
-            f"problem through {len(needed)} phases, {', '.join(repr(phase.name) for phase in needed)}"
+            f"optimize: the motion given as guess goes through {len(given)} mechanism{'s' * (len(given) != 1)}, which "
+            f"are not those of the phases {', '.join(repr(phase.name) for phase in needed)} in their order"
         )
     parts, time, description = [], 0.0, "trajectory"
     for phase, setup in zip(phases, solver.setups, strict=True):

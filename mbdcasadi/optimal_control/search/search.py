@@ -40,7 +40,7 @@ from ..measures.time_jumps import meshes_at_jumps
 from ..motion.guess import Guess
 from ..problem import OptimalControlProblem
 from ..program.limit_sides import LimitSides
-from ..program.setup import PhaseSetup, Settings, is_open_chain
+from ..program.setup import PhaseSetup, Settings, has_open_chains
 from ..solution import Shifted, Solution
 from ..solve.best_so_far import BestSoFar
 from ..solve.problem_solver import ProblemSolver
@@ -148,7 +148,7 @@ class Search:
             settings = replace(settings, options=sharp_options(tolerance) | settings.options)
         if isinstance(near, Solution) and starts is None:
             return [replace(settings, angles=near.settings.angles)]
-        if near is None and not isinstance(starts, Iterable) and is_open_chain(self.problem):
+        if near is None and not isinstance(starts, Iterable) and has_open_chains(self.problem):
             return [replace(settings, angles=True), settings]
         return [settings]
 
