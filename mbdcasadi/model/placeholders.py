@@ -19,11 +19,11 @@ from .quantities import quantity
 from .symbols import Scalar, as_sx, register, role_of, symbols_of
 from .texts import text_of
 
-#: Kinds of placeholders, and the symbols that mark them.
+#: Kinds of placeholders, and the symbols that mark them; their roles have the kind and the phase as owner.
 MARKERS = {kind: ca.SX.sym(kind) for kind in ("at_start", "at_end", "integral")}
 #: Kinds that stand for parts of an expression in a running cost, and the symbols that mark them.
 PARTS = {kind: ca.SX.sym(kind) for kind in ("positive_part", "absolute")}
-_ROLES = [register(marker, "placeholder", kind, owner=kind) for kind, marker in (MARKERS | PARTS).items()]
+_ROLES = [register(marker, "placeholder", kind, owner=(kind, None)) for kind, marker in (MARKERS | PARTS).items()]
 #: Operation that joins an expression and its marker; no model computes with it.
 _MARKED = ca.OP_PRINTME
 
@@ -51,7 +51,7 @@ def markers_of(name: str, owner: Any) -> dict[str, tuple[ca.SX, Any]]:
     """Return markers that mean the start, the end and the whole of one phase, with roles that live as long."""
     markers = {kind: ca.SX.sym(f"{name}.{kind}") for kind in MARKERS}
     weak = weakref.ref(owner)  # the phase holds its markers
-    return {kind: (x, register(x, "placeholder", f"{name}.{kind}", owner=weak)) for kind, x in markers.items()}
+    return {kind: (x, register(x, "placeholder", f"{name}.{kind}", owner=(kind, weak))) for kind, x in markers.items()}
 
 
 def marked(marker: tuple[ca.SX, Any], expression: Any) -> ca.SX:
@@ -196,8 +196,9 @@ def _rebuilt(expression: ca.SX, value: Callable[[Placeholder], Any], known: dict
 
 def _placeholder(marker: ca.SX, expression: ca.SX, node: ca.SX) -> Placeholder:
     role = role_of(marker)
-    kind = marker.name().rsplit(".", 1)[-1]
-    return Placeholder(kind, expression, node, role.owner() if role is not None and callable(role.owner) else None)
+    assert role is not None
+    kind, phase = role.owner
+    return Placeholder(kind, expression, node, None if phase is None else phase())
 
 
 def _with_operands(node: ca.SX, old: list[ca.SX], new: list[ca.SX]) -> ca.SX:
