@@ -85,13 +85,14 @@ class Solution(SolvedMotion):
     """
 
     def state(self, index: int) -> State:
-        """State at a mesh point, by index."""
-        self._refuse_phases("state", "take the states of .phases[k].trajectory")
-        part = self.phases[0]
-        points = part.mesh.count + 1
+        """State at a point of :attr:`mesh`, by index; at a change from phase to phase the one just before."""
+        counts = [part.mesh.count for part in self.phases]
+        ends, points = np.cumsum(counts), self.mesh.size
         if isinstance(index, bool) or not isinstance(index, int | np.integer) or not -points <= index < points:
             raise MechanismError(f"the solution has {points} mesh points, and none of index {index!r}")
-        return part.trajectory.state((index % points) * part.points_per_interval)
+        k = int(np.searchsorted(ends, index % points))
+        part, place = self.phases[k], index % points - int(ends[k] - counts[k])
+        return part.trajectory.state(place * part.points_per_interval)
 
     def shifted(self, time: float) -> Shifted:
         """The motion from a later time on, as a guess: what follows its end stays as it ends.

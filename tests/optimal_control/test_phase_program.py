@@ -420,6 +420,20 @@ def from_bar_to_bar():
     return mbd.OptimalControlProblem(phases=[swing, catch]), grasp
 
 
+def test_states_at_the_points_of_the_mesh():
+    """Through all phases; at a change the state just before it, as everywhere in the motion."""
+    problem, _ = from_bar_to_bar()
+    solution = mbd.optimize(problem, intervals=[6, 4])
+    states = [solution.state(k) for k in range(11)]
+    np.testing.assert_allclose([state.t for state in states], solution.mesh)
+    swing, catch = problem.phases
+    assert [s.mechanism for s in states] == [swing.mechanism] * 7 + [catch.mechanism] * 4
+    np.testing.assert_allclose(states[6].v, solution.trajectory.at(solution.mesh[[6]]).v[0], atol=1e-9)
+    assert solution.state(-11).t == 0
+    with pytest.raises(mbd.MechanismError, match="11 mesh points, and none of index 11"):
+        solution.state(11)
+
+
 @pytest.mark.slow
 def test_open_chains_keep_their_angles_alone_in_phases_too():
     """With the impulses of all joints at the change; in all coordinates the motion is an optimum as well."""
@@ -442,3 +456,4 @@ def test_only_the_phases_that_are_chains():
     held = swing.mechanism.replace(joints=[*swing.mechanism.joints, grasp])
     solution = mbd.optimize(problem.replace(phases=[swing, mbd.Phase("held", held, 0)]), intervals=20)
     assert [part.program.scheme.eom.is_chain for part in solution.phases] == [True, False]
+    assert solution.state(-1).t == solution.duration and solution.state(20).mechanism is swing.mechanism
