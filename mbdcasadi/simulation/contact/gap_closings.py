@@ -7,11 +7,9 @@ bound of these, by halving intervals until a gap is seen to close or cannot.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
-from ...numerics.roots import bracketed_root
 from ..path import Path, hermite_states
 from ..stepper import Stepper
 from .watched_terms import SHALLOW, WatchedTerms
@@ -132,9 +130,15 @@ class GapClosings:
 
     def _located(self, path: Path, owner: int, inside: float, before: float) -> Closing:
         """Closing of a gap from a time at which it is closed, and one before."""
-        gaps_at = partial(self._of, owner, path)
-        ends = gaps_at(np.array([before, inside]))[0].tolist()
-        inside = opened = bracketed_root(lambda times: gaps_at(times)[0], before, inside, *ends)
+        opened = before
+        for _ in range(60):
+            middle = (opened + inside) / 2
+            if not opened < middle < inside:
+                break
+            if self._of(owner, path, np.array([middle]))[0][0] > 0:
+                opened = middle
+            else:
+                inside = middle
         # up to where the path is seen open again, which may have many times inside
         later = path.times[np.searchsorted(path.times, inside, side="right").clip(max=path.times.size - 1) :]
         apart = self._of(owner, path, later)[0] >= 0
