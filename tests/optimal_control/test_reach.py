@@ -173,6 +173,24 @@ def test_a_waypoint_on_the_other_branch():
     assert error.time == 0.5
 
 
+def test_a_branch_is_that_of_all_phases_that_keep_the_joints():
+    """A load that the rocker takes along changes nothing; once a joint has opened the other assembly may be reached."""
+    rocker = float(mirrored_state(2.0)[2].q[8])
+    f = library.four_bar()
+    start = [f.crank.phi == 1.0, f.crank.omega == 0]
+
+    def problem(later):
+        go = mbd.Phase("go", f.mechanism, 1.0, initial=start, final=[f.crank.phi == 2], running_cost=f.tau**2)
+        on = mbd.Phase("on", later, 1.0, final=[f.rocker.phi == rocker], running_cost=f.tau**2)
+        return mbd.OptimalControlProblem(phases=[go, on])
+
+    spring = mbd.RSDA("spring", mbd.ground.at(0, 0), f.crank.at(0, 0), stiffness=1.0)
+    loaded = f.mechanism.replace(forces=[*f.mechanism.forces, spring])
+    not_reached(problem(loaded), "the end of phase 'on' is on another branch")
+    opened = f.mechanism.replace(joints=[joint for joint in f.mechanism.joints if joint is not f.C])
+    assert not is_refused(problem(opened))
+
+
 def test_a_way_that_a_limit_blocks():
     """The crank passes the pose in which the rocker is farthest: with less for the rocker it turns back before."""
     f = library.four_bar()

@@ -19,6 +19,7 @@ from ...kinematics.branches import Branches
 from ...kinematics.reach import Free, Reach
 from ...kinematics.reachable import Obstacle, obstacle_to
 from ...model.conditions import Condition, stacked
+from ...model.mechanism import Mechanism
 from ...numerics.lazy import cached_property
 from ...results.phases import places_in
 from ...results.state import State
@@ -106,7 +107,7 @@ def _hold_at(setup: PhaseSetup, conditions: Sequence[Condition], times: np.ndarr
 
 
 class _Loops:
-    """Closed loops of one degree of freedom in the first phase, if the start decides their pose."""
+    """Closed loops of one degree of freedom of the first phase, if the start decides their pose."""
 
     def __init__(self, setup: ProblemSetup):
         first = setup.setups[0]
@@ -124,14 +125,22 @@ class _Loops:
         return jumps or not _hold_at(setup, setup.phase.path, path.times[before], path.poses[before])
 
     def branches(self, stated: Stated) -> Branches | None:
-        """The loops, if a place belongs to their phase; None if the start does not decide them."""
-        return None if not self._are_decided or stated.number else self._branches
+        """The loops, if the start decides them, and all joints and bodies stay up to a place; else None."""
+        first, *others = self._setup.problem.phases[: stated.number + 1]
+        stays = all(_holds_all(other.mechanism, first.mechanism) for other in others)
+        return self._branches if self._are_decided and stays else None
 
     @cached_property
     def _branches(self) -> Branches:
         setup = self._setup
         unknown = ca.vertcat(ca.SX(0, 1), *setup.problem.free_parameters)
         return Branches(setup.setups[0].numeric, setup.start.q, unknown)
+
+
+def _holds_all(mechanism: Mechanism, first: Mechanism) -> bool:
+    """Return True if a mechanism has the bodies of the first one, and all of its joints and drivers."""
+    held = {*mechanism.joints, *mechanism.drivers}
+    return mechanism.bodies == first.bodies and held.issuperset({*first.joints, *first.drivers})
 
 
 def _obstacle(setup: ProblemSetup, loops: _Loops, stated: Stated, poses: Sequence[np.ndarray]) -> Obstacle | None:
@@ -156,7 +165,7 @@ def _obstacle(setup: ProblemSetup, loops: _Loops, stated: Stated, poses: Sequenc
     reach = Reach(own.numeric, system.value(eom.Phi, places[phase]), rows(stated.conditions), free, setup.start.z)
     if not reach.rows:
         return None
-    limits = [(phase, c) for c in phase.path if not c.equality]
+    limits = [(phase, c) for c in phase.path if not c.equality and not stated.number]
     return obstacle_to(reach, poses, loops.branches(stated), lambda: rows(limits), own.start.q)
 
 
