@@ -162,6 +162,18 @@ def test_inputs_have_their_units():
         mbd.Input("u", unit=3)
 
 
+def test_a_solution_shows_the_inputs_of_all_its_phases():
+    """Also one that the first phase does not have."""
+    block, push = mbd.Body("block", 1, 1), mbd.Input("push", lower=-9, upper=9, unit="N")
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
+    free = mbd.Mechanism([block], joints=[guide])
+    pushed = free.replace(forces=[mbd.Force("push", block.at(0, 0), (push, 0))], inputs=[push])
+    slide = mbd.Phase("slide", free, 0.5, initial=[block.x == 0, block.vx == 1])
+    brake = mbd.Phase("brake", pushed, 0.5, final=[block.vx == 0], running_cost=push**2)
+    figure = mbd.plot_solution(mbd.optimize(mbd.OptimalControlProblem(phases=[slide, brake]), intervals=4))
+    assert figure.axes[0].get_ylabel() == "push, N"
+
+
 def test_long_labels_do_not_overprint():
     """They go on more lines, and stay within their axes."""
     model = mbd.library.four_bar()

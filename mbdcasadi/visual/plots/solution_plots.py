@@ -52,7 +52,7 @@ def plot_solution(solution: Solution, expressions: Mapping[str, Any] | None = No
         raise MechanismError(f"plot_solution: takes the result of optimize, got {solution!r}")
     states = _usual_states(solution) if expressions is None else _named(expressions)
     inputs, active, loads = (
-        solution.problem.mechanism.inputs,
+        list(solution.inputs),
         solution.active_limits,
         reaction_sizes(solution.trajectory)[0],
     )
@@ -127,7 +127,7 @@ def _input(axes: Axes, solution: Solution, fine: Any, symbol: Any) -> None:
 def _limits(solution: Solution, symbol: Any) -> list[ca.SX]:
     """Limits of an input as expressions: of those that are linear in it, and hold no other input."""
     limits = []
-    others = [u for u in solution.problem.mechanism.inputs if u is not symbol]
+    others = [u for u in solution.inputs if u is not symbol]
     for condition in (limit for phase in solution.phases for limit in phase.limits):
         slope = ca.jacobian(condition.expression, symbol)
         if not slope.nnz() or ca.depends_on(slope, symbol):
