@@ -137,12 +137,12 @@ def bounded(lower: Scalar, expression: Scalar, upper: Scalar) -> Bounded:
 
 
 def soft(relations: Relations, weight: Scalar) -> Soft:
-    """Return conditions for ``path=`` of an optimal-control problem that may be passed at a price.
+    """Return conditions for ``path=`` and ``final=`` of an optimal-control problem that may be passed at a price.
 
     The cost grows by ``weight`` times the amount by which a condition is passed, integrated over time: ``max(e, 0)`` of
     a limit ``e <= 0``, ``|e|`` of an equality ``e == 0``. The penalty is exact: if the weight is above the costate of
     the hard condition everywhere, see ``Solution.costates``, the soft one holds; below it, it is passed where that is
-    cheaper. Among the conditions of a waypoint the amount at its time counts, once.
+    cheaper. Among the conditions of a waypoint, and in ``final=``, the amount at that time counts, once.
 
     Parameters
     ----------
@@ -150,8 +150,8 @@ def soft(relations: Relations, weight: Scalar) -> Soft:
         Each component, and each side of :func:`bounded`, counts by itself.
     weight : float or expression
         Positive; a number or an expression in parameters. Its unit is that of the cost over that of the limit times
-        seconds: in ``running_cost=tau**2`` with a limit in N, (N m)²/N; at a waypoint, that of the cost over that of
-        the limit.
+        seconds: in ``running_cost=tau**2`` with a limit in N, (N m)²/N; at a waypoint and at the end, that of the
+        cost over that of the limit.
 
     Returns
     -------
@@ -216,7 +216,7 @@ def read_condition(entry: Any, position: int) -> Sequence[Condition]:
         return [c for element in elements for c in _relation(element, position)]
     if isinstance(entry, Soft):
         raise ConditionError(
-            f"condition {position} is {entry!r}, which belongs in path= of an optimal-control problem, or in a waypoint"
+            f"condition {position} is {entry!r}, which belongs in path=, final= or a waypoint of optimal control"
         )
     hint = "write body.phi == 0.3"
     if isinstance(entry, bool):

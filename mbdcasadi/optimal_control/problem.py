@@ -12,14 +12,14 @@ import casadi as ca
 from ..errors import ExpressionError, ModelError
 from ..model.conditions import Condition, read_conditions
 from ..model.mechanism import Mechanism
-from ..model.placeholders import PARTS, placeholders_in, with_values
+from ..model.placeholders import PARTS, at_end, placeholders_in, with_values
 from ..model.quantities import listed, listed_by_name, refuse_twice, refuse_unknown
 from ..model.symbols import Parameter, describe, role_of, symbols_of
 from ..numerics.symbolic import symbolic
 from ..results.state import State
 from .poses.consistency import check_conditions
 from .statement.compiled import CompiledProblem
-from .statement.cost_parts import CostParts, hard_and_soft, parameter_parts, split_along_path
+from .statement.cost_parts import CostParts, SoftLimit, hard_and_soft, parameter_parts, price, split_along_path
 from .statement.phase import Phase, Waypoint, read_cost
 from .statement.statement import ProblemStatement
 from .statement.time_span import span_text, time_span
@@ -39,7 +39,7 @@ class OptimalControlProblem(ProblemStatement):
         that are not stated, such as the current of a motor, are free, too, while :func:`mbdcasadi.simulate` takes
         their initial values.
     final : sequence of relations, or State
-        Conditions at the end; a state fixes everything.
+        Conditions at the end, or :func:`mbdcasadi.soft` ones; a state fixes everything.
     path : sequence of relations
         Conditions that hold throughout: equalities, ``<=``, :func:`mbdcasadi.bounded`; in any
         expression of the model, rates of inputs (``tau.rate``) included. Those of :func:`mbdcasadi.soft` may be passed
@@ -109,7 +109,9 @@ class OptimalControlProblem(ProblemStatement):
         free = listed(free_parameters, Parameter, "free_parameters=")
         refuse_twice(free, "free_parameters=")
         parts = parameter_parts()
-        self.terminal_cost = parts.split(cost, "terminal_cost")
+        #: soft limits of the ends of the phases
+        self.soft_ends = tuple(parts.split_soft(self._at_end(phase)) for phase in self.phases)
+        self.terminal_cost = parts.split(cost, "terminal_cost") + sum(map(price, self.soft_ends), ca.SX(0))
         self.boundary = (*rows, *parts.limits)
         own = [*(p for phase in self.phases for w in phase.waypoints for p in w.parameters), *parts.symbols]
         self.free_parameters = (*free, *own)
@@ -117,9 +119,15 @@ class OptimalControlProblem(ProblemStatement):
         self._whole = {"terminal_cost": cost, "boundary": rows, "free_parameters": free}
         if not self.is_phased:
             self._whole |= {"path": (*phase.path, *phase.soft_limits), "running_cost": phase.own_cost}
+            if not isinstance(phase.final, State):
+                self._whole["final"] = (*phase.final, *phase.soft_final)
         self.compiled = CompiledProblem()
         self._check()
         check_conditions(self)
+
+    def _at_end(self, phase: Phase) -> list[SoftLimit]:
+        value = phase.at_end if self.is_phased else at_end
+        return [SoftLimit.of(limit.condition, limit.weight, value) for limit in phase.soft_final]
 
     def replace(self, **changes: Any) -> OptimalControlProblem:
         """Return a new problem with some arguments replaced."""

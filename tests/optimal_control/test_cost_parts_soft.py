@@ -114,6 +114,36 @@ def test_at_a_waypoint():
     assert use.amount == pytest.approx(0.2 - off, rel=1e-6) and use.cost == pytest.approx(5 * (0.2 - off), rel=1e-6)
 
 
+@pytest.mark.parametrize(("weight", "x"), [(10.0, 10 / 24), (100.0, 1.0)])
+def test_at_the_end(weight, x):
+    """Rest after x in 1 s costs 12 x², and its price what is missing to 1."""
+    problem, _u, block = rest_to_rest(1.0, 1.0)
+    nearly = problem.replace(final=[block.vx == 0, mbd.soft(block.x == 1, weight=weight)])
+    for same in (nearly, nearly.replace(duration=1.0, running_cost=problem.running_cost)):
+        solution = mbd.optimize(same, intervals=6)
+        assert solution.cost == pytest.approx(12 * x**2 + weight * (1 - x), rel=1e-6)
+        (use,) = solution.soft_limits
+        assert use.label == "final: block.x == 1" and use.amount == pytest.approx(1 - x, rel=1e-6)
+        assert use.cost == pytest.approx(weight * (1 - x), rel=1e-6)
+    assert not nearly.replace(final=[block.vx == 0]).free_parameters
+
+
+def test_ends_of_phases():
+    """The first one half of the way, at a price; a state of no duration too."""
+    problem, u, block = rest_to_rest(1.0, 1.0)
+    half = {"mechanism": problem.mechanism, "duration": 0.5, "running_cost": u**2}
+    there = mbd.soft(block.x == 0.7, weight=5)
+    start, end = [block.x == 0, block.vx == 0], [block.x == 1, block.vx == 0]
+    other, off = mbd.Phase("in", **half, final=end), 5 / 384
+    one, touch = mbd.Phase("out", **half, initial=start), mbd.Phase("touch", problem.mechanism, 0, final=there)
+    for name, first in (("out", [mbd.Phase("out", **half, initial=start, final=there)]), ("touch", [one, touch])):
+        solution = mbd.optimize(mbd.OptimalControlProblem(phases=[*first, other]), intervals=6)
+        assert solution.cost == pytest.approx(12 + 192 * off**2 + 5 * (0.2 - off), rel=1e-6)
+        (use,) = solution.soft_limits
+        assert use.label == f"final: block.x == 0.7 in phase '{name}'" and use.time == 0.5
+        assert use.amount == pytest.approx(0.2 - off, rel=1e-6)
+
+
 def test_phases_name_theirs(tmp_path):
     """Two halves of the way, of which one has the limit; read again from a file."""
     problem, u, block = rest_to_rest(1.0, 1.0)
@@ -166,7 +196,7 @@ def test_bad_soft_limits(make, error, message):
         make(block.x, mbd.Parameter("k", 1.0))
 
 
-@pytest.mark.parametrize("where", ["initial", "final", "boundary"])
+@pytest.mark.parametrize("where", ["initial", "boundary"])
 def test_where_it_does_not_belong(where):
     """With the place where it does."""
     problem, _u, block = rest_to_rest(1.0, 1.0)

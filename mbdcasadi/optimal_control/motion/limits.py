@@ -16,7 +16,7 @@ from ...results.state import State
 from ..program.limit_sides import Side, sides_of
 from ..statement.cost_parts import SoftLimit
 from ..statement.phase import BEYOND_STATES, with_rates
-from ..transcription.rows import INITIAL, PATH, Place, RowKind, RowName
+from ..transcription.rows import FINAL, INITIAL, PATH, Place, RowKind, RowName
 from .limit_excess import points_of
 from .phase_solution import PhaseSolution
 from .solved_motion import SolvedMotion
@@ -63,7 +63,7 @@ class SoftLimitUse:
     spans : tuple of (float, float)
         Times between which it is passed, s.
     cost : float
-        Its part of the cost: the weight times the integral of the amount, or the amount at a waypoint.
+        Its part of the cost: the weight times the integral of the amount, or the amount at a waypoint or at the end.
     """
 
     label: str
@@ -212,16 +212,17 @@ def _global_limits(solution: SolvedMotion) -> list[ActiveLimit]:
 
 
 def soft_limits(solution: SolvedMotion) -> list[SoftLimitUse]:
-    """Soft limits of all phases and waypoints, those that cost most first."""
+    """Soft limits of all phases, waypoints and ends, those that cost most first."""
     uses = []
     for number, part in enumerate(solution.phases):
         named = partial(_use, solution, number)
         uses += [named(PATH, limit, *_along(part, limit)) for limit in part.phase.soft_limits]
-        for k, (waypoint, time) in enumerate(zip(part.phase.waypoints, part.segment_times[1:-1], strict=True), start=1):
-            at = part.trajectory.at(time)
-            for limit in waypoint.soft_limits:
-                amount, cost = (np.ravel(at[x]) for x in (limit.amount, limit.weight * limit.amount))
-                uses.append(named(Place(f"waypoint {k}"), limit, np.array([time]), amount, float(cost[0])))
+        places = [(Place(f"waypoint {k}"), w.soft_limits) for k, w in enumerate(part.phase.waypoints, start=1)]
+        places.append((FINAL, solution.problem.soft_ends[number]))
+        for (place, limits), time in zip(places, part.segment_times[1:], strict=True):
+            for limit in limits:
+                amount, weight = solution.parameters[limit.amount], part.trajectory.initial[ca.SX(limit.weight)]
+                uses.append(named(place, limit, np.array([time]), np.array([amount]), float(weight) * amount))
     return sorted(uses, key=lambda use: -use.cost)
 
 

@@ -29,6 +29,12 @@ class SoftLimit:
     #: by which it is passed: a part of a cost, or the symbol in place of it
     amount: ca.SX
 
+    @staticmethod
+    def of(condition: Condition, weight: float | ca.SX, value: Callable[[ca.SX], ca.SX] = ca.SX) -> SoftLimit:
+        """Return the soft limit of a condition, with a value of its expression, such as that at the end."""
+        part = absolute if condition.equality else positive_part
+        return SoftLimit(condition, weight, part(value(condition.expression)))
+
 
 def hard_and_soft(conditions: Any) -> tuple[tuple[Condition, ...], tuple[SoftLimit, ...]]:
     """Return conditions that hold, and those that may be passed."""
@@ -40,9 +46,7 @@ def hard_and_soft(conditions: Any) -> tuple[tuple[Condition, ...], tuple[SoftLim
         if isinstance(entry, SoftLimit):
             soft.append(entry)
         elif isinstance(entry, Soft):
-            for c in entry.conditions:
-                amount = absolute(c.expression) if c.equality else positive_part(c.expression)
-                soft.append(SoftLimit(c, entry.weight, amount))
+            soft += [SoftLimit.of(condition, entry.weight) for condition in entry.conditions]
         else:
             hard += read_condition(entry, position)
     return tuple(hard), tuple(soft)

@@ -24,7 +24,7 @@ from ...model.texts import text_of
 from ...numerics.lazy import cached_property
 from ...numerics.symbolic import symbolic
 from ...results.state import Conditions, State
-from .cost_parts import CostParts, hard_and_soft, parameter_parts, price, split_along_path
+from .cost_parts import CostParts, SoftLimit, hard_and_soft, parameter_parts, price, split_along_path
 from .state_conditions import independent_state_conditions
 from .time_span import span_text, time_span
 
@@ -107,7 +107,7 @@ class Phase(Immutable):
     initial, final : sequence of relations, or State
         Conditions at the start and at the end; a state fixes everything, anything not stated is free. Those at the
         start hold just after the change into the phase, and may contain impulses; those at the end just before the
-        change out of it.
+        change out of it, and :func:`soft` ones may be passed.
     path : sequence of relations
         Conditions that hold throughout the phase, or that may be passed at a price, see :func:`soft`.
     running_cost : expression
@@ -137,7 +137,7 @@ class Phase(Immutable):
         mechanism: Mechanism,
         duration: float | tuple[float, float],
         initial: Conditions = (),
-        final: Conditions = (),
+        final: State | SoftRelations = (),
         path: Any = (),
         running_cost: Scalar = 0,
         waypoints: Any = (),
@@ -156,7 +156,9 @@ class Phase(Immutable):
         self.equations: Equations = equations(self.mechanism)
         self.span = time_span(duration, what, "duration", instant=True)
         self.initial = read_state_or_conditions(initial, mechanism)
-        self.final = read_state_or_conditions(final, mechanism)
+        self.soft_final: tuple[SoftLimit, ...]
+        end, self.soft_final = (final, ()) if isinstance(final, State) else hard_and_soft(final)
+        self.final = read_state_or_conditions(end, mechanism)
         self.waypoints = tuple(map(_without_parts, _read_waypoints(waypoints, self.span)))
         self.restitution: dict[Any, float] = read_restitution(restitution, what)
         if self.restitution:
