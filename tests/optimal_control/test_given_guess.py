@@ -175,6 +175,7 @@ def test_guesses_of_phases():
         ([0, np.nan], "value nan as sample 1"),
         (([0, 1, 2], [0, 1]), r"shape \(2,\); give 3 values, as there are times"),
         (([1, 0], [0, 1]), "times must increase"),
+        (([-1, 0], [0, 1]), "times count from the start of the motion"),
         ("up", "takes a number, an array over the duration, a pair"),
         (None, "got None|shape|nan"),
         (mbd.Input("stranger"), "contains input 'stranger'; it takes expressions in t alone"),

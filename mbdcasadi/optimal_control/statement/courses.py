@@ -173,6 +173,10 @@ def course_of(
             times = time_grid(value[0])
         except SimulationError as error:
             raise ModelError(f"optimize: {label}: {error}") from None
+        if times[-1] <= 0:
+            raise ModelError(
+                f"optimize: {label}: times count from the start of the motion, got {times[0]:g} … {times[-1]:g} s"
+            )
         curve = _through(times, _samples(value[1], label, times.size), label, through)
         return Course(expression, label, curve, "own", is_whole, float(times[-1]), times.size)
     samples = _samples(value, label)
@@ -215,6 +219,8 @@ def _through(
         place = int(np.flatnonzero(~np.isfinite(samples))[0])
         raise ModelError(f"optimize: {label} has the value {samples[place]} as sample {place}")
     if through is None:
-        from scipy.interpolate import PchipInterpolator as through
+        from scipy.interpolate import PchipInterpolator
+
+        through = PchipInterpolator
     curve = through(places, samples)
     return lambda readings: curve(np.clip(readings, places[0], places[-1]))
