@@ -15,7 +15,7 @@ from ..equations.dynamics import dynamics_saddle
 from ..equations.least_norm import of_least_norm
 from ..equations.newton_code import NewtonLoop, newton_step
 from ..equations.numeric import NumericEquations
-from ..equations.saddle import REPORTED
+from ..equations.saddle import REPORTED, SHIFTED, Saddle
 from ..equations.switching.explicit_time import explicit_time
 from ..errors import ModelError
 from ..model.conditions import Condition, stacked
@@ -29,8 +29,6 @@ from ..simulation.contact.compiled_elements import repeated_elements
 from ..simulation.contact.watched_terms import WatchedTerms, least_gap, watched_terms
 from ..simulation.stepping.explicit_system import compared_quantities, dynamics_of, projection_of, switching_of
 
-#: Regularisation of the rows of a start, relative to their own size: constraints and conditions may imply each other.
-REGULARISATION = 1e-9
 #: Value of a limit at the start, relative to its range, that counts as held.
 HELD = 1e-6
 
@@ -266,13 +264,12 @@ class Model:
     ) -> ca.Function:
         """``(…, estimate) -> (unknown, largest residual)``: one step of Newton's method, nearest to an estimate."""
         estimate = ca.SX.sym("estimate", unknown.numel())
-        weights = ca.DM(self.numeric.weights) if unknown.numel() == self.numeric.weights.size else None
-        inverse = ca.SX.eye(unknown.numel()) if weights is None else ca.SX(ca.diag(1 / weights))
+        weights = self.numeric.weights if unknown.numel() == self.numeric.weights.size else np.ones(unknown.numel())
         if rows.numel():
-            matrix = slopes @ inverse @ slopes.T
-            factors = ca.ldl(matrix + REGULARISATION * ca.diag(ca.diag(matrix)))
-            away = rows + slopes @ (estimate - unknown)
-            value = estimate - inverse @ slopes.T @ ca.ldl_solve(ca.densify(away), *factors)
+            # constraints and conditions may imply each other, and conditions are in any unit
+            norm = ca.sum2(slopes**2 @ ca.DM(1 / weights))
+            saddle = Saddle(ca.SX(ca.DM(weights)), slopes, np.full(rows.numel(), False), SHIFTED, norm=norm)
+            value = estimate - saddle.project(rows + slopes @ (estimate - unknown))
             left = ca.norm_inf(ca.densify(rows))
         else:
             value, left = estimate, ca.SX(0)
