@@ -359,9 +359,9 @@ class Equations:
         For constraints with redundant rows use the analyses, which find the
         multipliers of least norm.
         """
-        from .dynamics import forward_dynamics
+        from .numeric import NumericEquations
 
-        return forward_dynamics(self, augmentation=self.effective_masses(self.parameter_values))
+        return NumericEquations(self, self.parameter_values).forward_dynamics(redundant=False)
 
     @cached_property
     def jacobian(self) -> ca.Function:
@@ -370,11 +370,9 @@ class Equations:
 
     def effective_masses(self, p: np.ndarray) -> np.ndarray | None:
         """Effective masses of the rows (m,); None if no body is light. See :mod:`.augmentation`."""
-        from .augmentation import effective_masses
-        from .scale import scale_of
+        from .numeric import NumericEquations
 
-        mass = self.masses(p)
-        return effective_masses(self, p, mass, scale_of(self, p, mass))
+        return NumericEquations(self, p).augmentation
 
     def generate_c(self, path: str | Path) -> tuple[Path, Path]:
         """Write the equations as C: one file and its header, which need a C compiler and nothing else.

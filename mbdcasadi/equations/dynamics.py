@@ -69,10 +69,10 @@ def stabilised(eom: Equations, rate: ca.SX) -> ca.SX:
 
 def forward_dynamics(
     eom: Equations,
+    augmentation: np.ndarray | None,
     *,
-    augmentation: np.ndarray | None = None,
-    redundant: bool = False,
-    weights: np.ndarray | None = None,
+    redundant: bool,
+    weights: np.ndarray | None,
 ) -> ca.Function:
     """Compile ``(t, q, v, z, u, p) -> (a, lam)``.
 
@@ -81,12 +81,8 @@ def forward_dynamics(
 
     Parameters
     ----------
-    augmentation : numpy.ndarray, optional
-        Effective masses of the rows (m,), if some bodies are light or have no mass.
     redundant : bool
-        True if rows are dependent; the multipliers are then those of least norm.
-    weights : numpy.ndarray, optional
-        Masses that are more nearly alike (n,), for the least norm beside light bodies.
+        True if rows are dependent; the multipliers are then those of least norm, by `weights` (n,) beside light bodies.
     """
     arguments = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
     names = ["t", "q", "v", "z", "u", "p"]

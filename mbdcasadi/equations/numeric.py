@@ -215,11 +215,7 @@ class NumericEquations:
 
     def rank(self, t: float, q: np.ndarray) -> RankAnalysis:
         """Rank of ``Phi_q`` with its columns and rows scaled to size one."""
-        return self._of_pose("rank", t, q, lambda: analyse_rank(self.scaled_jacobian(t, q), self._rank_tolerance(q)))
-
-    def _of_pose(self, question: str, t: float, q: np.ndarray, answer: Callable[[], T]) -> T:
-        """Return the answer to a question about a pose, which is kept until another pose is asked about."""
-        return self._of(question, (t, q.tobytes()), answer)
+        return self.of_state("rank", (t, q), lambda: analyse_rank(self.scaled_jacobian(t, q), self._rank_tolerance(q)))
 
     def of_state(self, question: str, parts: tuple[Any, ...], answer: Callable[[], T]) -> T:
         """Return the answer to a question about a state, which is kept until another state is asked about.
@@ -230,9 +226,6 @@ class NumericEquations:
             The time and what else of the state the answer depends on.
         """
         state = tuple([part.tobytes() if isinstance(part, np.ndarray) else part for part in parts])
-        return self._of(question, state, answer)
-
-    def _of(self, question: str, state: tuple[Any, ...], answer: Callable[[], T]) -> T:
         last = self._last.get(question)
         if last is None or last[0] != state:
             last = self._last[question] = state, answer()
@@ -242,8 +235,8 @@ class NumericEquations:
     def is_regular(self, t: float, q: np.ndarray) -> bool:
         """Return True if the rows are independent by far at a pose; False if the pose is singular or may be."""
         if self.eom.is_large:
-            return self._of_pose("regular", t, q, lambda: surely_independent_sparse(self._sparse_jacobian(t, q)))
-        return self._of_pose("regular", t, q, lambda: surely_independent(self.scaled_jacobian(t, q)))
+            return self.of_state("regular", (t, q), lambda: surely_independent_sparse(self._sparse_jacobian(t, q)))
+        return self.of_state("regular", (t, q), lambda: surely_independent(self.scaled_jacobian(t, q)))
 
     def scaled_jacobian(self, t: float, q: np.ndarray) -> np.ndarray:
         """``Phi_q`` with columns that compare and rows of length one (m, n)."""
@@ -268,7 +261,7 @@ class NumericEquations:
             rank = sparse_rank(self._sparse_jacobian(t, q), tolerance) if self.eom.is_large else self.rank(t, q).rank
             return rank < self.eom.lam.numel()
 
-        return self._of_pose("redundant", t, q, answer)
+        return self.of_state("redundant", (t, q), answer)
 
     def _sparse_jacobian(self, t: float, q: np.ndarray) -> ca.DM:
         """:meth:`scaled_jacobian` with its zeros left out."""
@@ -286,7 +279,7 @@ class NumericEquations:
         weights = self.multiplier_weights if redundant else None
 
         def make() -> ca.Function:
-            return forward_dynamics(self.eom, augmentation=self.augmentation, redundant=redundant, weights=weights)
+            return forward_dynamics(self.eom, self.augmentation, redundant=redundant, weights=weights)
 
         return self.eom.shared.get_or_create(("forward dynamics", self.light_key, redundant, _bytes_of(weights)), make)
 
@@ -446,17 +439,10 @@ class NumericEquations:
     def _dynamics_evaluator(self, *, redundant: bool) -> Evaluator | None:
         """The forward dynamics; None if these iterate."""
 
-        def make() -> Evaluator | None:
-            function = self.forward_dynamics(redundant=redundant)
-            return Evaluator(function) if function.is_a("SXFunction") else None
-
-        key = (
-            "forward dynamics by row",
-            self.light_key,
-            redundant,
-            _bytes_of(self.multiplier_weights if redundant else None),
-        )
-        return self.eom.shared.get_or_create(key, make)
+        function = self.forward_dynamics(redundant=redundant)
+        if not function.is_a("SXFunction"):
+            return None
+        return self.eom.shared.get_or_create(("by row", function), lambda: Evaluator(function))
 
     def accelerations_of_rows(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray, *, redundant: bool

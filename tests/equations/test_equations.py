@@ -473,3 +473,13 @@ def test_equations_without_constraints():
     assert lines[:2] == ["Equations of motion, without constraints", "  M a = Q        n = 3 coordinates"]
     assert "  stone.y    -19.62" in lines and not {"Phi", "Phi_q", "nu", "gamma"} & set(lines)
     assert "-19.62" in eom._repr_latex_() and "Phi" not in eom._repr_latex_()
+
+
+def test_forward_dynamics_refuses_friction_that_switches_exactly():
+    """It would leave the friction out."""
+    block = mbd.Body("block", mass=1, inertia=1)
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
+    rub = mbd.JointFriction("rub", guide, mbd.DryFriction(0.3))
+    eom = mbd.equations(mbd.Mechanism([block], joints=[guide], forces=[mbd.Gravity(), rub]))
+    with pytest.raises(mbd.ModelError, match="'rub' switches exactly"):
+        _ = eom.forward_dynamics
