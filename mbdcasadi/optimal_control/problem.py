@@ -111,7 +111,9 @@ class OptimalControlProblem(ProblemStatement):
         parts = parameter_parts()
         #: soft limits of the ends of the phases
         self.soft_ends = tuple(parts.split_soft(self._at_end(phase)) for phase in self.phases)
-        self.terminal_cost = parts.split(cost, "terminal_cost") + sum(map(price, self.soft_ends), ca.SX(0))
+        #: terminal cost without these
+        self.own_terminal_cost = parts.split(cost, "terminal_cost")
+        self.terminal_cost = self.own_terminal_cost + sum(map(price, self.soft_ends), ca.SX(0))
         self.boundary = (*rows, *parts.limits)
         own = [*(p for phase in self.phases for w in phase.waypoints for p in w.parameters), *parts.symbols]
         self.free_parameters = (*free, *own)

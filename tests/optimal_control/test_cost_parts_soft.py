@@ -34,6 +34,16 @@ def test_above_the_costate_it_is_the_hard_limit():
     assert repr(use) == "block.vx <= 1.2: holds" and use.cost == 0
 
 
+@pytest.mark.parametrize("weight", [1e4, 1e6])
+def test_a_large_weight_does_not_spoil_the_rest(weight):
+    """Along the path, at a waypoint and at the end: the same motion and cost as with conditions that hold."""
+    problem, _u, block = rest_to_rest(1.0, 1.0)
+    along, there, end = (mbd.soft(c, weight=weight) for c in (block.vx <= 1.5, block.x == 0.45, block.x == 1))
+    soft = problem.replace(path=[along], waypoints=[mbd.Waypoint(0.5, [there])], final=[block.vx == 0, end])
+    hard = problem.replace(path=[block.vx <= 1.5], waypoints=[mbd.Waypoint(0.5, [block.x == 0.45])])
+    assert mbd.optimize(soft, intervals=10).cost == pytest.approx(mbd.optimize(hard, intervals=10).cost, rel=1e-6)
+
+
 @pytest.mark.parametrize(("limit", "time"), [(1.2, 0.275), (0.8, 0.15), (0.8, 0.125)])
 def test_below_the_costate_it_is_passed(limit, time):
     """By the amount at which the price is worth it, at speeds below the mean too, which no motion can keep."""

@@ -106,7 +106,7 @@ class CollocationProgram:
         self.scale = np.concatenate([*[p.scale for p in self.phases], *[c.scale for c in self.changes], free_scale])
         p = ca.vertcat(*[phase.p for phase in self.phases])
         #: typical size of the cost, so that the solver's tolerance means the same in any unit
-        self.cost_scale = cache.get_or_create("size of the cost", partial(self._size_of_cost, problem.terminal_cost))
+        self.cost_scale = cache.get_or_create("size of the cost", partial(self._size_of_cost, problem))
 
         def made() -> _CompiledProgram:
             blocks = [b for phase in self.phases for b in phase.blocks(self.parameter_index, p, self.cost_scale)]
@@ -140,16 +140,19 @@ class CollocationProgram:
             begins = begins[0] + low, begins[1] + high
         return phases
 
-    def _size_of_cost(self, terminal: ca.SX) -> float:
+    def _size_of_cost(self, problem: OptimalControlProblem, *, soft: bool = False) -> float:
+        """Size of the cost: without `soft` limits, of which a weight may be of any size, if it has other parts."""
+        terminal = problem.terminal_cost if soft else problem.own_terminal_cost
         size, last = 0.0, self.phases[-1]
-        for phase in self.phases:
-            running = phase.phase.running_cost
-            size += 0.0 if running.is_zero() else phase.scales.time * phase.sizes.of_values(running)
-            at_waypoints = [w.cost for w in phase.phase.waypoints if not w.cost.is_zero()]
-            size += sum(phase.sizes.of_values(cost) for cost in at_waypoints)
+        for program in self.phases:
+            phase = program.phase
+            running = phase.running_cost if soft else phase.own_cost
+            size += 0.0 if running.is_zero() else program.scales.time * program.sizes.of_values(running)
+            at_waypoints = [w.cost if soft else w.own_cost for w in phase.waypoints]
+            size += sum(program.sizes.of_values(cost) for cost in at_waypoints if not cost.is_zero())
         if not terminal.is_zero():
             size += last.sizes.of_values(with_values(terminal, self._typical_value))
-        return size or 1.0
+        return size or (1.0 if soft else self._size_of_cost(problem, soft=True))
 
     def _owner(self, problem: OptimalControlProblem, placeholder: Placeholder) -> PhaseProgram:
         phase = problem.phases_of(placeholder)[0]

@@ -64,7 +64,9 @@ class Waypoint(Immutable):
         given = independent_state_conditions(conditions) if isinstance(conditions, State) else conditions
         self.conditions: tuple[Condition, ...]
         self.conditions, self.soft_limits = hard_and_soft(given)
-        self.cost = read_cost(cost, "cost of a waypoint") + price(self.soft_limits)
+        #: cost without soft limits
+        self.own_cost = read_cost(cost, "cost of a waypoint")
+        self.cost = self.own_cost + price(self.soft_limits)
         #: parameters in place of parts of the cost
         self.parameters: tuple[Parameter, ...] = ()
 
@@ -76,17 +78,17 @@ class Waypoint(Immutable):
 class _SplitWaypoint(Waypoint):
     """A waypoint with parameters in place of the parts in its cost."""
 
-    def __init__(self, waypoint: Waypoint, cost: ca.SX, parts: CostParts):
-        super().__init__(waypoint.time, (*waypoint.conditions, *parts.limits), cost)
+    def __init__(self, waypoint: Waypoint, parts: CostParts):
+        cost, soft = parts.split(waypoint.own_cost, "cost of a waypoint"), parts.split_soft(waypoint.soft_limits)
+        super().__init__(waypoint.time, (*waypoint.conditions, *parts.limits, *soft), cost)
         self.parameters = (*waypoint.parameters, *parts.symbols)
-        self.soft_limits = parts.split_soft(waypoint.soft_limits)
 
 
 def _without_parts(waypoint: Waypoint) -> Waypoint:
     """The same waypoint, or one with parameters in place of the parts in its cost."""
     parts = parameter_parts()
-    cost = parts.split(waypoint.cost, "cost of a waypoint")
-    return _SplitWaypoint(waypoint, cost, parts) if parts.symbols else waypoint
+    split = _SplitWaypoint(waypoint, parts)
+    return split if parts.symbols else waypoint
 
 
 class Phase(Immutable):
