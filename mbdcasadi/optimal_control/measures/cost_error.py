@@ -117,7 +117,7 @@ def error_of_mesh(solution: SolvedMotion) -> float:
     rows of continuity do not see. Zero for a scheme that does not carry states from mesh point to mesh point by these
     rows, as Hermite-Simpson, and infinite if an interval cannot be integrated again.
     """
-    pulls = -solution.answer.lam_g * solution.program.cost_scale
+    multipliers = -solution.answer.lam_g * solution.program.cost_scale
     total = 0.0
     for part in solution.phases:
         if not part.mesh.count or not part.program.scheme.integrates_accelerations:
@@ -133,10 +133,10 @@ def error_of_mesh(solution: SolvedMotion) -> float:
         except RuntimeError:  # the integrator did not get to the end of an interval
             return np.inf
         by_interval = np.zeros(part.mesh.count)
-        for row, pull in zip(solution.program.rows, pulls.tolist(), strict=True):
+        for row, multiplier in zip(solution.program.rows, multipliers.tolist(), strict=True):
             column = columns.get((row.kind, row.name.owner))
             if row.repeated and row.phase == part.program.number and column is not None:
-                by_interval[row.interval] += pull / row.size * gaps[row.interval, column]
+                by_interval[row.interval] += multiplier / row.size * gaps[row.interval, column]
         total += float(np.sum(np.abs(by_interval)))
     return total
 

@@ -89,7 +89,7 @@ def label_of(solution: SolvedMotion, phase: int, name: RowName) -> str:
     return f"{name.label} in phase '{solution.phases[phase].phase.name}'"
 
 
-def _pulls(solution: SolvedMotion) -> np.ndarray:
+def _multipliers(solution: SolvedMotion) -> np.ndarray:
     """Scaled multipliers of the rows and then of the variables."""
     return np.r_[solution.answer.lam_g, solution.answer.lam_x]
 
@@ -105,11 +105,11 @@ def costates(solution: SolvedMotion) -> dict[str, np.ndarray | float]:
 
     Path equalities that prescribe the motion are constraints and have none.
     """
-    program, pulls = solution.program, _pulls(solution)
+    program, multipliers = solution.program, _multipliers(solution)
     result: dict[str, Any] = {}
     for side in sides_of(program):
-        pull = pulls[side.place] * program.cost_scale / side.size
-        value = pull if side.equality else max(side.sign * pull, 0.0)
+        multiplier = multipliers[side.place] * program.cost_scale / side.size
+        value = multiplier if side.equality else max(side.sign * multiplier, 0.0)
         label = label_of(solution, side.phase, side.name)
         if not side.repeated:
             result[label] = float(-value if side.equality else value)
@@ -136,13 +136,13 @@ def _of_start(solution: SolvedMotion) -> dict[str, float]:
     at = (first.t[0], first.q[0], first.v[0], first.a[0], first.z[0], first.lam[0], first.inputs[0], first.parameters)
     slopes = part.phase.equations.function(ca.jacobian(rows, x))(*at).full()
     size = program.point_scale[: x.numel()]
-    pull = -solution.answer.lam_x[: x.numel()] * solution.program.cost_scale / size
-    # the rows span all states: the pull on the state is a sum of pulls on the rows
+    multiplier = -solution.answer.lam_x[: x.numel()] * solution.program.cost_scale / size
+    # the rows span all states: the multiplier on the state is a sum of multipliers on the rows
     weight = np.maximum(np.linalg.norm(slopes * size, axis=1), 1e-300)
     scaled = slopes * size / weight[:, None]
-    pulls = np.linalg.lstsq(scaled.T, pull * size, rcond=1e-10)[0] / weight
+    multipliers = np.linalg.lstsq(scaled.T, multiplier * size, rcond=1e-10)[0] / weight
     names = [RowName(RowKind.CONDITION, c.label, INITIAL) for c in conditions]
-    return {name.label: float(v) for name, v in zip(names, pulls[-len(names) :], strict=True)}
+    return {name.label: float(v) for name, v in zip(names, multipliers[-len(names) :], strict=True)}
 
 
 def activity(
@@ -153,7 +153,7 @@ def activity(
     A limit is active if its multiplier outweighs its slack, both scaled, or if the slack is below `slack`. With
     `inside`, mesh points are left out for limits that cannot jump there.
     """
-    program, pulls, slack_of = solution.program, _pulls(solution), _slacks(solution)
+    program, multipliers, slack_of = solution.program, _multipliers(solution), _slacks(solution)
     counts: dict[tuple[int, RowName], np.ndarray] = {}
     steady = {
         (k, limit.label)
@@ -165,7 +165,7 @@ def activity(
         key = side.phase, side.name
         at_mesh_point = side.is_row and side.tau in (0.0, 1.0) and (side.phase, side.name.owner) in steady
         if side.repeated and not side.equality and not at_mesh_point:
-            active = max(side.sign * pulls[side.place], slack) > slack_of(side)
+            active = max(side.sign * multipliers[side.place], slack) > slack_of(side)
             seen = counts.setdefault(key, np.zeros((2, solution.phases[side.phase].mesh.count)))
             for i in side.intervals:
                 seen[:, i] += active, 1
@@ -174,9 +174,9 @@ def activity(
 
 def active_limits(solution: SolvedMotion, costates: Mapping[str, np.ndarray | float]) -> list[ActiveLimit]:
     """Limits that are active, the costliest first, by phase; `costates` as :func:`costates` returns them."""
-    pulls, slack_of, limits = _pulls(solution), _slacks(solution), []
+    multipliers, slack_of, limits = _multipliers(solution), _slacks(solution), []
     for side in sides_of(solution.program):
-        if not side.repeated and not side.equality and side.sign * pulls[side.place] > slack_of(side):
+        if not side.repeated and not side.equality and side.sign * multipliers[side.place] > slack_of(side):
             label = label_of(solution, side.phase, side.name)
             time = solution.phases[side.phase].time_at(side.intervals[0], side.tau)
             limits.append(ActiveLimit(label, ((time, time),), float(costates[label])))
@@ -202,11 +202,11 @@ def _global_limits(solution: SolvedMotion) -> list[ActiveLimit]:
         if index.size > 1:  # a phase of no duration has one time
             bounded += zip(index[1:], [*names, "the duration"], phase.time_spans[1:], strict=True)
     for place, name, (low, high) in bounded:
-        pull, size = solution.answer.lam_x[place], program.scale[place]
+        multiplier, size = solution.answer.lam_x[place], program.scale[place]
         for sign, bound, symbol in ((-1, low, ">="), (1, high, "<=")):
             slack = sign * (bound - solution.variables[place]) / size
-            if low < high and sign * pull > slack:
-                costate = float(sign * pull * program.cost_scale / size)
+            if low < high and sign * multiplier > slack:
+                costate = float(sign * multiplier * program.cost_scale / size)
                 limits.append(ActiveLimit(f"{name} {symbol} {bound:g}", ((0.0, solution.duration),), costate))
     return limits
 
