@@ -54,7 +54,7 @@ def simulate(
     inputs: Any = None,
     parameters: Mapping[Any, Any] | None = None,
     events: Sequence[Event] = (),
-    method: str | Integrator = "idas",
+    method: str | Integrator | type[Integrator] = "idas",
     reltol: float | None = None,
     abstol: float | None = None,
     jit: bool = False,
@@ -84,7 +84,7 @@ def simulate(
         Parameter to number.
     events : sequence of Event, optional
         Looked for during the run.
-    method : {"idas", "dop853", "bdf", "erk", "rosenbrock", "auto"} or Integrator
+    method : {"idas", "dop853", "bdf", "erk", "rosenbrock", "auto"}, Integrator or a class of these
         IDAS (BDF of variable order) for anything; :class:`DOP853` for smooth
         motion that is not stiff, several times faster; :class:`BDF` for many contacts of
         bodies that no joint holds, several times faster; Rosenbrock of order
@@ -259,7 +259,7 @@ def chosen_integrator(
             method = "bdf"
         else:
             method = "idas" if stiff else "dop853" if runs_in_c(numeric, setup.signals, in_c) else "erk"
-    if settings.get("abstol") is None and isinstance(method, str):
+    if settings.get("abstol") is None and not isinstance(method, Integrator):
         settings["abstol"] = default_abstol(modes.numeric(modes.free))
     return as_integrator(method, **settings, options=options, besides=("auto",))
 
