@@ -10,15 +10,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ...model.conditions import stacked
+from ...model.conditions import Condition, stacked
 from ...numerics.real import stretches
 from ...results.state import State
 from ..program.limit_sides import Side, sides_of
-from ..statement.cost_parts import SoftLimit
 from ..statement.phase import BEYOND_STATES, with_rates
 from ..transcription.rows import FINAL, INITIAL, PATH, Place, RowKind, RowName
 from .limit_excess import points_of
-from .phase_solution import PhaseSolution
 from .solved_motion import SolvedMotion
 
 #: Share of its size by which a soft limit must be passed to be reported: interior points come up to a tenth of it.
@@ -215,37 +213,33 @@ def soft_limits(solution: SolvedMotion) -> list[SoftLimitUse]:
     """Soft limits of all phases, waypoints and ends, those that cost most first."""
     uses = []
     for number, part in enumerate(solution.phases):
-        named = partial(_use, solution, number)
-        uses += [named(PATH, limit, *_along(part, limit)) for limit in part.phase.soft_limits]
+        use, points = partial(_use, solution, number), points_of(part)
+        for limit in part.phase.soft_limits:
+            (amounts,), cost = part.by_polynomials([limit.amount], *points), part.integral(limit.weight * limit.amount)
+            uses.append(use(PATH, limit.condition, part.times_at(*points), amounts.ravel(), cost))
         places = [(Place(f"waypoint {k}"), w.soft_limits) for k, w in enumerate(part.phase.waypoints, start=1)]
         places.append((FINAL, solution.problem.soft_ends[number]))
         for (place, limits), time in zip(places, part.segment_times[1:], strict=True):
             for limit in limits:
                 amount, weight = solution.parameters[limit.amount], part.trajectory.initial[ca.SX(limit.weight)]
-                uses.append(named(place, limit, np.array([time]), np.array([amount]), float(weight) * amount))
+                uses.append(use(place, limit.condition, np.array([time]), np.array([amount]), float(weight) * amount))
     return sorted(uses, key=lambda use: -use.cost)
-
-
-def _along(part: PhaseSolution, limit: SoftLimit) -> tuple[np.ndarray, np.ndarray, float]:
-    """Times, s, amounts by which a soft limit is passed then, and its part of the cost."""
-    points = points_of(part)
-    (amounts,) = part.by_polynomials([limit.amount], *points)
-    return part.times_at(*points), amounts.ravel(), part.integral(limit.weight * limit.amount)
 
 
 def _use(
     solution: SolvedMotion,
     phase: int,
     place: Place,
-    limit: SoftLimit,
+    limit: Condition,
     times: np.ndarray,
     amounts: np.ndarray,
     cost: float,
 ) -> SoftLimitUse:
-    size = float(solution.phases[phase].program.sizes.of_limits([limit.condition.expression])[0])
-    label = label_of(solution, phase, RowName(RowKind.CONDITION, limit.condition.label, place))
+    """What became of a soft limit, from the amounts at times, s, by which it is passed, and its part of the cost."""
+    size = float(solution.phases[phase].program.sizes.of_limits([limit.expression])[0])
+    label = label_of(solution, phase, RowName(RowKind.CONDITION, limit.label, place))
     passed, most = amounts > PASSED * size, int(np.argmax(amounts))
     if not passed[most]:
         return SoftLimitUse(label, 0.0, float(times[most]), (), 0.0)
     spans = tuple((float(times[run.start]), float(times[run.stop - 1])) for run in stretches(passed))
-    return SoftLimitUse(label, float(amounts[most]), float(times[most]), spans, float(cost))
+    return SoftLimitUse(label, float(amounts[most]), float(times[most]), spans, cost)

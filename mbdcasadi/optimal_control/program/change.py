@@ -203,7 +203,7 @@ class Change:
         at, scales = end.at, self.after.reduced_scales
         _, positions = constraints.position_rows(at.q, at.t, p, 0.0, scales)
         velocities = constraints.velocity_rows(at.q, at.v, at.t, p, 0.0, scales)
-        return [positions, velocities.after(len(constraints.rows))]
+        return [positions, velocities.part(slice(len(constraints.rows), None))]
 
     def _state_rows(self, old: ca.SX, new: ca.SX) -> Rows:
         """First-order states go on; new ones begin at their own values."""

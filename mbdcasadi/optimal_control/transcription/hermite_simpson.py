@@ -106,7 +106,7 @@ class HermiteSimpson(Transcription):
         return [
             motion,
             # the interval before has the accelerations of path conditions at the same point
-            acceleration.first(len(self.rows)),
+            acceleration.part(slice(len(self.rows))),
             self.motion_rows(middle, p, 0.5, scales)[0],
             *self.motion_rows(end, p, 1.0, scales),
             self.continuity_rows(slope - h * (middle.v + correction), scales),
@@ -117,7 +117,7 @@ class HermiteSimpson(Transcription):
     def start_rows(self, interval: Interval, scales: Scales) -> list[Rows]:
         """Accelerations of path conditions at the start of the motion."""
         rows = self.motion_rows(self.start(interval), interval.p, 0.0, scales)[1]
-        return [rows.after(len(self.rows))] if self.constraints.path_constraints else []
+        return [rows.part(slice(len(self.rows), None))] if self.constraints.path_constraints else []
 
 
 def _cubic(x0: ca.SX, x1: ca.SX, d0: ca.SX, d1: ca.SX, s: Any) -> ca.SX:

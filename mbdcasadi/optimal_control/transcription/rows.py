@@ -142,15 +142,8 @@ class Rows:
         sides = others or [None] * len(names)
         return list(zip(names, sides, self.units, self.scale.tolist(), self.lower.tolist(), strict=True))
 
-    def first(self, count: int) -> Rows:
-        """The first rows of the group."""
-        return self._part(slice(0, count))
-
-    def after(self, count: int) -> Rows:
-        """The group without its first rows."""
-        return self._part(slice(count, len(self.owners)))
-
-    def _part(self, which: slice) -> Rows:
+    def part(self, which: slice) -> Rows:
+        """Some rows of the group."""
         expression, owners, units = self.expression[which], self.owners[which], self.units[which]
         return replace(self, expression=expression, owners=owners, scale=self.scale[which], units=units)
 
