@@ -315,7 +315,7 @@ def test_phases_say_what_is_wrong():
     good = problem(phases=[reach, carry], terminal_cost=mbd.t)
     with pytest.raises(mbd.ModelError, match="unknown argument"):
         good.replace(duration=2)
-    with pytest.raises(mbd.ModelError, match="goes through 1 mechanism, the problem through 2 phases"):
+    with pytest.raises(mbd.ModelError, match="not those of the phases"):
         mbd.optimize(good, guess=mbd.simulate(reaching, duration=0.1))
 
 
@@ -457,3 +457,35 @@ def test_only_the_phases_that_are_chains():
     solution = mbd.optimize(problem.replace(phases=[swing, mbd.Phase("held", held, 0)]), intervals=20)
     assert [part.program.scheme.eom.is_chain for part in solution.phases] == [True, False]
     assert solution.state(-1).t == solution.duration and solution.state(20).mechanism is swing.mechanism
+
+
+def taken_along(load=0.5, restitution=0.0, own=True):
+    """A cart takes a block along by a plastic impact, or bounces off; a damper of both phases, or one of each."""
+    u, c = mbd.Input("u", lower=-9, upper=9), mbd.Parameter("c", 0.3)
+    cart, block = mbd.Body("cart", 1, 1), mbd.Body("block", load, 1, pose=(1, 0, 0))
+    rails = [mbd.Translational(f"rail of {x.name}", mbd.ground.at(0, 0), x.at(0, 0)) for x in (cart, block)]
+    meet = mbd.Weld("meet", cart.at(1, 0), block.at(0, 0))
+    other = c if own else mbd.Parameter("c", 0.3)
+
+    def damped(joints, parameter):
+        forces = [mbd.Force("push", cart.at(0, 0), (u - parameter * cart.vx, 0))]
+        return mbd.Mechanism([cart, block], joints=joints, forces=forces, inputs=[u], parameters=[parameter])
+
+    go = mbd.Phase("go", damped(rails, c), (0.2, 3), [cart.x == -0.5, cart.vx == 0, block.vx == 0], running_cost=u**2)
+    more = {"restitution": {meet: restitution}} if restitution else {}
+    joints = rails if restitution else [rails[0], meet]
+    on = mbd.Phase("on", damped(joints, other), (0.2, 3), final=[block.x == 2], running_cost=u**2, **more)
+    return mbd.OptimalControlProblem(phases=[go, on], terminal_cost=mbd.t)
+
+
+@pytest.mark.slow
+def test_phases_that_are_stated_again_share_what_was_compiled():
+    """What differs is told apart: masses, joints and coefficients of the change alone, parameters that are two."""
+    first, again = (mbd.optimize(taken_along(), intervals=6) for _ in range(2))
+    assert first.program.nlp is again.program.nlp and first.cost == pytest.approx(again.cost, rel=1e-12)
+    assert again.trajectory.mechanism is not first.trajectory.mechanism
+    kinds = [{}, {"load": 0.6}, {"own": False}, {"restitution": 0.2}, {"restitution": 0.4}]
+    contents = [taken_along(**kind).contents for kind in kinds]
+    assert None not in contents and len(set(contents)) == len(kinds)
+    lighter, heavier = (mbd.optimize(taken_along(load=load), intervals=6).cost for load in (0.2, 0.9))
+    assert lighter < first.cost < heavier

@@ -254,8 +254,10 @@ class ProblemSetup:
         key = tuple(mesh.structure for mesh in meshes), self.settings.key, parts, held
         shared = None
         if self._is_own_start and self.settings.are_known and self.problem.contents is not None:
-            values = self.setups[0].numeric.p.tobytes(), self.free_values.tobytes()
-            shared = self.problem.contents, *values, *key[:2], held
+            rows = [(tuple(setup.scheme.eom.independent), tuple(setup.scheme.rows)) for setup in self.setups]
+            values = *(setup.numeric.p.tobytes() for setup in self.setups), self.free_values.tobytes()
+            changes = [change.key for change in self.changes]
+            shared = self.problem.contents, *values, *rows, *changes, *key[:2], held
         make = partial(CollocationProgram, self.problem, self.setups, meshes, self.changes, held, shared)
         return self.problem.compiled.programs.get_or_create(key, make, bounded=True)
 

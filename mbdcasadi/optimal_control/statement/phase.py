@@ -201,21 +201,21 @@ class Phase(Immutable):
         return ImpactLaw(self.equations, self.restitution)
 
     @cached_property
-    def _markers(self) -> dict[str, tuple[ca.SX, Any]]:
+    def markers(self) -> dict[str, tuple[ca.SX, Any]]:
         return markers_of(self.name, self)
 
     # --- values between the phases ------------------------------------------------------------
     def at_start(self, expression: Any) -> ca.SX:
         """Stand for the value of an expression at the start of the phase, just after the change into it."""
-        return marked(self._markers["at_start"], expression)
+        return marked(self.markers["at_start"], expression)
 
     def at_end(self, expression: Any) -> ca.SX:
         """Stand for the value of an expression at the end of the phase, just before the change out of it."""
-        return marked(self._markers["at_end"], expression)
+        return marked(self.markers["at_end"], expression)
 
     def integral(self, expression: Any) -> ca.SX:
         """Stand for the integral of an expression over the phase."""
-        return marked(self._markers["integral"], expression)
+        return marked(self.markers["integral"], expression)
 
     @property
     def duration(self) -> ca.SX:

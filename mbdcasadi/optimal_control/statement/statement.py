@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
+from typing import Any
 
 import casadi as ca
 
@@ -32,16 +33,25 @@ class ProblemStatement(Immutable):
 
     @cached_property
     def contents(self) -> Hashable | None:
-        """Key that is equal for problems of equal contents; None if these are not known, as for several phases."""
-        phase = self.phases[0]
-        if len(self.phases) > 1 or phase.equations.contents is None:
+        """Key that is equal for problems of equal contents; None if these are not known."""
+        mechanisms = [phase.equations.contents for phase in self.phases]
+        if None in mechanisms:
             return None
-        ends = [end.arguments if isinstance(end, State) else end for end in (phase.initial, phase.final)]
-        along = (phase.path, phase.running_cost, phase.waypoints, self.terminal_cost, self.boundary)
-        extra = self.extra_parameters(phase)
-        symbols = [*phase.equations.symbols, phase.input_rates, *MARKERS.values(), *extra]
-        stated = contents_of(phase.name, phase.span, *ends, *along, self.free_parameters, symbols=symbols)
-        return None if stated is None else (phase.equations.contents, stated)
+        stated: list[Any] = [self.terminal_cost, self.boundary, self.free_parameters]
+        own = {p for phase in self.phases for p in phase.mechanism.parameters}
+        groups: list[ca.SX] = [*MARKERS.values(), *(p for p in self.free_parameters if p not in own)]
+        for phase in self.phases:
+            ends = [end.arguments if isinstance(end, State) else end for end in (phase.initial, phase.final)]
+            stated += [phase.name, phase.span, *ends, phase.path, phase.running_cost, phase.waypoints]
+            groups += [*phase.equations.symbols, phase.input_rates]
+            if len(self.phases) > 1:
+                groups += [marker for marker, _ in phase.markers.values()]
+            if phase is not self.phases[0]:  # joints of the change alone belong to no mechanism
+                stated += [phase.law.row_names, phase.law.momentary, list(phase.restitution.values())]
+                groups.append(phase.law.impulses)
+        symbols, common = _distinct(groups) if len(self.phases) > 1 else (groups, ())
+        read = contents_of(*stated, symbols=symbols)
+        return None if read is None else (*mechanisms, common, read)
 
     @cached_property
     def shared(self) -> Cache:
@@ -80,3 +90,11 @@ class ProblemStatement(Immutable):
             return (self.phases[0 if placeholder.kind == "at_start" else -1],)
         known = [phase for phase in self.phases if not phase.is_instant and phase.has(placeholder.expression)]
         return tuple(known) or self.phases[-1:]
+
+
+def _distinct(groups: Sequence[ca.SX]) -> tuple[list[ca.SX], tuple[int, ...]]:
+    """Symbols of groups, each once, and for each of those of the groups its place among them."""
+    every = [symbol for group in groups for symbol in ca.vertsplit(group)]
+    symbols = {symbol.element_hash(): symbol for symbol in every}
+    places = {key: k for k, key in enumerate(symbols)}
+    return list(symbols.values()), tuple(places[symbol.element_hash()] for symbol in every)
