@@ -154,7 +154,7 @@ class Arc:
         self, piece: Piece, path: Path, passage: Passage | None
     ) -> tuple[Path, IntegrationFailure | None]:
         """Return a path on the constraints, up to the first state that cannot be brought there, and the failure."""
-        if path.on_constraints:
+        if path.of_steps:
             self.stepper.note_turning(path.x[1:])
             return path, None
         x, apart = self._projection.states(piece, path, self.outputs(passage), across=passage is not None)

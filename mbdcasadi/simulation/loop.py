@@ -371,7 +371,7 @@ class Run:
                 end = float(path.times[load.interval])
                 self._stop_at([end], load.stops)
                 piece = piece.until(end)
-                if not self.integrator.runs_whole:
+                if not path.of_steps:
                     return piece, path.until(end), None
                 # outputs inside a step that met the load in some of its stages are not to be trusted
             else:

@@ -25,8 +25,8 @@ class Path:
         Start and outputs (k + 1,), (k + 1, n_x).
     integrals : numpy.ndarray
         Integrals over each interval (k, n).
-    on_constraints : bool
-        True if the states are on the constraints.
+    of_steps : bool
+        True if it holds the ends of the steps, which are on the constraints, and what is interpolated inside.
     is_regular : bool
         True if the integrator has seen that no pose on it is near to a singular one.
     """
@@ -34,7 +34,7 @@ class Path:
     times: np.ndarray
     x: np.ndarray
     integrals: np.ndarray
-    on_constraints: bool = False
+    of_steps: bool = False
     is_regular: bool = False
 
     def until(self, time: float) -> Path:

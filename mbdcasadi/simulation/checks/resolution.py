@@ -127,7 +127,7 @@ class Resolution:
         if not self._owner or path.times.size < 2:
             return None
         first = min(self._unseen(path), key=lambda c: c.time, default=None)
-        if not self._stepper.integrator.runs_whole:
+        if not path.of_steps:
             impact = min(self._impact_times(path), default=np.inf)
             if first is not None and first.time <= impact:
                 return first.time, self._closings.stops(path, first)

@@ -211,7 +211,7 @@ class WholeStepper(Stepper):
             np.concatenate([[piece.start], times]),
             np.concatenate([x[None], reached.x]),
             increments,
-            on_constraints=True,
+            of_steps=True,
             is_regular=not self._may_fold or reached.least_regularity > FALL * self._progress.regularity,
         )
 
