@@ -43,8 +43,8 @@ def dynamics_saddle(
 
     def make() -> Saddle:
         slope = ca.jacobian(eom.Q, eom.lam) if under_reactions else None
-        options = {"augmentation": augmentation, "slope": slope}
-        return Saddle(eom.mass_diagonal, eom.Phi_q, eom.angular_rows, refinement, **options)
+        rows = eom.Phi_q, eom.angular_rows
+        return Saddle(eom.mass_diagonal, *rows, refinement, augmentation=augmentation, slope=slope)
 
     key = "dynamics saddle", None if augmentation is None else augmentation.tobytes(), refinement, under_reactions
     return eom.mechanism.cache.get_or_create(key, make, bounded=True)

@@ -171,11 +171,11 @@ def projection_saddle(eom: Equations, rows: list[int], *, refined: bool = False)
     share the factors, unless there are velocity-level rows.
     """
 
-    cache, refinement = eom.mechanism.cache, SHIFTED if eom.has_loops else None
+    cache, shifted = eom.mechanism.cache, SHIFTED if eom.has_loops else None
     weights = cache.get_or_create("projection weights", lambda: ca.SX.sym("w", eom.q.numel()))
 
     def make() -> Saddle:
-        options = {"refinement": ONTO_ROWS if refined else refinement, "is_shared": True}
-        return Saddle(weights, eom.Phi_q[rows, :], eom.angular_rows[rows], **options)
+        refinement = ONTO_ROWS if refined else shifted
+        return Saddle(weights, eom.Phi_q[rows, :], eom.angular_rows[rows], refinement, is_shared=True)
 
     return weights, cache.get_or_create(("projection saddle", refined, *rows), make, bounded=True)

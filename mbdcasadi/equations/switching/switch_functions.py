@@ -110,7 +110,7 @@ def _of_transient(op: int, node: ca.SX) -> list[ca.SX]:
 
 
 def _moving(functions: list[ca.SX], state: ca.SX, unknown: ca.SX) -> list[ca.SX]:
-    """Those of the functions that depend on a state and on nothing unknown, each once."""
+    """Functions that depend on a state and on nothing unknown, each once."""
     functions = distinct(functions)
     if not functions:
         return []
@@ -121,14 +121,14 @@ def _moving(functions: list[ca.SX], state: ca.SX, unknown: ca.SX) -> list[ca.SX]
 
 
 def divisors_among(rest: ca.SX, names: Sequence[ca.SX], parts: Sequence[ca.SX]) -> list[ca.SX]:
-    """Those of the parts by which other expressions are divided."""
+    """Parts by which other expressions are divided."""
     known = {name.element_hash(): part for name, part in zip(names, parts, strict=True)}
     divisors = (node.dep(1).element_hash() for _, node in operations(rest, (ca.OP_DIV,)))
     return [known[divisor] for divisor in divisors if divisor in known]
 
 
 def depending_on_time(functions: list[ca.SX], t: ca.SX) -> list[ca.SX]:
-    """Those of the functions that depend on time, each once."""
+    """Functions that depend on time, each once."""
     functions = distinct(functions)
     flags = ca.which_depends(ca.vertcat(*functions), t, 1, True) if functions else []
     return [f for f, flag in zip(functions, flags, strict=True) if flag]

@@ -30,7 +30,7 @@ _RESTING = frozenset(
         *(ca.OP_FLOOR, ca.OP_CEIL, *BENDING),
     )
 )
-#: Those that jump at whole numbers.
+#: Operations that jump at whole numbers.
 _AT_WHOLE_NUMBERS = frozenset((ca.OP_FLOOR, ca.OP_CEIL, ca.OP_FMOD, ca.OP_REMAINDER))
 
 

@@ -26,7 +26,7 @@ from .switch_times import SwitchTimes
 SAME_INSTANT = 32
 #: Offset from an instant at which its sides are evaluated, relative to the distance of the next one.
 SIDE = 1e-6
-#: The same for the size of a jump that is known: limits of ``acos(cos(t))`` are rounded near to its corners.
+#: Relative offset for the size of a known jump: limits of ``acos(cos(t))`` are rounded near to its corners.
 AWAY_FROM_CORNERS = 1e-3
 #: Relative jumps, of a value and of its first and second derivatives, that are more than rounding.
 JUMP_TOLERANCES = (1e-11, 1e-8, 1e-7)
