@@ -111,7 +111,7 @@ class Saddle:
 
     def over(self, loads: ca.SX) -> ca.SX:
         """``W⁻¹`` times loads (n, k)."""
-        if self._inverse is not None:
+        if self._metric_factors is None:
             return self._inverse @ loads
         return ca.ldl_solve(ca.densify(loads), *self._metric_factors)
 
