@@ -24,13 +24,13 @@ class DrivenEquations:
     Attributes
     ----------
     step : casadi.Function
-        ``(q, v, a, t before, t, p) -> (q, v, a, t, correction, remainder, apart)``:
+        ``(q, v, a, t before, t, p) -> (q, v, a, t, correction, remainder, contradiction)``:
         predict, correct by Newton's method, then velocity and acceleration.
         `correction` is how far the pose was moved from the prediction,
-        `remainder` the last Newton step, `apart` by how much redundant rows contradict each other.
+        `remainder` the last Newton step, `contradiction` by how much redundant rows contradict each other.
         Not if there are velocity-level rows: the pose then follows from no time alone.
     rates : casadi.Function
-        ``(t, q, p) -> (v, a, apart)``: velocity and acceleration in a pose.
+        ``(t, q, p) -> (v, a, contradiction)``: velocity and acceleration in a pose.
     multipliers : casadi.Function
         ``(t, q, v, a, z, u, p, D) -> lam`` from ``Phi_q^T lam = Q - M a``, of
         least norm ``lam^T D lam`` if rows are redundant.
@@ -67,8 +67,8 @@ class DrivenEquations:
         jacobian, nu = velocity(now, q, p)
         v = self._least_squares(jacobian, nu)
         a = self._least_squares(jacobian, acceleration(now, q, v, p))
-        apart = ca.norm_inf(jacobian @ v - nu) / (1 + ca.norm_inf(v))
-        return ca.Function("rates", [now, q, p], [v, a, apart], ["t", "q", "p"], ["v", "a", "apart"])
+        contradiction = ca.norm_inf(jacobian @ v - nu) / (1 + ca.norm_inf(v))
+        return ca.Function("rates", [now, q, p], [v, a, contradiction], ["t", "q", "p"], ["v", "a", "contradiction"])
 
     def _step(self) -> ca.Function:
         eom = self._eom
@@ -86,13 +86,13 @@ class DrivenEquations:
         phi, _ = position(now, q, p)
         v, a, torn = self.rates(now, q, p)
         moved = ca.norm_inf(q - predicted)
-        apart = ca.fmax(ca.norm_inf(phi), torn)
+        contradiction = ca.fmax(ca.norm_inf(phi), torn)
         return ca.Function(
             "kinematic_step",
             [before, rate, second, earlier, now, p],
-            [q, v, a, now, moved, ca.norm_inf(change), apart],
+            [q, v, a, now, moved, ca.norm_inf(change), contradiction],
             ["q0", "v0", "a0", "t0", "t", "p"],
-            ["q", "v", "a", "t_now", "correction", "remainder", "apart"],
+            ["q", "v", "a", "t_now", "correction", "remainder", "contradiction"],
         )
 
     def _multipliers(self) -> ca.Function:

@@ -111,13 +111,13 @@ class Continuation(MotionFollower):
         except RuntimeError:  # a singular matrix on the way: step by step then
             return tuple(np.zeros((0, q.size)) for _ in state)
         qs, vs, accelerations = (x.full().T for x in results[:3])
-        correction, remainder, apart = (x.full().ravel() for x in results[4:])
+        correction, remainder, contradiction = (x.full().ravel() for x in results[4:])
         motion = np.max(np.abs(np.diff(np.vstack([q, qs]), axis=0)), axis=1)
         slack = NO_MOTION * (1 + largest(q)) if careful else SMALL_MOTION * (1 + motion)
         good = correction <= PREDICTION_TOLERANCE * motion + slack
         good &= remainder <= NEWTON_TOLERANCE * (1 + largest(q))
         good &= self._rates_fit(np.r_[before, times], np.vstack([q, qs]), np.vstack([v, vs]))
-        good &= apart <= self._contradiction
+        good &= contradiction <= self._contradiction
         good &= np.isfinite(correction) & np.all(np.isfinite(accelerations), axis=1)
         count = int(np.argmin(good)) if not np.all(good) else times.size
         return qs[:count], vs[:count], accelerations[:count]
