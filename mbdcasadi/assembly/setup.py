@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -59,8 +60,6 @@ class Setup:
         Values of the parameters.
     grid : numpy.ndarray
         Output times; the one time of an analysis without.
-    signals : Signals
-        The inputs.
 
     Raises
     ------
@@ -106,18 +105,19 @@ class Setup:
         self.p = parameter_vector(self.eom, carried["parameters"] | mapping_of(parameters, "parameters=") | over)
         if self.p.size:
             _report_exceeded_limits(mechanism, self.p, analysis)
-        self.signals: Signals = read_signals(
-            self.eom,
-            inputs,
-            self.grid if t is _UNSET else None,
-            carried=carried["inputs"],
-            fixed={key: value for key, value in fixed.items() if key not in over},
-        )
-        if self.signals.controller is not None and not takes_controller:
+        grid = self.grid if t is _UNSET else None
+        others = {key: value for key, value in fixed.items() if key not in over}
+        self._read = partial(read_signals, self.eom, inputs, grid, carried=carried["inputs"], fixed=others)
+        if (inputs is not None or others) and self.signals.controller is not None and not takes_controller:
             raise ModelError(
                 f"{analysis}: inputs= takes numbers, samples and expressions here; only simulate calls a "
                 "SampledController, and its motion gives samples of the answers"
             )
+
+    @cached_property
+    def signals(self) -> Signals:
+        """The inputs."""
+        return self._read()
 
     def at_values(self, grid: np.ndarray, values: RunValues) -> Setup:
         """Return a setup for runs from states that are known, at other values and with samples over a grid."""

@@ -19,7 +19,7 @@ from ..results.state import State
 from ..results.trajectory import Trajectory
 from ..simulation.simulate import simulate
 from .measures.cost_error import error_of_mesh
-from .motion.guess import Guess, PhaseGuess
+from .motion.guess import Guess, Iterate, PhaseGuess
 from .motion.limit_excess import limit_excess
 from .motion.limits import ActiveLimit, SoftLimitUse, active_limits, costates, soft_limits
 from .motion.return_map import ReturnMap, Stability
@@ -31,6 +31,8 @@ from .transcription.mesh import interval_count
 
 #: Relative difference of costs below which solutions are the same.
 SAME_COST = 1e-6
+#: Relative difference of times by rounding, up to which a motion is moved by whole intervals.
+SAME_TIME = 1e-9
 #: Miss of a constraint from which the first state of a solution does not belong to a mechanism with other parameters.
 STATE_TOLERANCE = 1e-6
 
@@ -249,12 +251,21 @@ class Shifted:
     time: float
 
     def as_guess(self, problem: OptimalControlProblem) -> Guess:
-        """The later part of the motion as a guess for the same problem."""
+        """The later part of the motion as a guess for the same problem, with multipliers of the later intervals."""
         solution, guess = self.solution, self.solution.as_guess(problem)
         phases = tuple(self._later(phase) for phase in guess.phases)
         moved = replace(guess, phases=phases, iterate=None, description=f"solution, {self.time:g} s later")
-        x = moved.variables(solution.program, solution.meshes)
-        return replace(moved, iterate=solution._iterate(x))
+        program, answer, times = solution.program, solution.answer, solution.phases[0].mesh_times
+        after = (times[1:] + times[:-1]) / 2 + self.time  # middles of the intervals
+        later = np.clip(np.searchsorted(times, after) - 1, 0, times.size - 2)
+        variables, rows = program.later_places(later, after > times[-1])
+        within = after < times[-1]
+        if np.allclose(times[later[within]], times[:-1][within] + self.time, rtol=SAME_TIME, atol=0):
+            x = (solution.variables / program.scale)[variables]
+        else:
+            x = moved.variables(program, solution.meshes)
+        iterate = Iterate(program, solution.meshes, x, answer.lam_x[variables], answer.lam_g[rows])
+        return replace(moved, iterate=iterate)
 
     def _later(self, phase: PhaseGuess) -> PhaseGuess:
         last = float(phase.segment_times[-1])

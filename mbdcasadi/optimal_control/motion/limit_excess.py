@@ -72,11 +72,16 @@ def points_of(part: PhaseSolution) -> tuple[np.ndarray, np.ndarray]:
 
 def excess_of_polynomials(part: PhaseSolution) -> np.ndarray:
     """Values of the limits by the polynomials (N, POINTS, k), negative if they hold."""
-    limits, count = part.program.limits_at_points, part.mesh.count
-    if not limits or not count:
-        return np.zeros((count, POINTS, len(limits)))
+    return _on_grid(part)[0]
+
+
+def _on_grid(part: PhaseSolution) -> list[np.ndarray]:
+    """Values of the limits and of their larger sides by the polynomials, each (N, POINTS, limits)."""
+    shape = part.mesh.count, POINTS, len(part.program.limits_at_points)
+    if 0 in shape:
+        return [np.zeros(shape), np.zeros(shape)]
     return part.cache.get_or_create(
-        "excess of polynomials", lambda: _by_polynomials(part, *points_of(part))[0].reshape(count, POINTS, len(limits))
+        "limits on a grid", lambda: [x.reshape(shape) for x in _by_polynomials(part, *points_of(part))]
     )
 
 
@@ -95,7 +100,10 @@ def _excess_of_motion(part: PhaseSolution) -> list[Excess]:
     if not near.size:
         return []
     taus = np.tile(np.linspace(0, 1, POINTS), (near.size, 1))
-    values, sizes = (x.reshape(*taus.shape, -1) for x in limit_values(part, np.repeat(near, POINTS), taus.ravel()))
+    if _is_by_polynomials(part):
+        values, sizes = _with_sizes(part, *(x[near] for x in _on_grid(part)))
+    else:
+        values, sizes = (x.reshape(*taus.shape, -1) for x in limit_values(part, np.repeat(near, POINTS), taus.ravel()))
     peaks = [_peaks(values[:, :, place]) for place in range(len(limits))]
     rows, tau = (np.concatenate(parts) for parts in ([p[0] for p in peaks], [p[2] for p in peaks]))
     at_peaks = limit_values(part, near[rows], tau) if rows.size else (np.zeros((0, len(limits))),) * 2
@@ -128,12 +136,18 @@ def limit_values(part: PhaseSolution, k: Any, tau: Any) -> tuple[np.ndarray, np.
     A size is the larger of the sides, or the typical one if one of them is zero.
     """
     k, tau = np.atleast_1d(k), np.atleast_1d(tau)
+    return _with_sizes(part, *(_by_polynomials if _is_by_polynomials(part) else _by_motion)(part, k, tau))
+
+
+def _is_by_polynomials(part: PhaseSolution) -> bool:
+    """True if limits are those of the polynomials, since nothing moves these onto constraints."""
     limits = part.program.limits_at_points
-    if part.program.scheme.eom.rows or any(c.depends_on("acceleration", "multiplier") for c in limits):
-        values, sides = _by_motion(part, k, tau)
-    else:  # nothing moves the polynomials onto constraints
-        values, sides = _by_polynomials(part, k, tau)
-    typical = np.array([part.program.condition_sizes[c] for c in limits])
+    return not part.program.scheme.eom.rows and not any(c.depends_on("acceleration", "multiplier") for c in limits)
+
+
+def _with_sizes(part: PhaseSolution, values: np.ndarray, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values of limits, with their sizes by the larger sides (…, limits)."""
+    typical = np.array([part.program.condition_sizes[c] for c in part.program.limits_at_points])
     return values, np.where(sides > 0, sides, typical)
 
 

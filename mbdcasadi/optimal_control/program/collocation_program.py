@@ -287,6 +287,20 @@ class CollocationProgram:
         lower = [np.tile(x, len(block.copies)) for x, block in zip(by_block, self.blocks, strict=True)]
         return np.concatenate([np.zeros(0), *lower])
 
+    def later_places(self, later: np.ndarray, over: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places of the variables and of the rows of the only phase, with those of `later` intervals for each (N,).
+
+        Points that are `over`, after the end, are the last one.
+        """
+        (phase,), (interval, *_) = self.phases, self.blocks
+        intervals = np.arange(phase.count)[:, None]
+        variables, rows = np.arange(self.size), np.arange(self.lower.size)
+        variables[phase.point_index(intervals)] = phase.point_index(np.where(over, phase.count, later)[:, None])
+        variables[phase.inner_index(intervals)] = phase.inner_index(later[:, None])
+        count = interval.piece.rows.numel()
+        rows[: phase.count * count] = (later[:, None] * count + np.arange(count)).ravel()
+        return variables, rows
+
     @property
     def has_integrals(self) -> bool:
         """True if integrals are among the variables."""

@@ -84,7 +84,7 @@ class ProblemSetup:
             own = list((carried_by(self.initial, phase.mechanism)["parameters"] | dict(own)).items())
             start = self.initial if phase is first else ()
             read.append(Setup(phase.mechanism, "optimize", t=0.0, initial=start, parameters=own))
-        numerics, signals = [setup.numeric for setup in read], read[0].signals
+        numerics = [setup.numeric for setup in read]
         self.free_values = np.array([p.value for p in problem.free_parameters])
         self._is_own_start = initial is None
         self.of_start = self._values_of_start(read[0].p)
@@ -99,13 +99,14 @@ class ProblemSetup:
         if near is not None and (near.settings_key != settings.key or not self._is_decided_by_states):
             near = None
         cache = problem.compiled.setups if shares and (near is None or key in problem.compiled.setups) else Cache()
-        ready = cache.get_or_create_quietly(key, partial(self._make, numerics, signals, near), bounded=True)
+        ready = cache.get_or_create_quietly(key, partial(self._make, numerics, read[0], near), bounded=True)
         self.start, self.free_values, self.setups, self.changes = ready
         if isinstance(self.initial, State):  # those that are given as states share their setups
             self.start = self.initial
 
-    def _make(self, numerics: list[NumericEquations], signals: Signals, near: PhaseSetup | None) -> tuple[Any, ...]:
+    def _make(self, numerics: list[NumericEquations], first: Setup, near: PhaseSetup | None) -> tuple[Any, ...]:
         """Find the first state, values of free parameters, and setups of phases and changes."""
+        signals = first.signals
         with naming_phase(self.problem, self.problem.phases[0]):
             free = near is not None and self.initial == ()
             self.start = copy(near.start) if near and free else self._first_state(numerics, signals)
