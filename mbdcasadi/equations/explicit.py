@@ -76,18 +76,14 @@ class ExplicitRow:
     place : int
         Of the row in ``Phi``.
     coordinate : int
-        Expression of its value.
+        The coordinate that it gives, by place.
     factor : float
         Of the coordinate, with those given before substituted.
-    given, moved : list of int
-        Coordinates given before that occur in the row; those in whose terms this one occurs.
     """
 
     place: int
     coordinate: int
     factor: float
-    given: list[int]
-    moved: list[int]
 
 
 def explicit_rows(eom: Equations, *, curved: bool = True, angles: bool = False) -> list[ExplicitRow]:
@@ -190,8 +186,7 @@ def _solve(rows: list[_Row], lasting: set[int], curved: int) -> list[ExplicitRow
             definition = {k: row.solved_for(k)}
             moved = {j: d.with_definitions(definition) for j, d in definitions.items() if k in d.coordinates}
             if all(d.is_short(most) for d in (*definition.values(), *moved.values())):
-                dependent = [j for j in plain_row.coordinates if j in definitions]
-                solved[place] = ExplicitRow(place, k, row.linear[k], dependent, list(moved))
+                solved[place] = ExplicitRow(place, k, row.linear[k])
                 definitions |= moved | definition
     return list(solved.values())
 

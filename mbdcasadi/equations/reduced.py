@@ -240,19 +240,12 @@ def _some(column: ca.SX, places: list[int]) -> ca.SX:
 
 def _coordinates(eom: Equations, solved: list[ExplicitRow], error: ca.SX) -> ca.SX:
     """All coordinates by the independent ones, with explicit rows equal to `error` instead of zero."""
-    symbols, rows = ca.vertsplit(eom.q), ca.vertsplit(eom.Phi)
-    by_independent: dict[int, ca.SX] = {}
+    values, known = ca.SX(eom.q), list[int]()
     for one, miss in zip(solved, ca.vertsplit(error), strict=True):
-        coordinate = symbols[one.coordinate]
-        row = _substituted(rows[one.place], {k: (symbols[k], by_independent[k]) for k in one.given})
-        value = (miss - ca.substitute(row, coordinate, ca.SX(0))) / one.factor
-        by_independent |= {k: ca.substitute(by_independent[k], coordinate, value) for k in one.moved}
-        by_independent[one.coordinate] = value
-    return ca.vertcat(*[by_independent.get(k, symbol) for k, symbol in enumerate(symbols)])
-
-
-def _substituted(row: ca.SX, substitutions: dict[int, tuple[ca.SX, ca.SX]]) -> ca.SX:
-    if not substitutions:
-        return row
-    symbols, values = zip(*substitutions.values(), strict=True)
-    return ca.substitute(row, ca.vertcat(*symbols), ca.vertcat(*values))
+        here, row = eom.q[one.coordinate], eom.Phi[one.place]
+        row = ca.substitute(row, eom.q[known], values[known]) if known else row
+        values[one.coordinate] = (miss - ca.substitute(row, here, ca.SX(0))) / one.factor
+        if known and ca.depends_on(values[known], here):
+            values[known] = ca.substitute(values[known], here, values[one.coordinate])
+        known.append(one.coordinate)
+    return values
