@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import SimulationError
 from ..model.cache import Cache
+from ..numerics.evaluation import Evaluator
 from ..numerics.lazy import cached_property
 from .base import Integrator
 from .compiled import TOO_MANY_STEPS, CompiledIntegrator, Forms, InitialValueProblem
@@ -71,7 +72,7 @@ class RunEquations:
         a, lam = forward(t, q, v, z, u, p)
         z_rate, integrands = rates(t, q, v, a, z, lam, u, p)
         arguments = [t, y, p, levels, channel]
-        self._rates = ca.Function("rates", arguments, [ca.vertcat(v, a, z_rate)], options)
+        self._rates = Evaluator(ca.Function("rates", arguments, [ca.densify(ca.vertcat(v, a, z_rate))], options))
         self._integrands = ca.Function("integrands", arguments, [integrands], options)
 
     @property
@@ -80,16 +81,17 @@ class RunEquations:
 
     def rates(self, t: float, y: np.ndarray) -> np.ndarray:
         """Rates of the state (n,)."""
-        return self._rates(t, y, *self._constants).full().ravel()
+        return self._rates(t, y, *self._constants)[0].ravel()
 
     def jacobian(self, t: float, y: np.ndarray) -> np.ndarray:
         """Derivatives of the rates by the state (n, n)."""
-        return self._jacobian(t, y, *self._constants).full()
+        return self._jacobian(t, y, *self._constants)[0]
 
     @cached_property
-    def _jacobian(self) -> ca.Function:
-        arguments = self._rates.mx_in()
-        return ca.Function("jacobian", arguments, [ca.jacobian(self._rates(*arguments), arguments[1])], self._options)
+    def _jacobian(self) -> Evaluator:
+        rates, arguments = self._rates.function, self._rates.function.mx_in()
+        slopes = ca.densify(ca.jacobian(rates(*arguments), arguments[1]))
+        return Evaluator(ca.Function("jacobian", arguments, [slopes], self._options))
 
     def function(self, *expressions: Any) -> Callable[..., list[np.ndarray]]:
         """Return expressions in the symbols of the equations as a function of ``(t, q, v, a, z, lam)``.
@@ -101,12 +103,8 @@ class RunEquations:
         levels, channel = (ca.SX.sym("inputs", self._input.numel_in(k)) for k in (5, 6))
         u = self._input(eom.t, eom.q, eom.v, eom.z, eom.p, levels, channel)
         results = [ca.densify(r) for r in ca.substitute([ca.SX(e) for e in expressions], [eom.u], [u])]
-        made = ca.Function("expressions", [*symbols, eom.p, levels, channel], results, self._options)
-
-        def values(*arguments: Any) -> list[np.ndarray]:
-            return [result.full() for result in made.call([ca.DM(x) for x in (*arguments, *self._constants)])]
-
-        return values
+        made = Evaluator(ca.Function("expressions", [*symbols, eom.p, levels, channel], results, self._options))
+        return lambda *arguments: made(*arguments, *self._constants)
 
     # --- for what runs the method ------------------------------------------------------------------
     def take(self, p: np.ndarray, max_step: float) -> None:
