@@ -270,9 +270,9 @@ class NumericEquations:
         return ca.diag(ca.DM(1 / self.scale.known_size(size))) @ jacobian
 
     # --- accelerations and multipliers ---------------------------------------------------
-    def saddle(self, refinement: Refinement | None = None) -> Saddle:
-        """System of accelerations and multipliers for these masses; with a refinement if rows may be dependent."""
-        return dynamics_saddle(self.eom, self.augmentation, refinement)
+    def saddle(self, refinement: Refinement | None = None, *, under_reactions: bool = False) -> Saddle:
+        """:func:`System <.dynamics_saddle>` of accelerations and multipliers for these masses."""
+        return dynamics_saddle(self.eom, self.augmentation, refinement, under_reactions=under_reactions)
 
     def forward_dynamics(self, *, redundant: bool) -> ca.Function:
         """``(t, q, v, z, u, p) -> (a, lam)`` for these masses."""

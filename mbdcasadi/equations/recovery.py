@@ -170,12 +170,10 @@ def projection_saddle(eom: Equations, rows: list[int], *, refined: bool = False)
     long chains: refined steps find these. A tree needs no shift. Positions and velocities
     share the factors, unless there are velocity-level rows.
     """
-
-    cache, shifted = eom.mechanism.cache, SHIFTED if eom.has_loops else None
+    cache, refinement = eom.mechanism.cache, ONTO_ROWS if refined else SHIFTED if eom.has_loops else None
     weights = cache.get_or_create("projection weights", lambda: ca.SX.sym("w", eom.q.numel()))
 
     def make() -> Saddle:
-        refinement = ONTO_ROWS if refined else shifted
         return Saddle(weights, eom.Phi_q[rows, :], eom.angular_rows[rows], refinement, is_shared=True)
 
     return weights, cache.get_or_create(("projection saddle", refined, *rows), make, bounded=True)

@@ -116,7 +116,7 @@ class ReducedEquations:
         self.rows = [k for k in range(eom.lam.numel()) if k not in solved_rows]
         self.independent = [k for k in range(eom.q.numel()) if k not in dependent]
         self.q, self.v, self.a = eom.q[self.independent], eom.v[self.independent], eom.a[self.independent]
-        self.lam = _some(eom.lam, self.rows)
+        self.lam = eom.lam[self.rows, 0]
         self.coordinate_names = tuple(eom.coordinate_names[k] for k in self.independent)
         self.row_names = tuple(eom.row_names[k] for k in self.rows)
         self.angular_rows = eom.angular_rows[self.rows]
@@ -140,7 +140,7 @@ class ReducedEquations:
         eom, (q, _, a, missed, error) = self.whole, self._placed
         rows = eom.Phi_q[self.rows, :]
         load = eom.mass_diagonal * eom.a + rows.T @ self.lam - eom.Q
-        right = [_some(eom.Phi, self._places), _some(eom.nu, self.rows), _some(eom.gamma, self.rows)]
+        right = [eom.Phi[self._places, 0], eom.nu[self.rows, 0], eom.gamma[self.rows, 0]]
         load, rows, phi, nu, gamma, z_rate = self.of(load, rows, *right, eom.z_rate)
         pull = -ca.densify(ca.substitute(ca.jtimes(missed, error, load, True), error, ca.SX.zeros(error.numel())))
         lam = ca.SX(eom.lam)
@@ -152,7 +152,7 @@ class ReducedEquations:
             rows @ ca.jacobian(q, self.q),
             nu - rows @ ca.jacobian(q, self.t),
             gamma - rows @ ca.substitute(a, self.a, ca.SX.zeros(self.a.numel())),
-            ca.substitute(z_rate, _some(eom.lam, self.explicit), pull),
+            ca.substitute(z_rate, eom.lam[self.explicit, 0], pull),
             lam,
         )
 
@@ -231,11 +231,6 @@ class ReducedEquations:
         eom = self.whole
         symbols = [x[self._dependent] for x in (eom.q, eom.v, eom.a)]
         return ca.substitute(list(expressions), symbols, [x[self._dependent] for x in self._placed[:3]])
-
-
-def _some(column: ca.SX, places: list[int]) -> ca.SX:
-    """Some of the entries as a column, also if there are none."""
-    return column[places] if places else ca.SX(0, 1)
 
 
 def _coordinates(eom: Equations, solved: list[ExplicitRow], error: ca.SX) -> ca.SX:

@@ -11,7 +11,6 @@ import numpy as np
 from ..arguments.inputs import Signals
 from ..assembly.consistent_start import levels_of
 from ..equations import Equations
-from ..equations.dynamics import dynamics_saddle
 from ..equations.least_norm import of_least_norm
 from ..equations.newton_code import NewtonLoop, newton_step
 from ..equations.numeric import NumericEquations
@@ -100,7 +99,7 @@ class Model:
         """Changes of (a, lam) that changes of the force and of the right side of the acceleration equation cause."""
         eom, numeric = self.eom, self.numeric
         if eom.Q_depends_on_lam:
-            return dynamics_saddle(eom, numeric.augmentation, under_reactions=True).solve(force, gamma)
+            return numeric.saddle(under_reactions=True).solve(force, gamma)
         a, lam = numeric.saddle(REPORTED if self.is_redundant else None).solve(force, gamma)
         weights = numeric.multiplier_weights if self.is_redundant else None
         return a, lam if weights is None else of_least_norm(eom, lam, weights)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ...equations.derivation import Equations
-from ...equations.dynamics import dynamics_saddle
 from ...equations.numeric import NumericEquations
 
 
@@ -29,8 +27,14 @@ class Uniqueness:
         self.needed = eom.Q_depends_on_lam
         if not self.needed:
             return
-        key, light = ("reactions", numeric.light_key), numeric.augmentation
-        self._schur = eom.mechanism.cache.get_or_create(key, lambda: _schur(eom, light))
+        #: ``S`` with the forces that depend on lam to first order, as a column
+        self._schur = eom.mechanism.cache.get_or_create(("reactions", numeric.light_key), self._make)
+
+    def _make(self) -> ca.Function:
+        eom = self.numeric.eom
+        schur = self.numeric.saddle(under_reactions=True).schur
+        arguments = [eom.t, eom.q, eom.v, eom.z, eom.lam, eom.u, eom.p]
+        return ca.Function("reactions", arguments, [ca.densify(ca.vec(schur))])
 
     def first_lost(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, lam: np.ndarray, u: np.ndarray
@@ -53,10 +57,3 @@ class Uniqueness:
             "jams, and none or more than one set of reactions meets the equations; lower the coefficient, lengthen the "
             "guide, use a thinner pin, or move the load nearer to the joint"
         )
-
-
-def _schur(eom: Equations, augmentation: np.ndarray | None) -> ca.Function:
-    """``S`` of the equations for ``(a, lam)``, with the forces that depend on lam to first order, as a column."""
-    schur = dynamics_saddle(eom, augmentation, under_reactions=True).schur
-    arguments = [eom.t, eom.q, eom.v, eom.z, eom.lam, eom.u, eom.p]
-    return ca.Function("reactions", arguments, [ca.densify(ca.vec(schur))])

@@ -37,14 +37,12 @@ def dynamics_of(numeric: NumericEquations, *, redundant: bool = False) -> ca.Fun
         True if rows depend on each other; the multipliers are then those of least norm, by the regularised solve.
     """
     eom = numeric.eom
-    key = ("explicit dynamics", numeric.light_key, redundant)
-    return eom.mechanism.cache.get_or_create(key, lambda: _dynamics(numeric, redundant))
 
+    def make() -> ca.Function:
+        known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
+        return _function_of("dynamics", numeric, known, *numeric.forward_dynamics(redundant=redundant)(*known))
 
-def _dynamics(numeric: NumericEquations, redundant: bool) -> ca.Function:
-    eom = numeric.eom
-    known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
-    return _function_of("dynamics", numeric, known, *numeric.forward_dynamics(redundant=redundant)(*known))
+    return eom.mechanism.cache.get_or_create(("explicit dynamics", numeric.light_key, redundant), make)
 
 
 def _function_of(name: str, numeric: NumericEquations, known: list[ca.SX], a: ca.SX, lam: ca.SX) -> ca.Function:
