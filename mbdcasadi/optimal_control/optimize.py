@@ -107,7 +107,9 @@ def optimize(
         Inputs whose courses are known: measured signals, loads, references. Each is a number, an array over the
         duration, a pair of times, s, and values, a curve, or an expression in ``mbd.t``; samples are joined by straight
         lines, as in :func:`simulate`. The motion sees a polynomial through the values at the stages of each interval,
-        which is exact if intervals end at samples. Other courses of the same inputs compile nothing anew.
+        which is exact if intervals end at samples; with a `tolerance` it follows the course to this share of its
+        largest value. Durations and times of waypoints are fixed then, unless it is a number. Other courses of the same
+        inputs compile nothing anew.
     parameters : mapping, optional
         Parameter to number.
     continuation : mapping, optional

@@ -31,8 +31,6 @@ from .transcription.mesh import interval_count
 
 #: Relative difference of costs below which solutions are the same.
 SAME_COST = 1e-6
-#: Relative difference of times by rounding, up to which a motion is moved by whole intervals.
-SAME_TIME = 1e-9
 #: Miss of a constraint from which the first state of a solution does not belong to a mechanism with other parameters.
 STATE_TOLERANCE = 1e-6
 
@@ -260,7 +258,7 @@ class Shifted:
         later = np.clip(np.searchsorted(times, after) - 1, 0, times.size - 2)
         variables, rows = program.later_places(later, after > times[-1])
         within = after < times[-1]
-        if np.allclose(times[later[within]], times[:-1][within] + self.time, rtol=SAME_TIME, atol=0):
+        if np.allclose(times[later[within]], times[:-1][within] + self.time):
             x = (solution.variables / program.scale)[variables]
         else:
             x = moved.variables(program, solution.meshes)

@@ -101,6 +101,23 @@ def test_a_known_load_is_that_of_the_model(form, control):
     assert found.verify().final_error < 1e-8
 
 
+@pytest.mark.slow
+def test_a_mesh_is_refined_beside_a_known_load():
+    """To a tolerance of the states and of the inputs, as with the load in the model; exact on samples beside it."""
+    expected, found = (
+        moved_block(known, mbd.sin(25 * mbd.t), tolerance=1e-6)[1] for known in (None, mbd.sin(25 * mbd.t))
+    )
+    assert found.cost == pytest.approx(expected.cost, rel=1e-6)
+    times = np.linspace(0, 1, 301)
+    assert found.trajectory.at(times)[found.settings.known.phases[0][0].expression] == pytest.approx(
+        np.sin(25 * times), abs=4e-6
+    )
+    problem, sampled, w, _ = moved_block(np.abs(TIMES - 0.5), tolerance=1e-6)
+    assert sampled.mesh.size == 11 and sampled.trajectory.maximum(w).value == pytest.approx(0.5)
+    with pytest.warns(mbd.MechanismWarning, match="inputs that were given.*that end at the samples"):
+        mbd.optimize(problem, intervals=7, inputs={w: np.resize([0.0, 1.0], 90)}, tolerance=1e-6)
+
+
 def test_a_known_load_that_jumps_at_mesh_points():
     """Held from sample to sample; the effort of least cost is linear in time, and makes up for it."""
     steps = np.where(np.arange(10) % 2, 3.0, -3.0)

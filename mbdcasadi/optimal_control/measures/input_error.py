@@ -223,5 +223,6 @@ def _shares_of_largest(part: PhaseSolution) -> np.ndarray:
 def _sizes(part: PhaseSolution, coefficients: np.ndarray, since: np.ndarray) -> np.ndarray:
     """Largest values of the inputs at their points, not far below their typical ones (n_u,)."""
     largest = [np.max(np.abs(_values(coefficients, column)), axis=0) for column in since.T]
-    sizes: np.ndarray = np.maximum(np.max(largest, axis=0), SMALLEST_SHARE * part.program.scales.u)
+    typical = part.program.scales.u[part.program.scheme.free_inputs]
+    sizes: np.ndarray = np.maximum(np.max(largest, axis=0), SMALLEST_SHARE * typical)
     return sizes

@@ -93,15 +93,15 @@ class ProblemSetup:
         if isinstance(self.initial, State):
             with naming_phase(problem, first):
                 check_start(problem, first, numerics[0], self.initial)
-        start = "state" if isinstance(self.initial, State) and len(problem.phases) == 1 else self.initial
-        key = settings.key, start, *(numeric.p.tobytes() for numeric in numerics)
-        shares = self._is_own_start or start == "state"
+        shared = isinstance(self.initial, State) and len(problem.phases) == 1  # states share their setups
+        key = settings.key, "state" if shared else self.initial, *(numeric.p.tobytes() for numeric in numerics)
         if near is not None and (near.settings_key != settings.key or not self._is_decided_by_states):
             near = None
-        cache = problem.compiled.setups if shares and (near is None or key in problem.compiled.setups) else Cache()
+        kept = problem.compiled.setups
+        cache = kept if (shared or self._is_own_start) and (near is None or key in kept) else Cache()
         ready = cache.get_or_create_quietly(key, partial(self._make, numerics, read[0], near), bounded=True)
         self.start, self.free_values, self.setups, self.changes = ready
-        if isinstance(self.initial, State):  # those that are given as states share their setups
+        if isinstance(self.initial, State):
             self.start = self.initial
 
     def _make(self, numerics: list[NumericEquations], first: Setup, near: PhaseSetup | None) -> tuple[Any, ...]:

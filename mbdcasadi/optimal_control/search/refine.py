@@ -11,6 +11,7 @@ from ...errors import OptimizationError, warn
 from ...numerics.console import interruptible
 from ..measures.cost_error import CostErrors, cost_size
 from ..measures.input_error import UnresolvedInputs
+from ..measures.known_courses import KnownCourses
 from ..measures.limit_error import PassedLimits
 from ..measures.local_error import LocalErrors
 from ..measures.measure import Measure, pieces_of, split
@@ -28,7 +29,9 @@ from ..transcription.mesh import Mesh, interval_count
 from .coarse_mesh import HALVED_INTERVALS
 
 #: What is measured on a solution with small local errors.
-MEASURES: tuple[type[Measure], ...] = (UnresolvedSwitches, PassedLimits, UnresolvedInputs, CostErrors, TimeJumps)
+MEASURES: tuple[type[Measure], ...] = (
+    UnresolvedSwitches, PassedLimits, UnresolvedInputs, KnownCourses, CostErrors, TimeJumps,
+)  # fmt: skip
 #: Largest number of passes, and of intervals of a mesh.
 PASSES, INTERVALS = 12, 2000
 #: Passes in which mesh points move to switches, or are put at kinks; after these the intervals are split.

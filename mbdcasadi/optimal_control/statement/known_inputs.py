@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -16,9 +15,6 @@ from ...errors import ModelError
 from ...model.symbols import Input, place_of
 from .courses import Course, course_of
 from .statement import ProblemStatement
-
-#: Share of the duration by which samples may end early, by rounding.
-ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -92,7 +88,7 @@ def read_known_inputs(problem: ProblemStatement, inputs: Any) -> KnownInputs:
 def _course(symbol: Any, value: Any, duration: float) -> Course:
     """The course of an input, straight between samples as in a simulation."""
     course = course_of(symbol, value, f"input '{symbol.label}'", through=_straight)
-    if 0 < course.lasts < duration * (1 - ROUNDING):
+    if 0 < course.lasts < duration and not np.isclose(course.lasts, duration):
         raise ModelError(
             f"optimize: the samples of {course.label} end at {course.lasts:.6g} s, and the motion at {duration:.6g} s"
         )
@@ -100,4 +96,4 @@ def _course(symbol: Any, value: Any, duration: float) -> Course:
 
 
 def _straight(places: np.ndarray, samples: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    return partial(np.interp, xp=places, fp=samples)
+    return lambda readings: np.asarray(np.interp(readings, places, samples))
