@@ -19,22 +19,7 @@ def hermite(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, wanted: 
     k, h, s = _bracket(t, wanted)
     if t.size == 1:
         return q[k], v[k]
-    q0, q1, v0, v1, a0, a1 = q[k], q[k + 1], h * v[k], h * v[k + 1], h**2 * a[k], h**2 * a[k + 1]
-    c3, c4, c5 = _quintic(q1 - q0, v0, a0, v1, a1)
-    position = q0 + s * (v0 + s * (a0 / 2 + s * (c3 + s * (c4 + s * c5))))
-    velocity = (v0 + s * (a0 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))) / h
-    return position, velocity
-
-
-def _quintic(
-    rise: np.ndarray, v0: np.ndarray, a0: np.ndarray, v1: np.ndarray, a1: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Coefficients of third to fifth power of the share of a step that has passed, of rates by that share."""
-    return (
-        10 * rise - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1,
-        -15 * rise + 8 * v0 + 7 * v1 + 1.5 * a0 - a1,
-        6 * rise - 3 * v0 - 3 * v1 - 0.5 * a0 + 0.5 * a1,
-    )
+    return quintic_step(s, h, q[k], v[k], a[k], q[k + 1], v[k + 1], a[k + 1])
 
 
 def quintic_step(
@@ -46,12 +31,14 @@ def quintic_step(
     q1: np.ndarray,
     v1: np.ndarray,
     a1: np.ndarray,
-) -> np.ndarray:
-    """Quintic Hermite polynomials at shares s (k, 1) of steps of lengths h (k, 1)."""
-    v0, v1, a0, a1 = h * v0, h * v1, h**2 * a0, h**2 * a1
-    c3, c4, c5 = _quintic(q1 - q0, v0, a0, v1, a1)
-    position: np.ndarray = q0 + s * (v0 + s * (a0 / 2 + s * (c3 + s * (c4 + s * c5))))
-    return position
+) -> tuple[np.ndarray, np.ndarray]:
+    """Quintic Hermite polynomials at shares s (k, 1) of steps of lengths h (k, 1), and their derivative."""
+    v0, v1, a0, a1, rise = h * v0, h * v1, h**2 * a0, h**2 * a1, q1 - q0
+    c3 = 10 * rise - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1
+    c4 = -15 * rise + 8 * v0 + 7 * v1 + 1.5 * a0 - a1
+    c5 = 6 * rise - 3 * v0 - 3 * v1 - 0.5 * a0 + 0.5 * a1
+    position = q0 + s * (v0 + s * (a0 / 2 + s * (c3 + s * (c4 + s * c5))))
+    return position, (v0 + s * (a0 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))) / h
 
 
 def cubic_step(

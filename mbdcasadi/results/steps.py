@@ -190,7 +190,7 @@ class _Steps:
         s = np.clip((t[:, None] - self.t0[k, None]) / h, 0, 1)
         n = self.q0.shape[1]
         (v0, a0), (v1, a1) = ((w[k, :n], r[k, :n]) for w, r in ((self.w0, self.rate0), (self.w1, self.rate1)))
-        q = quintic_step(s, h, self.q0[k], v0, a0, self.q1[k], v1, a1)
+        q, _ = quintic_step(s, h, self.q0[k], v0, a0, self.q1[k], v1, a1)
         w, rate = cubic_step(s, h, self.w0[k], self.rate0[k], self.w1[k], self.rate1[k])
         w, rate = w + self.bend[k] * (s * (1 - s)) ** 2, rate + self.bend[k] * 2 * s * (1 - s) * (1 - 2 * s) / h
         return States(q, w[:, :n], w[:, n:]), rate

@@ -126,7 +126,7 @@ class _Terms:
 
     Attributes
     ----------
-    rate_is_known : list of bool
+    rate_is_known : numpy.ndarray of bool
         By event.
     rates, derivatives : casadi.SX
         First derivatives of the expressions, and these above the second ones; 0 if the model does not know them.
@@ -138,7 +138,7 @@ class _Terms:
 
     def __init__(self, eom: Equations, events: Sequence[Event]):
         rates = [_rate(eom, e.expression) for e in events]
-        self.rate_is_known = [rate is not None for rate in rates]
+        self.rate_is_known = np.array([rate is not None for rate in rates], bool)
         self.rates = ca.vertcat(ca.SX(0, 1), *[ca.SX(0) if rate is None else rate for rate in rates])
         self.derivatives = ca.vertcat(self.rates, *[_second_rate(eom, e.expression) for e in events])
         expressions = ca.vertcat(ca.SX(0, 1), *[e.expression for e in events])
@@ -171,7 +171,7 @@ class EventWatch:
         own: Sequence[Event] = (),
     ):
         self.events, self.instant = (*own, *events), instant
-        self._own = range(len(own))
+        self._own, self._directions = range(len(own)), np.array([event.direction for event in self.events])
         states = defaultdict(EventState) if states is None else states
         self.states = [states[event] for event in self.events]
         self._fineness = 1.0
@@ -189,7 +189,7 @@ class EventWatch:
         return Watched(
             self._terms.values,
             self._terms.left_out is None,
-            np.sign([event.direction for event in self.events]).astype(int),
+            np.sign(self._directions).astype(int),
             np.array([decides(event) for event in self.events]),
         )
 
@@ -307,24 +307,18 @@ class EventWatch:
         through = self.moves_through(state)
         return [self.events[k] for k in self.at_zero(state) if through[k]]
 
-    def moves_through(self, state: State) -> list[bool]:
+    def moves_through(self, state: State) -> np.ndarray:
         """True for each expression at zero that passes it in the direction in which the event counts.
 
         One whose rate is not known, or that counts in both directions, does not.
         """
-        limit = at_rest(state)
-        return [
-            known and event.direction * rate > limit
-            for event, rate, known in zip(self.events, self.rates(state), self._terms.rate_is_known, strict=True)
-        ]
+        moves: np.ndarray = self._terms.rate_is_known & (self._directions * self.rates(state) > at_rest(state))
+        return moves
 
-    def rests(self, state: State) -> list[bool]:
+    def rests(self, state: State) -> np.ndarray:
         """True for each expression that stands still at a state; one whose rate is not known counts as moving."""
-        limit = at_rest(state)
-        return [
-            known and abs(rate) <= limit
-            for rate, known in zip(self.rates(state), self._terms.rate_is_known, strict=True)
-        ]
+        rests: np.ndarray = self._terms.rate_is_known & (np.abs(self.rates(state)) <= at_rest(state))
+        return rests
 
     def _at_zero(self, state: State) -> list[int]:
         """Events whose expressions vanish at a state, within an instant of its motion and within rounding."""
@@ -337,11 +331,9 @@ class EventWatch:
 
     def pressed_through(self, state: State) -> list[Event]:
         """Events at rest at their zeros, through which the accelerations press them."""
-        rests, seconds = self.rests(state), self._derivatives(state)[1]
         limit = NO_PRESSURE * _fineness(state) * (1 + largest(state.a))
-        return [
-            self.events[k] for k in self.at_zero(state) if rests[k] and self.events[k].direction * seconds[k] > limit
-        ]
+        pressed = self.rests(state) & (self._directions * self._derivatives(state)[1] > limit)
+        return [self.events[k] for k in self.at_zero(state) if pressed[k]]
 
     # --- between outputs --------------------------------------------------------------------------
     def measured(self, values: np.ndarray, x: np.ndarray) -> dict[int, int]:
