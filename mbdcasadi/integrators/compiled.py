@@ -311,6 +311,11 @@ class CompiledIntegrator:
         try:
             made = ca.integrator("motion", self.integrator.plugin, self._system, 0.0, fractions, options)
         except RuntimeError as error:
+            if not ca.has_integrator(self.integrator.plugin):
+                raise SimulationError(
+                    f"method '{self.integrator.name}' names plugin '{self.integrator.plugin}', which is no integrator "
+                    "of CasADi; a method in code of its own derives from SteppingMethod"
+                ) from None
             raise SimulationError(f"method '{self.integrator.name}' refuses the options: {last_line(error)}") from None
         self._functions[key] = made
         while len(self._functions) > KEPT:

@@ -221,3 +221,10 @@ def test_refused_where_a_function_of_casadi_is_needed():
         mbd.sweep(mechanism, np.linspace(0, 1, 5), cases={gravity: [1.0, 2.0]}, outputs=[body.y], method=METHODS[0])
     with pytest.raises(mbd.SimulationError, match="takes no options"):
         PAGE["Radau"](options={"order": 3})
+
+
+def test_a_plugin_that_casadi_does_not_have_is_named():
+    """With the class to derive from instead."""
+    kind = type("Unknown", (mbd.Integrator,), {"name": "unknown", "plugin": "radau", "solves_algebraic": False})
+    with pytest.raises(mbd.SimulationError, match="names plugin 'radau', which is no integrator.*SteppingMethod"):
+        mbd.simulate(pendulum()[2], duration=1.0, method=kind)
