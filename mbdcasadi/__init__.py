@@ -99,6 +99,9 @@ if _typing.TYPE_CHECKING:
     from .model.placeholders import absolute, at_end, at_start, integral, positive_part
     from .optimal_control.optimize import optimize
     from .optimal_control.problem import OptimalControlProblem
+    from .optimal_control.search.proposal import Proposal
+    from .optimal_control.search.strategies import STRATEGIES
+    from .optimal_control.search.strategy import Strategy
     from .optimal_control.solution import Solution, read_solution
     from .optimal_control.statement.phase import Phase, Waypoint
     from .optimal_control.statement.time_span import between
@@ -141,6 +144,9 @@ _LATER = {
     "model.placeholders": "absolute at_end at_start integral positive_part",
     "optimal_control.optimize": "optimize",
     "optimal_control.problem": "OptimalControlProblem",
+    "optimal_control.search.proposal": "Proposal",
+    "optimal_control.search.strategies": "STRATEGIES",
+    "optimal_control.search.strategy": "Strategy",
     "optimal_control.solution": "Solution read_solution",
     "optimal_control.statement.phase": "Phase Waypoint",
     "optimal_control.statement.time_span": "between",
@@ -168,29 +174,30 @@ _LATER = {
 _PLACES = {name: module for module, names in _LATER.items() for name in names.split()}
 #: All public names: type checkers, ``import *``, ``help`` and ``inspect`` go by these.
 __all__ = [
-    "BDF", "DOP853", "IDAS", "RSDA", "TSDA", "AbsoluteAngle", "AbsoluteDistance", "AbsoluteX", "AbsoluteY", "Actuator",
-    "Animation", "AssemblyError", "Belt", "Body", "Bushing", "CamCam", "CamFlatFollower", "CamOutline",
-    "CamPointFollower", "Circle", "CollocationPoint", "ConditionError", "Constraint", "ConstraintElement", "Contact",
-    "Coordinate", "CostFunction", "Coulomb", "Coupler", "Curve", "Cylinder", "DCMotor", "DataLaw", "Disc", "Distance",
-    "Driver", "DryFriction", "Element", "EndStop", "EnergyMeter", "Equations", "Equilibrium", "EquilibriumError",
-    "EquilibriumPath", "Event", "Experiment", "ExpressionError", "FieldForce", "FileError", "FirstOrderLag", "Fit",
-    "Force", "FrictionLaw", "GasSpring", "GaussLegendre", "Gear", "GeneralizedForce", "Glyph", "Gravity", "HalfPlane",
-    "HermiteSimpson", "HollowCircle", "HuntCrossley", "HydraulicCylinder", "IdentificationError", "Input", "Integrator",
-    "IntegratorStep", "Interrupted", "Joint", "JointFriction", "KnifeEdge", "LinearModel", "LoadIndependentFriction",
-    "LuGre", "Marker", "Mechanism", "MechanismError", "MechanismWarning", "ModelError", "MotionProgram",
-    "NonholonomicConstraint", "OptimalControlProblem", "OptimizationError", "PIController", "Parameter", "Phase",
-    "Point", "PointOnCurve", "PointOnLine", "Polygon", "PolygonEdges", "RackAndPinion", "Reachability", "Reaction",
-    "Rectangle", "RelativeAngle", "RelativeX", "RelativeY", "Report", "Resistance", "Revolute", "Rod", "Rolling",
-    "Rope", "Rosenbrock", "RunEquations", "RungeKutta", "SampledController", "Segment", "Sensitivities", "ShakingForce",
-    "Shape", "SimulationError", "SingularityError", "Smoothing", "Solution", "Stability", "State", "StateVariable",
-    "SteppingMethod", "Stribeck", "Sweep", "Torque", "Trajectory", "Transcription", "Translational",
-    "ValidityCondition", "Viscous", "Waypoint", "Weld", "absolute", "animate", "assemble", "at_end", "at_start",
-    "between", "bounded", "check", "cost_function", "draw", "dwell", "equations", "equilibrium", "equilibrium_path",
-    "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness", "identify", "impact", "integral",
-    "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize", "optimize", "plot", "plot_energy",
-    "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution", "positive_part", "reachable",
-    "read_acf", "read_adm", "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities",
-    "shaking_force", "simulate", "soft", "stability", "sweep", "t", "time_derivative",
+    "BDF", "DOP853", "IDAS", "RSDA", "STRATEGIES", "TSDA", "AbsoluteAngle", "AbsoluteDistance", "AbsoluteX",
+    "AbsoluteY", "Actuator", "Animation", "AssemblyError", "Belt", "Body", "Bushing", "CamCam", "CamFlatFollower",
+    "CamOutline", "CamPointFollower", "Circle", "CollocationPoint", "ConditionError", "Constraint", "ConstraintElement",
+    "Contact", "Coordinate", "CostFunction", "Coulomb", "Coupler", "Curve", "Cylinder", "DCMotor", "DataLaw", "Disc",
+    "Distance", "Driver", "DryFriction", "Element", "EndStop", "EnergyMeter", "Equations", "Equilibrium",
+    "EquilibriumError", "EquilibriumPath", "Event", "Experiment", "ExpressionError", "FieldForce", "FileError",
+    "FirstOrderLag", "Fit", "Force", "FrictionLaw", "GasSpring", "GaussLegendre", "Gear", "GeneralizedForce", "Glyph",
+    "Gravity", "HalfPlane", "HermiteSimpson", "HollowCircle", "HuntCrossley", "HydraulicCylinder",
+    "IdentificationError", "Input", "Integrator", "IntegratorStep", "Interrupted", "Joint", "JointFriction",
+    "KnifeEdge", "LinearModel", "LoadIndependentFriction", "LuGre", "Marker", "Mechanism", "MechanismError",
+    "MechanismWarning", "ModelError", "MotionProgram", "NonholonomicConstraint", "OptimalControlProblem",
+    "OptimizationError", "PIController", "Parameter", "Phase", "Point", "PointOnCurve", "PointOnLine", "Polygon",
+    "PolygonEdges", "Proposal", "RackAndPinion", "Reachability", "Reaction", "Rectangle", "RelativeAngle", "RelativeX",
+    "RelativeY", "Report", "Resistance", "Revolute", "Rod", "Rolling", "Rope", "Rosenbrock", "RunEquations",
+    "RungeKutta", "SampledController", "Segment", "Sensitivities", "ShakingForce", "Shape", "SimulationError",
+    "SingularityError", "Smoothing", "Solution", "Stability", "State", "StateVariable", "SteppingMethod", "Strategy",
+    "Stribeck", "Sweep", "Torque", "Trajectory", "Transcription", "Translational", "ValidityCondition", "Viscous",
+    "Waypoint", "Weld", "absolute", "animate", "assemble", "at_end", "at_start", "between", "bounded", "check",
+    "cost_function", "draw", "dwell", "equations", "equilibrium", "equilibrium_path", "export_fmu", "fall",
+    "full_factorial", "glyph", "ground", "hertz_stiffness", "identify", "impact", "integral", "inverse_dynamics",
+    "kinematics", "latin_hypercube", "library", "linearize", "optimize", "plot", "plot_energy", "plot_modes",
+    "plot_path", "plot_phase", "plot_residuals", "plot_solution", "positive_part", "reachable", "read_acf", "read_adm",
+    "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities", "shaking_force", "simulate",
+    "soft", "stability", "sweep", "t", "time_derivative",
 ]  # fmt: skip
 __all__ += _expressions.__all__
 

@@ -3,15 +3,13 @@
 In the order in which they are passed:
 
 1. :mod:`problem`, of phases (:mod:`phase`): the statement, checked by :mod:`poses.consistency`.
-2. :mod:`search`: the attempts that are made, and what follows if they fail; :mod:`search.reach` looks before them
-   whether the linkage reaches waypoints and ends.
+2. :mod:`search.search`: the :mod:`search.strategies` have their turns; :mod:`search.reach` looks before them whether
+   the linkage reaches waypoints and ends.
 3. :mod:`program.problem_setup`: parameters, first state, poses on the way, and what the programs of a phase share.
-4. :mod:`search.multistart`: motions to start from.
+4. :mod:`search.starts`: motions to begin with.
 5. :mod:`program.collocation_program`, by a scheme of :mod:`transcription`: the nonlinear program on a mesh.
 6. :mod:`solve.problem_solver`: one solve, by :mod:`solve.solvers.ipopt`; :mod:`solve.failure` says why one failed.
-7. :mod:`search.coarse_first`: fine meshes; :mod:`search.refine`: other meshes, until all
-   :mod:`measures.measure` meet a tolerance; without one :mod:`search.coarse_mesh`,
-   :mod:`search.slow_first` and :mod:`search.second_try`.
+7. :mod:`search.coarse_mesh` and :mod:`search.refine`: other meshes, until all :mod:`measures.measure` meet a tolerance.
 8. :mod:`solution`: the motion, its limits and costates, and :mod:`motion.verification`.
 """
 
@@ -39,6 +37,8 @@ from .program.setup import Settings
 from .search.parameter_continuation import read_continuation
 from .search.saddle import warn_of_saddle
 from .search.search import Search
+from .search.strategies import STRATEGIES, read_strategies
+from .search.strategy import Strategy
 from .search.undecided import warn_of_undecided
 from .solution import Shifted, Solution
 from .solve.best_so_far import BestSoFar
@@ -55,6 +55,7 @@ def optimize(
     guess: Solution | Shifted | Trajectory | Mapping[Any, Any] | None = None,
     starts: Any = None,
     executor: Executor | None = None,
+    search: Sequence[Strategy] = STRATEGIES,
     initial: Conditions | None = None,
     inputs: Any = None,
     parameters: Mapping[Any, Any] | None = None,
@@ -101,6 +102,10 @@ def optimize(
         returned, and ``statistics.starts`` has all.
     executor : concurrent.futures.Executor, optional
         Threads or processes on which the solver runs from several starts at a time, without `progress`.
+    search : sequence of Strategy, optional
+        Strategies of the search, which have their turns in this order; by default :data:`STRATEGIES`, of which some may
+        be left out, and to which strategies of one's own may be added, see :class:`Strategy`. What was tried is in
+        ``statistics.starts`` and ``statistics.stages``.
     initial : sequence of relations or State, optional
         Start in place of the problem's own; what was compiled is used again.
     inputs : mapping, optional
@@ -168,16 +173,16 @@ def optimize(
             accuracy = _tolerance(tolerance)
             settings = Settings.read(transcription, degree, control, options, progress)
             settings = replace(settings, known=read_known_inputs(problem, inputs))
-            search = Search(problem, intervals, initial, settings, best, executor)
+            run = Search(problem, intervals, initial, settings, best, executor, read_strategies(search))
             if continuation is None:
-                solution = search.solve(parameters, guess, starts, accuracy)
+                solution = run.solve(parameters, guess, starts, accuracy)
             else:
                 steps = read_continuation(problem, continuation, parameters)
-                solution = search.solve_in_turn(steps, parameters, guess, starts, accuracy)
-            if accuracy is None and not search.is_known(guess):
+                solution = run.solve_in_turn(steps, parameters, guess, starts, accuracy)
+            if accuracy is None and not run.is_known(guess):
                 warn_of_coarse_mesh(solution)
                 warn_of_false_cost(solution)
-            if not search.is_known(guess):
+            if not run.is_known(guess):
                 warn_of_growth(solution)
                 warn_of_folding_poses(solution)
                 warn_of_saddle(solution)

@@ -6,8 +6,17 @@ import pytest
 from motions import crank_rocker, half_turn, pendulum, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.search import closing_limits, search
+from mbdcasadi.optimal_control.program.variant import WITHOUT_LIMITS
+from mbdcasadi.optimal_control.search import closing_limits, least_violation
+from mbdcasadi.optimal_control.search.budgets import Budgets
+from mbdcasadi.optimal_control.search.closing_limits import ClosingLimits
+from mbdcasadi.optimal_control.search.first_guesses import FirstGuesses
+from mbdcasadi.optimal_control.search.least_violation import LeastViolation
+from mbdcasadi.optimal_control.search.random_starts import LastStarts
 from mbdcasadi.optimal_control.solve.problem_solver import ProblemSolver
+
+#: The first guesses, and limits that close in.
+CLOSING = [FirstGuesses(), ClosingLimits()]
 
 
 def cart_pole(limit, rail):
@@ -39,9 +48,10 @@ def cart_pole(limit, rail):
 def test_limits_close_in_on_a_cart():
     """The limits hold, the simulation arrives, and the stages are reported; a fresh solve from there confirms it."""
     problem, cart, force = cart_pole(8.0, 1.0)
-    solution = mbd.optimize(problem)
+    solution = mbd.optimize(problem, search=CLOSING)
     stages = solution.statistics.stages
-    assert [stage.description for stage in stages[:3]] == ["all limits", "no limits", "all limits, closed in"]
+    descriptions = [stage.description for stage in stages]
+    assert descriptions[:2] == ["kinematic", "no limits"] and descriptions[-1].startswith("all limits, ")
     assert stages[0].status != "Solve_Succeeded" and stages[1].status == "Solve_Succeeded"
     assert solution.statistics.iterations >= sum(stage.iterations for stage in stages)
     motion = solution.trajectory.at(np.linspace(0, 2, 400))
@@ -51,98 +61,48 @@ def test_limits_close_in_on_a_cart():
 
 
 @pytest.mark.slow
-def test_limits_close_in_from_a_motion(monkeypatch):
-    """If the solution without limits owes its cost to a coarse mesh, limits close in on finer ones."""
-    monkeypatch.setattr(closing_limits, "is_lost", lambda solution: solution.meshes[0].count < 80)
-    problem, _cart, force = cart_pole(8.0, 1.0)
-    solution = mbd.optimize(problem)
-    stages = [stage.description for stage in solution.statistics.stages]
-    assert stages[:4] == ["all limits", "no limits", "no limits, slowly first", "all limits, closed in"]
-    assert solution.mesh.size - 1 == 80
-    assert np.max(np.abs(solution.trajectory[force])) <= 8 + 1e-6
-
-
-@pytest.mark.slow
 def test_a_least_time_without_limits_is_no_shorter_than_the_guess(monkeypatch):
     """Else forces have no end, and limits do not close in from there; 8 N move 1 kg by 1 m in ``2 / sqrt(8)`` s."""
-    original, durations = ProblemSolver.solve_unlimited, []
+    original, durations = ProblemSolver.solve, []
 
-    def recorded(self, *arguments):
-        found = original(self, *arguments)
-        durations.append(found[0].duration)
+    def recorded(self, meshes, guess, **how):
+        found = original(self, meshes, guess, **how)
+        if how["variant"] is WITHOUT_LIMITS:
+            durations.append(found.duration)
         return found
 
-    monkeypatch.setattr(ProblemSolver, "solve_unlimited", recorded)
-    monkeypatch.setattr(search, "FIRST_ITERATIONS", 1)  # the first solve fails
-    monkeypatch.setattr(closing_limits, "OTHER_ITERATIONS", 1)  # so does that on another mesh
+    monkeypatch.setattr(ProblemSolver, "solve", recorded)
+    monkeypatch.setattr("mbdcasadi.optimal_control.search.search.BUDGETS", Budgets(first=1))  # the first solve fails
     problem, *_ = rest_to_rest(1.0, (0.01, 10.0), lower=-8, upper=8, running_cost=0, terminal_cost=mbd.t)
-    solution = mbd.optimize(problem)
+    solution = mbd.optimize(problem, search=CLOSING)
     assert durations[0] >= np.sqrt(0.01 * 10.0) - 1e-6
-    assert [stage.description for stage in solution.statistics.stages[1:3]] == ["all limits, another mesh", "no limits"]
     assert solution.duration == pytest.approx(2 / np.sqrt(8), rel=1e-6)
 
 
 @pytest.mark.slow
 def test_limits_close_in_on_a_finer_mesh(monkeypatch):
     """If the mesh is coarse for the motion without limits, which may then not meet them on it at all."""
-    monkeypatch.setattr(closing_limits, "COARSE_ERROR", -1.0)
+    monkeypatch.setattr(closing_limits, "is_coarse", lambda _solution: True)
     problem, cart, _force = cart_pole(8.0, 1.0)
-    solution = mbd.optimize(problem)
-    assert [stage.intervals for stage in solution.statistics.stages] == [40, 40, 80]
+    solution = mbd.optimize(problem, search=CLOSING)
+    assert solution.statistics.stages[-1].intervals == 80
     assert np.max(np.abs(solution.trajectory.at(np.linspace(0, 2, 400))[cart.x])) <= 1.01
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("motions", [0, 4])
-def test_a_weak_motor_swings_a_pendulum_up(monkeypatch, motions):
+@pytest.mark.parametrize("search", [mbd.STRATEGIES, [FirstGuesses(), LastStarts()]])
+def test_a_weak_motor_swings_a_pendulum_up(search):
     """A motor of 2 N m cannot lift the bob at once: limits do not close in on the one swing of a strong motor.
 
-    It swings up from a motion under random inputs, and without these from a detour.
+    It swings up by the whole search, and from random starts alone.
     """
-    monkeypatch.setattr(closing_limits, "TRIED_MOTIONS", motions)
     problem, bob, tau = swing_up(2.0, 6.0)
     with pytest.raises(mbd.OptimizationError):
         mbd.optimize(problem, options={"ipopt.max_iter": 60})  # the user's own end of the search
-    solution = mbd.optimize(problem)
-    stages = [stage.description for stage in solution.statistics.stages]
-    if motions:
-        assert stages[-1] == "all limits, from a motion near to them" and "simulated" in stages[-2]
-    else:
-        assert "detour" in stages[-1]
+    solution = mbd.optimize(problem, search=search)
     assert np.max(np.abs(solution.trajectory.at(np.linspace(0, 6, 500))[tau])) <= 2 + 1e-6
     assert np.ptp(np.sign(solution.trajectory[bob.omega])) == 2  # it swings back
     assert solution.verify().final_error < 0.05
-
-
-@pytest.mark.slow
-def test_detours_if_there_is_no_solution_without_limits(monkeypatch):
-    """They are tried after the least violation, which may say that the problem is infeasible."""
-    monkeypatch.setattr(closing_limits, "FREE_ITERATIONS", 2)
-    monkeypatch.setattr(closing_limits, "PENALTY_ITERATIONS", 2)
-    monkeypatch.setattr(closing_limits, "VIOLATION_ITERATIONS", 2)
-    problem, _bob, tau = swing_up(2.0, 6.0)
-    solution = mbd.optimize(problem)
-    descriptions = [stage.description for stage in solution.statistics.stages]
-    assert descriptions[1] == "no limits" and descriptions[2].startswith("violations at a price, from kinematic")
-    assert all(stage.startswith("least violation") for stage in descriptions[3:8])
-    assert all("detour" in stage for stage in descriptions[8:]) and len(descriptions) > 8
-    assert np.max(np.abs(solution.trajectory[tau])) <= 2 + 1e-6
-
-
-@pytest.mark.slow
-def test_another_mesh_if_the_first_solve_runs_out_of_iterations(monkeypatch):
-    """The solution on the mesh itself is that of a solve that goes on."""
-    problem = half_turn(crank_rocker())
-    cost = mbd.optimize(problem, intervals=30).cost
-    monkeypatch.setattr(search, "FIRST_ITERATIONS", 2)
-    solution = mbd.optimize(problem, intervals=30)
-    stages = solution.statistics.stages
-    assert [(stage.description, stage.intervals) for stage in stages] == [
-        ("all limits", 30),
-        ("all limits, another mesh", 38),
-        ("all limits, from another mesh", 30),
-    ]
-    assert solution.cost == pytest.approx(cost, rel=1e-8) and solution.meshes[0].count == 30
 
 
 def test_a_turn_that_the_time_does_not_allow():
@@ -152,10 +112,9 @@ def test_a_turn_that_the_time_does_not_allow():
     """
     problem, *_ = swing_up(0.1, 0.2)
     with pytest.raises(
-        mbd.OptimizationError, match="seems infeasible: .* the end is not reached in the time"
+        mbd.OptimizationError, match="seems infeasible: .* the least violation of all its demands together"
     ) as caught:
         mbd.optimize(problem, intervals=10)
-    assert caught.value.partial.statistics.iterations < 100
     conflict = caught.value.conflict
     assert {violation.label for violation in conflict[:2]} == {"tau <= 0.1", "tau >= -0.1"}
     wider = np.mean([violation.violation for violation in conflict[:2]])
@@ -245,8 +204,7 @@ def test_a_pose_out_of_reach():
 @pytest.mark.slow
 def test_what_was_not_proven_is_not_said(monkeypatch):
     """If the least violation ends above zero from too few starts, the problem is not called infeasible."""
-    monkeypatch.setattr(closing_limits, "STARTS", 6)
-    monkeypatch.setattr(closing_limits, "out_of_time", lambda solver: "")
+    monkeypatch.setattr(least_violation, "STARTS", 6)
     problem, _, block = rest_to_rest(1.0, 1.0, lower=-8, upper=8)
     with pytest.raises(mbd.OptimizationError) as caught:
         mbd.optimize(problem.replace(waypoints=[mbd.Waypoint(0.25, [block.x == 3])]), intervals=8)
@@ -268,16 +226,18 @@ def test_a_feasible_problem_with_a_kink_is_not_called_infeasible():
 @pytest.mark.slow
 def test_ctrl_c_between_the_stages(monkeypatch):
     """A search that is stopped has no solution; its last iterate is kept, and passes limits."""
-    original = ProblemSolver.solve_unlimited
+    original = ProblemSolver.solve
 
-    def stopped(self, *arguments):
-        original(self, *arguments)
-        raise KeyboardInterrupt
+    def stopped(self, meshes, guess, **how):
+        found = original(self, meshes, guess, **how)
+        if how["variant"] is WITHOUT_LIMITS:
+            raise KeyboardInterrupt
+        return found
 
-    monkeypatch.setattr(ProblemSolver, "solve_unlimited", stopped)
+    monkeypatch.setattr(ProblemSolver, "solve", stopped)
     problem, _, force = cart_pole(8.0, 1.0)
     with pytest.raises(mbd.Interrupted, match="last iterate") as caught:
-        mbd.optimize(problem)
+        mbd.optimize(problem, search=CLOSING)
     assert np.max(np.abs(caught.value.partial.trajectory[force])) > 8
 
 
@@ -285,7 +245,7 @@ def test_ctrl_c_between_the_stages(monkeypatch):
 def test_stages_are_kept_in_files(tmp_path):
     """As the rest of the statistics."""
     problem, *_ = cart_pole(8.0, 1.0)
-    solution = mbd.optimize(problem)
+    solution = mbd.optimize(problem, search=CLOSING)
     solution.save(tmp_path / "solution.npz")
     assert mbd.read_solution(tmp_path / "solution.npz", problem).statistics.stages == solution.statistics.stages
 
@@ -313,13 +273,12 @@ def test_the_least_violation_does_not_depend_on_its_start(monkeypatch):
         return result
 
     monkeypatch.setattr(ProblemSolver, "least_violation", recorded)
-    monkeypatch.setattr(closing_limits, "DETOURS", 0)
     problem, _u, _block = rest_to_rest(1.0, 1.0, lower=-3.8, upper=3.8)
     with pytest.raises(mbd.OptimizationError, match="seems infeasible: .* from 5 starts") as caught:
         mbd.optimize(problem, intervals=40)
     violation = caught.value.conflict[-1]
     assert violation.label == "final: block.x == 1" and violation.violation == pytest.approx(0.05, rel=1e-3)
-    last = [total for nearness, total in totals if nearness == closing_limits.NEARNESS[-1]]
+    last = [total for nearness, total in totals if nearness == closing_limits.NEARNESS]
     assert len(last) == 5 and max(last) <= min(last) * (1 + 1e-3)
 
 
@@ -333,14 +292,13 @@ def test_several_least_violations_are_no_evidence(monkeypatch):
         solution, slacks, succeeded = original(self, *arguments, **more)
         if more.get("limits_alone"):
             return solution, slacks, succeeded
-        by = 1.5 if len(arguments) == 5 else float(next(factor))  # with penalties there is a weight of the cost
+        by = 1.5 if arguments[4] else float(next(factor))  # with penalties there is a weight of the cost
         return solution, {label: by * slack for label, slack in slacks.items()}, succeeded
 
     monkeypatch.setattr(ProblemSolver, "least_violation", scattered)
-    monkeypatch.setattr(closing_limits, "DETOURS", 0)
     problem, *_ = rest_to_rest(1.0, 1.0, lower=-3.8, upper=3.8)
     with pytest.raises(mbd.OptimizationError, match="may still have one") as caught:
-        mbd.optimize(problem, intervals=10)
+        mbd.optimize(problem, intervals=10, search=[FirstGuesses(), LeastViolation()])
     assert "infeasible" not in str(caught.value) and not caught.value.conflict
 
 

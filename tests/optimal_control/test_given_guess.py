@@ -50,7 +50,7 @@ def test_a_swing_below_the_bar_is_cheaper():
     problem, *_, hand, u = arm()
     below = {hand.x: [-0.6, 0, 0.6], hand.y: [0, -0.9, 0]}
     found = mbd.optimize(problem, guess=below)
-    assert found.cost < 0.5 * mbd.optimize(problem).cost and found.cost < 3
+    assert found.cost < 0.5 * mbd.optimize(problem, search=mbd.STRATEGIES[:1]).cost and found.cost < 3
     slower = problem.replace(duration=mbd.between(0.3, 3, guess=1.6))
     assert mbd.optimize(slower, guess=below | {u: 0.0}).cost < found.cost
 

@@ -5,7 +5,7 @@ import pytest
 from motions import crank_rocker, half_turn, rest_to_rest, sprung_block
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.search.search import FIRST_ITERATIONS
+from mbdcasadi.optimal_control.search.budgets import BUDGETS
 from mbdcasadi.optimal_control.solve.solvers.ipopt import WARM_START, Ipopt
 
 
@@ -203,6 +203,6 @@ def test_a_search_that_may_follow_gives_a_warm_start_no_more_iterations(monkeypa
     solve = Ipopt._solve
     monkeypatch.setattr(Ipopt, "_solve", noted)
     solution = mbd.optimize(problem, intervals=10)
-    assert limits == {"cold": FIRST_ITERATIONS}
+    assert limits == {"cold": BUDGETS.first}
     mbd.optimize(problem, intervals=10, guess=solution)
-    assert limits["hot"] == WARM_START["hot"]["ipopt.max_iter"] < FIRST_ITERATIONS
+    assert limits["hot"] == WARM_START["hot"]["ipopt.max_iter"] < BUDGETS.first

@@ -7,8 +7,9 @@ from motions import LENGTHS, crank_rocker, half_turn
 import mbdcasadi as mbd
 from mbdcasadi import library
 from mbdcasadi.optimal_control.program.setup import Settings
-from mbdcasadi.optimal_control.search.multistart import guesses, other_ends
 from mbdcasadi.optimal_control.search.reach import check_reach
+from mbdcasadi.optimal_control.search.search import usual_guesses
+from mbdcasadi.optimal_control.search.starts import Starts
 from mbdcasadi.optimal_control.solve.problem_solver import ProblemSolver
 
 
@@ -106,7 +107,7 @@ def is_refused(problem):
     """Whether a problem is refused before it is solved."""
     solver = ProblemSolver(problem, Settings.read("gauss-legendre", 3, "polynomial", None, False))
     try:
-        check_reach(solver, guesses(solver, None, None))
+        check_reach(solver, usual_guesses(solver))
     except mbd.OptimizationError:
         return True
     return False
@@ -412,7 +413,7 @@ def test_other_poses_at_the_end_are_starts():
     problem = reaching(0.3, 0.5)
     solver = ProblemSolver(problem, Settings.read("gauss-legendre", 3, "polynomial", None, False))
     usual = solver.setups[0].path.poses[-1]
-    other = other_ends(solver)[0]
+    other = Starts(solver).to_other_ends(1)[0]
     sampled = other.phases[0].sample(np.array([0.0, 1.0]))["q"]
     bend = np.arccos((0.3**2 + 0.5**2 - 2 * 0.5**2) / (2 * 0.5**2))
     assert abs(usual[5] - usual[2]) == pytest.approx(bend, rel=1e-6)

@@ -4,16 +4,13 @@ import warnings
 
 import numpy as np
 import pytest
-from keyboard import interrupted_in
 from motions import crank_rocker, guided_block, half_turn, pendulum, rest_to_rest, sprung_block
 from scipy.linalg import expm
 from scipy.optimize import minimize
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.search import coarse_mesh, multistart, slow_first
+from mbdcasadi.optimal_control.search import coarse_mesh
 from mbdcasadi.optimal_control.search.refine import adapted
-from mbdcasadi.optimal_control.search.search import DETOURS
-from mbdcasadi.optimal_control.solve.problem_solver import ProblemSolver
 from mbdcasadi.optimal_control.transcription.mesh import Mesh
 
 
@@ -336,127 +333,6 @@ def test_a_length_that_the_first_state_does_not_suit_is_named():
     with pytest.raises(mbd.ConditionError, match=r"does not meet pin\.x, by -?0\.1; give initial= as conditions"):
         solution.simulate(parameters={length: 0.5})
     assert solution.simulate(parameters={length: 0.5}, initial=start).final[bob.phi] > 0
-
-
-def lost_below(monkeypatch, count):
-    """Solutions are no motions on meshes of fewer intervals, and none is refined."""
-    for module in (multistart, slow_first):
-        monkeypatch.setattr(module, "is_lost", lambda solution: solution.meshes[0].count < count)
-    for name in ("refine_if_coarse", "refine_further"):
-        monkeypatch.setattr(slow_first, name, lambda _, one: (one, one.meshes[0].count >= count))
-
-
-@pytest.mark.parametrize("multiples, cost", [((), 8 * 1.25**2 / (3 * 0.3)), ((np.inf,), 12)])
-def test_a_solution_that_is_no_motion_is_found_again_slowly(monkeypatch, multiples, cost):
-    """On a mesh twice as fine, with limits of the speeds that are gone in the end.
-
-    The force falls to zero in 0.3 s, at 1.25 m/s, and rises again at the end; without that limit the cost is 12.
-    """
-    lost_below(monkeypatch, 80)
-    problem, _, block = rest_to_rest()
-    size = mbd.optimize(problem).phases[0].program.scales.q[0]
-    monkeypatch.setattr(slow_first, "RESOLVED_STEP", 1.25 / 80 / size)
-    monkeypatch.setattr(slow_first, "GUESSED", 0.0)
-    monkeypatch.setattr(slow_first, "MULTIPLES", multiples)
-    solution = mbd.optimize(problem)
-    assert solution.mesh.size - 1 == 80
-    at_mesh = solution.trajectory.at(solution.mesh)
-    assert np.max(at_mesh[block.vx]) == pytest.approx(1.5 if multiples else 1.25, rel=1e-6)
-    assert solution.cost == pytest.approx(cost, rel=1e-3)
-
-
-@pytest.mark.parametrize("fails", [True, False])
-def test_limits_of_slow_motions_rise_in_smaller_steps_if_one_is_too_large(monkeypatch, fails):
-    """Without limits a solve fails, or leads to a dearer motion, if the last ones were below four times the first.
-
-    Doubled ones follow before it is tried again.
-    """
-    lost_below(monkeypatch, 80)
-    monkeypatch.setattr(slow_first, "MULTIPLES", (np.inf,))
-    monkeypatch.setattr(ProblemSolver, "is_below_pace", lambda *_: False)
-    paces, solve = [], ProblemSolver.solve
-
-    def far_off(solver, meshes, guess, **how):
-        if solver.pace is None:
-            return solve(solver, meshes, guess, **how)
-        paces.append(solver.pace[0][0, 0])
-        solution = solve(solver, meshes, guess, **how)
-        if np.isinf(paces[-1]) and max(pace for pace in paces if np.isfinite(pace)) < 4 * paces[0]:
-            if fails:
-                raise mbd.OptimizationError("made up", partial=solution)
-            solution.cost *= 1.01
-        return solution
-
-    monkeypatch.setattr(ProblemSolver, "solve", far_off)
-    problem, *_ = rest_to_rest()
-    assert mbd.optimize(problem).cost == pytest.approx(12, rel=1e-8)
-    np.testing.assert_allclose(np.array(paces) / paces[0], [1, np.inf, 2, 4, 8, np.inf])
-
-
-def test_a_motion_below_the_limits_of_speeds_is_not_solved_again_without_them(monkeypatch):
-    """With 1.25 m/s the limit counts, with twice as much it does not: the motion reaches 1.5 m/s."""
-    lost_below(monkeypatch, 80)
-    problem, _, block = rest_to_rest()
-    size = mbd.optimize(problem).phases[0].program.scales.q[0]
-    monkeypatch.setattr(slow_first, "RESOLVED_STEP", 1.25 / 80 / size)
-    monkeypatch.setattr(slow_first, "GUESSED", 0.0)
-    paces, solve = [], ProblemSolver.solve
-
-    def recorded(solver, *args, **how):
-        if solver.pace is not None:
-            paces.append(solver.pace[0][0, 0])
-        return solve(solver, *args, **how)
-
-    monkeypatch.setattr(ProblemSolver, "solve", recorded)
-    solution = mbd.optimize(problem)
-    np.testing.assert_allclose(paces, [1.25, 2.5])
-    assert solution.cost == pytest.approx(12, rel=1e-8)
-    assert np.max(solution.trajectory.at(solution.mesh)[block.vx]) == pytest.approx(1.5, rel=1e-6)
-
-
-def test_a_motion_that_is_found_slowly_is_kept_after_ctrl_c(monkeypatch):
-    """In the first solve of a refinement, with a force that is at its limit: not the solution that is no motion."""
-    lost_below(monkeypatch, 80)
-    problem, *_ = rest_to_rest(lower=-5, upper=5)
-    monkeypatch.setattr(slow_first, "MULTIPLES", (np.inf,))
-    solves, solve = [], ProblemSolver.solve
-    with monkeypatch.context() as counted:
-        counted.setattr(ProblemSolver, "solve", lambda *args, **how: solves.append(args[0].pace) or solve(*args, **how))
-        mbd.optimize(problem, tolerance=1e-6)
-    first = max(k for k, pace in enumerate(solves) if pace is not None) + 1
-    assert first < len(solves)
-    error = interrupted_in(monkeypatch, first, lambda: mbd.optimize(problem, tolerance=1e-6), ProblemSolver)
-    assert error.partial.meshes[0].count >= 80
-
-
-def test_a_guess_that_leads_to_a_slow_motion_that_is_known_is_left(monkeypatch):
-    """The first guess is taken twice."""
-    lost_below(monkeypatch, 80)
-    begin, again = slow_first.solve_slowly_first, []
-
-    def twice(*args):
-        found = begin(*args)
-        again.append(begin(*args))
-        return found
-
-    monkeypatch.setattr(slow_first, "solve_slowly_first", twice)
-    problem, *_ = rest_to_rest()
-    assert mbd.optimize(problem).cost == pytest.approx(12, rel=1e-8)
-    assert again == [None]
-
-
-def test_solves_with_slow_motions_first_end_after_so_much_work(monkeypatch):
-    """If none leads to a motion: all guesses on two meshes, or none further after as much as the solves before."""
-    beginnings = []
-    begin = slow_first.solve_slowly_first
-    lost_below(monkeypatch, np.inf)
-    monkeypatch.setattr(slow_first, "solve_slowly_first", lambda *args: beginnings.append(args[2]) or begin(*args))
-    problem, *_ = rest_to_rest()
-    assert mbd.optimize(problem).cost == pytest.approx(12, rel=1e-8)
-    assert len(beginnings) == 2 * len(set(map(id, beginnings))) >= 2 * (1 + DETOURS)
-    beginnings.clear()
-    monkeypatch.setattr(slow_first, "WORK", 0)
-    assert mbd.optimize(problem).cost == pytest.approx(12, rel=1e-8) and len(beginnings) == 1
 
 
 def test_all_intervals_are_halved_if_the_error_moves_on(monkeypatch):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -168,6 +169,20 @@ def pictures(motion: mbd.Trajectory) -> mbd.Animation:
 
 class Star(mbd.Glyph):
     """A symbol of the user's own."""
+
+
+class Again(mbd.Strategy):
+    """A strategy of one's own."""
+
+    name = "again"
+
+    def applies(self, trials: Any) -> bool:
+        """Return True if there is a solution."""
+        return bool(trials.solved)
+
+    def proposals(self, trials: Any) -> Any:
+        """Propose a solve from it."""
+        yield mbd.Proposal(trials.guesses[0], "again", 50)
 
 
 def failures() -> list[type[mbd.MechanismError]]:

@@ -31,6 +31,11 @@ class BranchJump:
     coordinate: str
     step: float
 
+    @property
+    def title(self) -> str:
+        """What happens and when, in a few words."""
+        return f"jump to another branch at t = {self.begin:.6g} s"
+
     def __str__(self) -> str:
         return (
             f"from t = {self.begin:.6g} to {self.end:.6g} s {self.coordinate} jumps by {self.step:.3g} to another "

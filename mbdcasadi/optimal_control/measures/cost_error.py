@@ -110,35 +110,60 @@ class CostErrors(Measure):
 
 
 @symbolic
-def error_of_mesh(solution: SolvedMotion) -> float:
-    """Return the amount by which the local errors of the motion may falsify the cost, to first order.
+def errors_of_mesh(solution: SolvedMotion, part: PhaseSolution) -> np.ndarray:
+    """Return the amounts by which the local errors of a phase may falsify the cost, to first order, by interval (N,).
 
-    The sum over the mesh points of the costates of the states there times the local errors, which are gaps that the
-    rows of continuity do not see. Zero for a scheme that does not carry states from mesh point to mesh point by these
-    rows, as Hermite-Simpson, and infinite if an interval cannot be integrated again.
+    The costates of the states at the mesh points times the local errors, which are gaps that the rows of continuity do
+    not see. Zero for a scheme that does not carry states from mesh point to mesh point by these rows, as
+    Hermite-Simpson, and infinite if an interval cannot be integrated again.
     """
+    by_interval = np.zeros(part.mesh.count)
+    if not part.mesh.count or not part.program.scheme.integrates_accelerations:
+        return by_interval
     multipliers = -solution.answer.lam_g * solution.program.cost_scale
-    total = 0.0
-    for part in solution.phases:
-        if not part.mesh.count or not part.program.scheme.integrates_accelerations:
-            continue
-        eom = part.program.scheme.eom
-        n, chosen = part.phase.equations.q.numel(), list(eom.independent)
-        coordinates = dict(zip(eom.coordinate_names, chosen, strict=True))
-        columns = {(RowKind.CONTINUITY, name): k for name, k in coordinates.items()}
-        columns |= {(RowKind.VELOCITY_CONTINUITY, name): n + k for name, k in coordinates.items()}
-        columns |= {(RowKind.CONTINUITY, z.label): 2 * n + k for k, z in enumerate(part.phase.mechanism.states)}
-        try:
-            gaps = part.end_differences
-        except RuntimeError:  # the integrator did not get to the end of an interval
-            return np.inf
-        by_interval = np.zeros(part.mesh.count)
-        for row, multiplier in zip(solution.program.rows, multipliers.tolist(), strict=True):
-            column = columns.get((row.kind, row.name.owner))
-            if row.repeated and row.phase == part.program.number and column is not None:
-                by_interval[row.interval] += multiplier / row.size * gaps[row.interval, column]
-        total += float(np.sum(np.abs(by_interval)))
-    return total
+    eom = part.program.scheme.eom
+    n, chosen = part.phase.equations.q.numel(), list(eom.independent)
+    coordinates = dict(zip(eom.coordinate_names, chosen, strict=True))
+    columns = {(RowKind.CONTINUITY, name): k for name, k in coordinates.items()}
+    columns |= {(RowKind.VELOCITY_CONTINUITY, name): n + k for name, k in coordinates.items()}
+    columns |= {(RowKind.CONTINUITY, z.label): 2 * n + k for k, z in enumerate(part.phase.mechanism.states)}
+    try:
+        gaps = part.end_differences
+    except RuntimeError:  # the integrator did not get to the end of an interval
+        return np.full(part.mesh.count, np.inf)
+    for row, multiplier in zip(solution.program.rows, multipliers.tolist(), strict=True):
+        column = columns.get((row.kind, row.name.owner))
+        if row.repeated and row.phase == part.program.number and column is not None:
+            by_interval[row.interval] += multiplier / row.size * gaps[row.interval, column]
+    return np.abs(by_interval)
+
+
+def error_of_mesh(solution: SolvedMotion) -> float:
+    """Return the amount by which the local errors of the motion may falsify the cost: the sum over its intervals."""
+    return float(sum(np.sum(errors_of_mesh(solution, part)) for part in solution.phases))
+
+
+class FalseCost(Coarseness):
+    """Errors by which local errors falsify the cost, if their sum is told.
+
+    An even share of the sum that is allowed counts as much as :data:`COARSE_ERROR`.
+    """
+
+    margin = 2.0
+    falsifies_cost = False
+
+    def of(self, part: PhaseSolution) -> np.ndarray:
+        """Errors of the intervals of a phase (N,)."""
+        errors = errors_of_mesh(self.solution, part)
+        share = np.sum(errors) / (TOLD_SHARE * cost_size(self.solution))
+        if not 1.0 < len(self.solution.phases) * share < np.inf:
+            return np.zeros(errors.size)
+        scaled: np.ndarray = COARSE_ERROR * share * errors.size * errors / np.sum(errors)
+        return scaled
+
+    def order(self, part: PhaseSolution) -> int:
+        """One more than that of the scheme, as local errors have it."""
+        return part.program.scheme.order + 1
 
 
 def warn_of_false_cost(solution: SolvedMotion) -> None:

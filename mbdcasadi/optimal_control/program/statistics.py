@@ -32,6 +32,8 @@ class Attempt:
         In a step of a continuation: parameter, by name, to its value.
     violation : float or None
         If violations had a price or were minimised: the sum of those that were left, in typical sizes.
+    found : int
+        Of a start: number of starts that led to the same cost.
     """
 
     description: str
@@ -43,6 +45,7 @@ class Attempt:
     error: float | None = None
     values: dict[str, float] = field(default_factory=dict)
     violation: float | None = None
+    found: int = 0
 
     @property
     def guess(self) -> str:

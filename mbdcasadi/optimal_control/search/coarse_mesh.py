@@ -6,20 +6,22 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..measures.cost_error import FalseCost
 from ..measures.local_error import COARSE_ERROR, Coarseness, ReplayErrors, StateCoarseness
 from ..measures.measure import split
 from ..measures.singularity import close_to_singular
-from ..motion.limit_excess import passed_limits
+from ..motion.limit_excess import LIMIT_TOLERANCE, passed_limits
+from ..program.variant import ITSELF, Variant
 from ..solution import Solution
 from ..solve.problem_solver import ProblemSolver
 from ..transcription.mesh import Mesh, interval_count
+from .budgets import BUDGETS
 
 #: What is measured on such a mesh.
-COARSE_MEASURES: tuple[type[Coarseness], ...] = (Coarseness, StateCoarseness, ReplayErrors)
-#: Largest number of passes, of iterations of each (most take less than 130, a few up to 584), and of intervals of a
-#: mesh that is halved.
-COARSE_PASSES, COARSE_ITERATIONS, HALVED_INTERVALS = 4, 600, 200
-#: Error after these, in the best solution of all starts, up to which as many passes more are made.
+COARSE_MEASURES: tuple[type[Coarseness], ...] = (Coarseness, StateCoarseness, ReplayErrors, FalseCost)
+#: Largest number of passes, and of intervals of a mesh that is halved.
+COARSE_PASSES, HALVED_INTERVALS = 4, 200
+#: Error after these passes up to which as many more are made.
 NEAR_ERROR = 10 * COARSE_ERROR
 #: Local error, in rad or sizes of the mechanism, velocities times the duration, from which a solution is not a motion.
 LOST_ERROR = 3.0
@@ -27,19 +29,17 @@ LOST_ERROR = 3.0
 ASTRAY = 2.0
 
 
-def refine_further(solver: ProblemSolver, solution: Solution) -> tuple[Solution, bool]:
-    """Refine a solution once more if its mesh is not far from fine; as :func:`refine_if_coarse`."""
-    error = Coarseness(solution).largest
-    near = COARSE_ERROR < error <= NEAR_ERROR
-    return refine_if_coarse(solver, solution) if near else (solution, error <= COARSE_ERROR)
-
-
 def is_lost(solution: Solution) -> bool:
     """Return True if the mesh is so coarse that a solution is not a motion at all."""
     return Coarseness(solution).largest > LOST_ERROR
 
 
-def refine_if_coarse(solver: ProblemSolver, solution: Solution) -> tuple[Solution, bool]:
+def is_coarse(solution: Solution) -> bool:
+    """Return True if the mesh is too coarse for the motion, and one twice as fine is allowed."""
+    return Coarseness(solution).largest > COARSE_ERROR and interval_count(solution.meshes) <= HALVED_INTERVALS
+
+
+def refine_if_coarse(solver: ProblemSolver, solution: Solution, variant: Variant = ITSELF) -> tuple[Solution, bool]:
     """Solve again with intervals split that are too coarse for the motion, or in which it passes a limit.
 
     A few times at most. If the largest error does not fall, since a fast motion moved on to the next coarse interval,
@@ -53,17 +53,19 @@ def refine_if_coarse(solver: ProblemSolver, solution: Solution) -> tuple[Solutio
     """
     measures, stalled = [measure(solution) for measure in COARSE_MEASURES], False
     error = max(measure.largest for measure in measures)
-    for _ in range(COARSE_PASSES):
+    for number in range(2 * COARSE_PASSES):
+        if number >= COARSE_PASSES and error > NEAR_ERROR:
+            break
         if stalled and _tends_to_lock(measures[0]):
             break
         can_halve = interval_count(solution.meshes) <= HALVED_INTERVALS
         if stalled and can_halve:
             meshes = [mesh.split(2) for mesh in solution.meshes]
         else:
-            meshes = _split_where_coarse(solution, measures, solver.limit_tolerance)
+            meshes = _split_where_coarse(solution, measures, LIMIT_TOLERANCE if variant.limits else np.inf)
         if interval_count(meshes) == interval_count(solution.meshes):
             break
-        finer = solver.solve_further(solution, meshes, limit=COARSE_ITERATIONS)
+        finer = solver.solve_further(solution, meshes, variant=variant, limit=BUDGETS.finer)
         if finer is None or _went_astray(finer, solution):
             if stalled or not can_halve:
                 break

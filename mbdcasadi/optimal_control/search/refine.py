@@ -94,9 +94,11 @@ class _Refinement:
     """Passes of a refinement: the last solution and its errors."""
 
     def __init__(self, solver: ProblemSolver, solution: Solution, tolerance: float):
-        self.solver, self.solution, self.tolerance = solver, solution, tolerance
-        #: factor by which the cost counts for more in the solver, if it is far smaller than its typical size
-        self.raised = solver.raise_cost(solution)
+        self.solution, self.tolerance = solution, tolerance
+        #: the solver, and the factor by which the cost counts for more in it, if that is far smaller than is typical
+        self.solver, self.raised = solver.with_raised_cost(solution)
+        #: share of its size by which a path limit may be passed between the points at which it is enforced
+        self.limit_tolerance = LIMIT_TOLERANCE
         self.passes: list[Attempt] = []
         #: largest local error of each of them, and errors times their stretches
         self.history: list[tuple[float, float]] = []
@@ -242,7 +244,7 @@ class _Refinement:
         self._begin_anew()
         # while a switch lies within an interval, further points at which a limit holds there are mostly of no use
         needed = any(measure.needs_limits for measure in self.measures)
-        self.solver.limit_tolerance = self.tolerance if needed else LIMIT_TOLERANCE
+        self.limit_tolerance = self.tolerance if needed else LIMIT_TOLERANCE
         return moved
 
     def _placed(self, part: PhaseSolution) -> Mesh:
@@ -264,7 +266,7 @@ class _Refinement:
 
     def _split(self) -> list[Mesh] | None:
         """Meshes with intervals split as the measures need it; None if that did not help in the last pass."""
-        self.solver.limit_tolerance = self.tolerance
+        self.limit_tolerance = self.tolerance
         self.shorter = {}
         before, spread = self.spread, max(measure.spread for measure in self.measures)
         if np.isinf(before):  # mesh points that moved in vain say nothing about finer meshes
@@ -297,7 +299,8 @@ class _Refinement:
         structures = [mesh.structure for mesh in self.solution.meshes]
         self.resolves = near and structures != [mesh.structure for mesh in meshes]
         try:
-            self.solution = solver.solve(meshes, guess, warm=True, limit=self._iterations(meshes) if near else None)
+            limit = self._iterations(meshes) if near else None
+            self.solution = solver.solve(meshes, guess, warm=True, limit=limit, limit_tolerance=self.limit_tolerance)
             return True
         except OptimizationError:
             if near:  # mesh points that do not move well move no more
@@ -307,7 +310,7 @@ class _Refinement:
                     again = [mesh.without_free() for mesh in meshes]
                 return not all(map(Mesh.is_same, again, meshes)) and self._solve(again)
         try:  # a guess that is near on one mesh may be far on another
-            self.solution = solver.solve(meshes, guess)
+            self.solution = solver.solve(meshes, guess, limit_tolerance=self.limit_tolerance)
             return True
         except OptimizationError as failure:
             if self.reached is not None:

@@ -15,12 +15,14 @@ import numpy as np
 from ...errors import OptimizationError, warn
 from ..motion.guess import Guess
 from ..program.collocation_program import Bounds, CollocationProgram
-from ..program.statistics import Attempt
 from ..solution import Solution, same_cost
 from ..solve.failure import is_unbounded
 from ..solve.problem_solver import ProblemSolver
 from ..solve.solvers.base import Beginning
-from ..transcription.mesh import Mesh
+from .budgets import BUDGETS
+from .proposal import Proposal
+from .strategy import Proposals, Strategy
+from .trials import Trials
 
 #: Curvature of the scaled cost, as a share of the largest one, from which it falls, and the largest one that is an
 #: error of the multipliers, as if the duration alone counts and is at its limit; steps in which it is looked for, and
@@ -32,34 +34,39 @@ SINGULAR, LEFT = 1e-14, 0.9
 HELD, CLOSEST = 1.0, 1e-12
 #: Largest step of a scaled variable from a saddle to a guess, and number of saddles that are left one after another.
 STEP, SADDLES = 0.5, 3
-#: Largest number of iterations from a guess.
-ITERATIONS = 300
 
 
-def leave_saddle(solver: ProblemSolver, solution: Solution) -> Solution:
-    """Return a solution of lower cost if this one is a saddle, else the same one.
+class PastSaddle(Strategy):
+    """Solves from both sides of a saddle, along the direction in which its cost falls.
 
-    Its statistics say whether it is a saddle, and have all solves. That the cost has no lower bound from there is an
-    :class:`OptimizationError`.
+    Also from where the first solve got stuck while it met all demands, as near a saddle.
     """
-    for _ in range(SADDLES):
-        guesses = [] if solution.statistics.at_saddle is False else _falling_guesses(solver, solution)
-        solution.statistics = replace(solution.statistics, at_saddle=bool(guesses))
-        before = solution.statistics
-        lower = _best(solver, solution.meshes, guesses, before.starts or [solution.as_attempt("to a saddle")])
-        if lower is None or lower.cost >= solution.cost or same_cost(lower.cost, solution.cost):
-            break
-        lower.statistics = replace(lower.statistics, stages=before.stages)
-        solution = lower
-    return solution
 
+    name = "past a saddle"
 
-def solve_past_saddle(solver: ProblemSolver, stuck: Solution) -> Solution | None:
-    """Return a solution from the last iterate of a solve that got stuck while it met all demands, as near a saddle.
+    def applies(self, trials: Trials) -> bool:
+        """Return True if a solution was found that may be a saddle, or a solve got stuck near one."""
+        if trials.is_known or not trials.outcomes:
+            return False
+        if trials.solved:
+            return trials.best is not None
+        return not trials.failures[0].largest_violations
 
-    None if the cost does not fall to second order there, or no solve succeeds.
-    """
-    return _best(solver, stuck.meshes, _falling_guesses(solver, stuck), [stuck.as_attempt("near a saddle")])
+    def proposals(self, trials: Trials) -> Proposals:
+        """Propose guesses beside a saddle, as long as there is one and the cost falls."""
+        for _ in range(SADDLES):
+            best = trials.best
+            near, solver = (trials.outcomes[0].last, trials.solver) if best is None else (best[1], best[0].solver)
+            guesses = [] if near.statistics.at_saddle is False else _falling_guesses(solver, near)
+            near.statistics = replace(near.statistics, at_saddle=bool(guesses))
+            before = np.inf if best is None else near.cost
+            for guess in guesses:
+                outcome = yield Proposal(guess, guess.description, BUDGETS.first, meshes=near.meshes, solver=solver)
+                if isinstance(outcome.end, OptimizationError) and is_unbounded(outcome.last):
+                    raise outcome.end
+            now = trials.best
+            if not guesses or now is None or now[1].cost >= before or same_cost(now[1].cost, before):
+                return
 
 
 def warn_of_saddle(solution: Solution) -> None:
@@ -69,27 +76,6 @@ def warn_of_saddle(solution: Solution) -> None:
             f"the solution is a saddle: its cost, {solution.cost:.6g}, has no slope there, but falls nearby, and no "
             "lower one was found from there; give another guess= or starts="
         )
-
-
-def _best(
-    solver: ProblemSolver, meshes: Sequence[Mesh], guesses: Sequence[Guess], reports: Sequence[Attempt]
-) -> Solution | None:
-    """The best solution from guesses, whose statistics have reports of all solves besides those before."""
-    best = None
-    for guess in guesses:
-        solver.best.new_stage()
-        try:
-            found = end = solver.solve(meshes, guess, limit=ITERATIONS)
-        except OptimizationError as error:
-            found, end = None, error.partial
-            if is_unbounded(end):
-                raise
-        reports = [*reports, end.as_attempt(guess.description)]
-        if found is not None and (best is None or found.cost < best.cost):
-            best = found
-    if best is not None:
-        best.statistics = replace(best.statistics, starts=list(reports))
-    return best
 
 
 def _falling_guesses(solver: ProblemSolver, solution: Solution) -> list[Guess]:

@@ -16,12 +16,13 @@ from ...results.state import State
 from ..motion.guess import Guess
 from ..motion.limit_excess import LIMIT_TOLERANCE, ROUNDS, largest_share, points_to_hold
 from ..problem import OptimalControlProblem
-from ..program.collocation_program import Bounds, CollocationProgram, Held
+from ..program.collocation_program import Held
 from ..program.elastic_program import ElasticProgram
 from ..program.limit_sides import LimitSides, Slacks
 from ..program.problem_setup import ProblemSetup
 from ..program.setup import PhaseSetup, Settings
 from ..program.statistics import Answer
+from ..program.variant import ITSELF, Variant, is_below
 from ..solution import Solution
 from ..transcription.mesh import Mesh, interval_count
 from .best_so_far import BestSoFar
@@ -47,8 +48,6 @@ AT_KINKS = (
     "Error_In_Step_Computation",
     INFEASIBLE,
 )
-#: Share of the limits of speeds and accelerations below which these do not count.
-BELOW = 0.99
 #: Largest scaled violation of a guess with which a solver is started as warm.
 WARM_VIOLATION = 1e-2
 
@@ -69,16 +68,6 @@ class ProblemSolver(ProblemSetup):
         near: PhaseSetup | None = None,
     ):
         self._nlp_solver: NLPSolver = Ipopt(settings.options, settings.progress)
-        #: points at which path limits are held besides stages and mesh points
-        self.held: Held = ()
-        #: share of its size by which a path limit may be passed between them
-        self.limit_tolerance = LIMIT_TOLERANCE
-        #: largest speeds and accelerations of the coordinates by phase (2, n), see :mod:`slow_first`
-        self.pace: list[np.ndarray] | None = None
-        #: whether limits do not count: no solution of the problem, but perhaps a guess for one
-        self.is_unlimited = False
-        #: cost above which a solve by IPOPT is given up after a while
-        self.ceiling = np.inf
         self.best = BestSoFar() if best is None else best
         super().__init__(problem, settings, parameters, initial, near)
 
@@ -88,46 +77,81 @@ class ProblemSolver(ProblemSetup):
         other._nlp_solver = Ipopt(self.settings.options, self.settings.progress, elsewhere)
         return other
 
-    def raise_cost(self, solution: Solution) -> float:
-        """Scale the cost by its size in a solution, if that is far smaller than its typical size.
+    def with_raised_cost(self, solution: Solution) -> tuple[ProblemSolver, float]:
+        """Return the solver with the cost scaled by its size in a solution, if that is far smaller than typical.
 
-        The solver finds it to its tolerance as a share of that size; the typical one may be far larger, as that of the
-        work of a motor whose voltage stays far below its limits. Returned is the factor by which the cost is raised.
+        It finds the cost to its tolerance as a share of that size; the typical one may be far larger, as that of the
+        work of a motor whose voltage stays far below its limits. The second result is the factor by which it is raised.
         """
         size = solution.cost_size
         factor = self._nlp_solver.cost_factor(solution.program.cost_scale / size) if size > 0 else 1.0
+        other = self
         if factor != 1.0:
-            self._nlp_solver = self._nlp_solver.with_cost_factor(factor)
-        return factor
+            other = copy(self)
+            other._nlp_solver = self._nlp_solver.with_cost_factor(factor)
+        return other, factor
 
     # --- one mesh -------------------------------------------------------------------------
-    def solve(self, meshes: Sequence[Mesh], guess: Guess, *, warm: bool = False, limit: int | None = None) -> Solution:
+    def solve(
+        self,
+        meshes: Sequence[Mesh],
+        guess: Guess,
+        *,
+        variant: Variant = ITSELF,
+        warm: bool = False,
+        limit: int | None = None,
+        ceiling: float = np.inf,
+        limit_tolerance: float = LIMIT_TOLERANCE,
+    ) -> Solution:
         """Solve on a mesh, and again if the solution passes path limits between the points at which they are held.
 
-        `warm` if the guess is a solution of nearly the same problem; at most `limit` iterations. An
-        :class:`OptimizationError` is raised if the solver does not succeed, or the solution lies on another branch of
-        the linkage, and ``Interrupted`` after Ctrl-C.
+        Parameters
+        ----------
+        meshes : sequence of Mesh
+            By phase.
+        guess : Guess
+            If it has an iterate, limits are enforced where the program of that one does so, too.
+        variant : Variant
+            Variant of the program; without its limits no point is added.
+        warm : bool
+            True if the guess is a solution of nearly the same problem.
+        limit : int, optional
+            Largest number of iterations.
+        ceiling : float
+            Cost above which the solve is given up after a while.
+        limit_tolerance : float
+            Share of its size by which a path limit may be passed between the points at which it is held.
+
+        Raises
+        ------
+        OptimizationError
+            If the solver does not succeed, or the solution lies on another branch of the linkage.
+        Interrupted
+            After Ctrl-C.
         """
-        if guess.iterate is not None:
-            self.held = tuple(sorted({*self.held, *guess.iterate.program.held}))
+        held = () if guess.iterate is None else guess.iterate.program.held
         if kinks_in_costs(self.problem):
             limit = KINKED_ITERATIONS if limit is None else min(limit, KINKED_ITERATIONS)
-        solution = self._past_pinned(self._solve(meshes, guess, warm=warm, limit=limit), limit)
+        run = partial(self._solve, variant=variant, ceiling=ceiling)
+        solution = run(meshes, guess, held=held, warm=warm, limit=limit)
+        solution = self._past_pinned(solution, partial(run, held=held, warm=True, limit=limit))
+        if not variant.limits:
+            return solution
         passed = largest_share(solution)
         for _ in range(ROUNDS):
-            more = points_to_hold(solution, self.limit_tolerance) if passed > self.limit_tolerance else set()
+            more = points_to_hold(solution, limit_tolerance) if passed > limit_tolerance else set()
             if not more:
                 break
-            before, self.held = self.held, tuple(sorted({*self.held, *more}))
-            held = _further(solution, partial(self._solve, solution.meshes, solution.as_guess(self.problem), warm=True))
-            share = np.inf if held is None else largest_share(held)
-            if held is None or share > 0.8 * passed:  # what is passed is the error of the mesh: more points do not help
-                self.held = before
+            held = tuple(sorted({*held, *more}))
+            near = solution.as_guess(self.problem)
+            found = _further(solution, partial(run, solution.meshes, near, held=held, warm=True))
+            share = np.inf if found is None else largest_share(found)
+            if found is None or share > 0.8 * passed:  # it is passed by the error of the mesh: more points do not help
                 break
-            solution, passed = held, share
+            solution, passed = found, share
         return solution
 
-    def _past_pinned(self, solution: Solution, limit: int | None) -> Solution:
+    def _past_pinned(self, solution: Solution, run: Callable[..., Solution]) -> Solution:
         """The solution past mesh points that keep their times, if these stop its waypoints or ends and it costs less.
 
         On equal intervals, since those beside such a point have shrunk to almost nothing.
@@ -136,7 +160,7 @@ class ProblemSolver(ProblemSetup):
         if not any(stopped):
             return solution
         meshes = [mesh.resized(1.0) if at else mesh for mesh, at in zip(solution.meshes, stopped, strict=True)]
-        past = _further(solution, partial(self._solve, meshes, self.motion_of(solution), warm=True, limit=limit))
+        past = _further(solution, partial(run, meshes, self.motion_of(solution)))
         return solution if past is None or past.cost >= solution.cost else past
 
     def _run(self, begin: Beginning, warmth: str, limit: int | None) -> Result:
@@ -167,16 +191,32 @@ class ProblemSolver(ProblemSetup):
         return f"{self._nlp_solver.name}.max_iter" in self.settings.options
 
     def solve_further(
-        self, solution: Solution, meshes: Sequence[Mesh], guess: Guess | None = None, limit: int | None = None
+        self,
+        solution: Solution,
+        meshes: Sequence[Mesh],
+        *,
+        variant: Variant = ITSELF,
+        limit: int | None = None,
+        limit_tolerance: float = LIMIT_TOLERANCE,
     ) -> Solution | None:
-        """Solve on other meshes, as a new stage, from a guess or from the solution itself; None if that fails."""
+        """Solve on other meshes, as a new stage, from a solution; None if that fails."""
         self.best.new_stage()
-        near = solution.as_guess(self.problem) if guess is None else guess
-        return _further(solution, partial(self.solve, meshes, near, warm=guess is None, limit=limit))
+        more: dict[str, Any] = {"variant": variant, "limit": limit, "limit_tolerance": limit_tolerance}
+        return _further(solution, partial(self.solve, meshes, solution.as_guess(self.problem), warm=True, **more))
 
-    def _solve(self, meshes: Sequence[Mesh], guess: Guess, *, warm: bool, limit: int | None = None) -> Solution:
+    def _solve(
+        self,
+        meshes: Sequence[Mesh],
+        guess: Guess,
+        *,
+        variant: Variant,
+        held: Held,
+        warm: bool,
+        limit: int | None = None,
+        ceiling: float = np.inf,
+    ) -> Solution:
         """Solve on a mesh; raises as :meth:`solve` does."""
-        begin = self._beginning(meshes, guess)
+        begin = self._beginning(meshes, guess, variant, held, ceiling)
         program, iterate = begin.program, begin.iterate
         warmth = ("hot" if iterate else "warm") if warm else "cold"
         x0 = np.clip(begin.x, begin.bounds.lower, begin.bounds.upper)
@@ -186,7 +226,7 @@ class ProblemSolver(ProblemSetup):
         self.best.work += result.statistics.iterations * interval_count(meshes)
         solution, status = self._solution(begin, result), result.statistics.status
         error = self._other_branch(solution) if result.succeeded else explain_failure(solution, status)
-        if error is None and self.pace is None and not self.is_unlimited:
+        if error is None and variant.is_itself:
             self.best.add(solution)
         else:
             self.best.iterate = solution
@@ -196,31 +236,7 @@ class ProblemSolver(ProblemSetup):
             raise error
         return solution
 
-    # --- limits that yield ------------------------------------------------------------------
-    def solve_unlimited(self, meshes: Sequence[Mesh], guess: Guess, limit: int) -> tuple[Solution, bool]:
-        """Solve without limits: no solution of the problem, but perhaps a guess for one.
-
-        The motion is no faster than the guess: a least time without limits has forces without end. Returned are the
-        last iterate, and whether the solver succeeded.
-        """
-        begin = self.unlimited()._beginning(meshes, guess)
-        warmth = "cold" if begin.iterate is None else "warm"
-        result = self._nlp_solver.run(begin, begin.bounds, warmth, limit=limit)
-        return self._kept(begin, result), result.succeeded
-
-    def close_in(self, free: Solution, limit: int | None) -> Solution:
-        """Solve, as a new stage, with all limits from a solution without; raises as :meth:`solve` does."""
-        self.best.new_stage()
-        closed = self.solve(free.meshes, self.motion_of(free), limit=limit)
-        closed.statistics = closed.statistics.after(free.statistics)
-        return closed
-
-    def unlimited(self) -> ProblemSolver:
-        """Return the same solver for the problem without its limits."""
-        other = copy(self)
-        other.is_unlimited, other.limit_tolerance = True, np.inf
-        return other
-
+    # --- demands that yield -----------------------------------------------------------------
     def least_violation(
         self,
         meshes: Sequence[Mesh],
@@ -242,14 +258,10 @@ class ProblemSolver(ProblemSetup):
         result, slacks = self._nlp_solver.least_violation(begin, elastic, limit)
         return self._kept(begin, result), slacks, result.succeeded
 
-    def is_below_pace(self, solution: Solution) -> bool:
-        """Return True if a solution stays below the limits of speeds and accelerations, and is one without them too."""
-        begin = self.beginning_at(solution)
-        x, limited = begin.x, begin.bounds
-        without = begin.program.bounds(self.start, begin.meshes, begin.guess.segment_times)
-        above = (limited.upper < without.upper) & (x > BELOW * limited.upper)
-        under = (limited.lower > without.lower) & (x < BELOW * limited.lower)
-        return not np.any(above | under)
+    def keeps_below(self, solution: Solution, variant: Variant) -> bool:
+        """Return True if a solution of a variant stays below its limits of speeds: it is one without them, too."""
+        limited, free = self.beginning_at(solution, variant), self.beginning_at(solution)
+        return is_below(limited.x, limited.bounds, free.bounds)
 
     def violation(self, meshes: Sequence[Mesh], guess: Guess) -> float:
         """Sum of the scaled amounts by which a guess violates limits and conditions, the largest one of each label."""
@@ -269,23 +281,28 @@ class ProblemSolver(ProblemSetup):
         """Return the motion of a solution as a guess, without multipliers, which belong to other limits."""
         return replace(solution.as_guess(self.problem), iterate=None)
 
-    def beginning_at(self, solution: Solution) -> Beginning:
+    def beginning_at(self, solution: Solution, variant: Variant = ITSELF) -> Beginning:
         """Return the start of a solve at a solution, with its multipliers."""
-        return self._beginning(solution.meshes, solution.as_guess(self.problem))
+        return self._beginning(solution.meshes, solution.as_guess(self.problem), variant, solution.program.held)
 
-    def _beginning(self, meshes: Sequence[Mesh], guess: Guess) -> Beginning:
+    def _beginning(
+        self,
+        meshes: Sequence[Mesh],
+        guess: Guess,
+        variant: Variant = ITSELF,
+        held: Held = (),
+        ceiling: float = np.inf,
+    ) -> Beginning:
         began = clock.perf_counter()
-        program = self.transcribe(meshes, self.held)
+        program = self.transcribe(meshes, held)
         iterate = guess.iterate if guess.iterate is not None and guess.iterate.belongs_to(program, meshes) else None
         x = iterate.x if iterate else guess.variables(program, meshes)
-        bounds = program.bounds(self.start, meshes, guess.segment_times, self.pace)
-        if self.is_unlimited:
-            bounds = _unhurried(program, x, LimitSides(program).without(bounds))
+        bounds = variant.bounds(program, self.start, meshes, guess.segment_times, x)
         parameters = [setup.numeric.p for setup in self.setups]
         data = program.data(parameters, meshes, guess.segment_times, self.settings.known)
         if program.has_integrals and not iterate:
             x = program.with_integrals(x, program.rows_at(np.clip(x, bounds.lower, bounds.upper), data))
-        return Beginning(program, meshes, guess, iterate, x, data, bounds, began, self.ceiling / program.cost_scale)
+        return Beginning(program, meshes, guess, iterate, x, data, bounds, began, ceiling / program.cost_scale)
 
     def _solution(self, begin: Beginning, result: Result) -> Solution:
         x, f, *rest = (result.answer[name] for name in ("x", "f", "lam_x", "lam_g", "g"))
@@ -330,11 +347,3 @@ def _further(solution: Solution, solve: Callable[[], Solution]) -> Solution | No
         return None
     found.statistics = found.statistics.after(solution.statistics)
     return found
-
-
-def _unhurried(program: CollocationProgram, x: np.ndarray, bounds: Bounds) -> Bounds:
-    """Bounds in which phases of free duration end no earlier than in a guess."""
-    ends = [phase.stated_time_index[-1] for phase in program.phases if phase.time_count]
-    lower = bounds.lower.copy()
-    lower[ends] = np.clip(x[ends], bounds.lower[ends], bounds.upper[ends])
-    return replace(bounds, lower=lower)

@@ -5,7 +5,8 @@ import pytest
 from motions import four_bar, rest_to_rest
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.search import coarse_first
+from mbdcasadi.optimal_control.search import search
+from mbdcasadi.optimal_control.search.budgets import Budgets
 from mbdcasadi.optimal_control.solve.problem_solver import ProblemSolver
 from mbdcasadi.optimal_control.transcription.mesh import Mesh
 
@@ -30,7 +31,7 @@ def test_the_optimum_is_that_of_the_fine_mesh(counts, monkeypatch):
     found = mbd.optimize(problem, intervals=160)
     assert counts == [[40], [160]] and found.mesh.size == 161
     counts.clear()
-    monkeypatch.setattr(coarse_first, "FINE", 1000)
+    monkeypatch.setattr(search, "FINE", 1000)
     direct = mbd.optimize(problem, intervals=160)
     assert counts == [[160]]
     assert found.cost == pytest.approx(direct.cost, rel=1e-8)
@@ -51,19 +52,6 @@ def test_the_closed_form_in_two_segments(counts):
     assert solution.meshes[0].counts == (40, 160)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("stage", ["COARSE_ITERATIONS", "FINE_ITERATIONS"])
-def test_without_success_the_guess_is_taken(stage, counts, monkeypatch):
-    """Too many iterations on either mesh: the fine one is solved from the guess, and all iterations are counted."""
-    problem, *_ = four_bar()
-    monkeypatch.setattr(coarse_first, stage, 1)
-    solution = mbd.optimize(problem, intervals=160)
-    assert counts == ([[40], [160]] if stage == "COARSE_ITERATIONS" else [[40], [160], [160]])
-    assert solution.statistics.iterations > 2 and solution.mesh_error < 1e-6
-    monkeypatch.setattr(coarse_first, "FINE", 1000)
-    assert solution.cost == pytest.approx(mbd.optimize(problem, intervals=160).cost, rel=1e-8)
-
-
 def test_the_mesh_of_a_share():
     """Segments keep an interval at least; that of an instant has none."""
     mesh = Mesh((np.linspace(0, 1, 101), np.linspace(0, 1, 3)))
@@ -73,16 +61,11 @@ def test_the_mesh_of_a_share():
 
 
 @pytest.mark.slow
-def test_a_search_takes_place_on_the_coarse_mesh(counts, monkeypatch):
-    """If neither mesh leads to a solution at once, stages of a search on the fine one would take far longer."""
+def test_without_success_on_the_coarse_mesh_the_guess_is_taken(counts, monkeypatch):
+    """Too many iterations from the coarse solution: the fine mesh is solved from the guess."""
     problem, *_ = four_bar()
-    for name in ("COARSE_ITERATIONS", "DIRECT_ITERATIONS"):
-        monkeypatch.setattr(coarse_first, name, 1)
+    monkeypatch.setattr(search, "BUDGETS", Budgets(fine=1))
     solution = mbd.optimize(problem, intervals=160)
-    assert counts == [[40], [160], [50], [40], [160]] and solution.meshes[0].count == 160
-    stages = [stage.description for stage in solution.statistics.stages]
-    assert stages == ["all limits", "all limits, another mesh", "all limits, from another mesh"]
-    monkeypatch.setattr(coarse_first, "FINE", 1000)
-    assert solution.cost == pytest.approx(
-        mbd.optimize(problem, intervals=160, guess=solution.trajectory).cost, rel=1e-8
-    )
+    assert counts == [[40], [160], [160]] and solution.mesh_error < 1e-6
+    monkeypatch.setattr(search, "FINE", 1000)
+    assert solution.cost == pytest.approx(mbd.optimize(problem, intervals=160).cost, rel=1e-8)
