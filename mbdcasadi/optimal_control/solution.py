@@ -229,6 +229,7 @@ class Solution(SolvedMotion):
             f"{s.iterations} iterations, {s.seconds:.3g} s ({s.status})"
         )
         text += f", kinks rounded by {s.rounding:g} of their size" if s.rounding else ""
+        text += f"; {s.agreement}" if s.agreement else ""
         return text + "".join(f"\n  {symbol.label} = {value:.6g}" for symbol, value in self.parameters.items())
 
     def _repr_html_(self) -> str:
@@ -237,6 +238,7 @@ class Solution(SolvedMotion):
         rows = [("cost", f"{self.cost:.8g}"), ("duration", f"{self.duration:.6g} s")]
         rows += [(symbol.label, f"{value:.6g}") for symbol, value in self.parameters.items()]
         rows.append(("mesh intervals", str(interval_count(self.meshes))))
+        rows += [("starts", s.agreement)] if s.agreement else []
         rows.append(("solver", f"{s.iterations} iterations, {s.seconds:.3g} s ({s.status})"))
         return html_table("Solution", rows)
 

@@ -27,13 +27,15 @@ def test_a_solve_that_goes_on_keeps_the_stages_before():
     assert [stage.description for stage in both.stages] == ["no limits", "prices"]
 
 
-def test_a_search_is_the_sum_of_its_attempts():
-    """The stages before it are listed, and were counted in its first solve."""
-    first = statistics(3, attempt("no limits", 1))
-    attempts = [attempt("jump", 3), attempt("finer mesh", 5)]
-    whole = statistics(5).at_end_of(attempts, first)
-    assert (whole.iterations, whole.seconds) == (8, 1.0)
-    assert whole.stages == [*first.stages, *attempts]
+def test_how_far_starts_agree():
+    """By the costs of those that were solved, of which each says how many there are."""
+    costs = [(3.0, 1), (2.0, 2), (2.0, 2), (float("nan"), 0)]
+    starts = [Attempt("start", cost, 5, "", 0.1, 10, found=found) for cost, found in costs]
+    whole = SolveStatistics(5, "Solve_Succeeded", 0.5, 0.25, 7, 5, starts=starts)
+    assert whole.agreement == "4 starts led to 2 optima, the lowest 2 times"
+    assert statistics(5).agreement == "one start" and statistics(5, attempt("no limits", 1)).agreement == ""
+    alone = SolveStatistics(5, "", 0.5, 0.25, 7, 5, starts=[starts[0], starts[3]])
+    assert alone.agreement == "2 starts led to 1 optimum, the lowest once"
 
 
 def test_starts_of_earlier_files_are_read(tmp_path):

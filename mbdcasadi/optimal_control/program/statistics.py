@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -107,15 +106,16 @@ class SolveStatistics:
             stages=[*first.stages, *self.stages],
         )
 
-    def at_end_of(self, attempts: Sequence[Attempt], first: SolveStatistics) -> SolveStatistics:
-        """Return the statistics of a search that began with the `first` solve: `attempts` are all that it took."""
-        return replace(
-            self,
-            iterations=sum(attempt.iterations for attempt in attempts),
-            seconds=sum(attempt.seconds for attempt in attempts),
-            starts=first.starts,
-            stages=[*first.stages, *attempts],
-        )
+    @property
+    def agreement(self) -> str:
+        """How far starts agree, in words: their number, that of their optima, and how often the lowest was found."""
+        solved = [start for start in self.starts if np.isfinite(start.cost)]
+        if not solved:
+            return "one start" if not self.stages else ""
+        lowest = min(solved, key=lambda start: start.cost)
+        optima = round(sum(1 / max(start.found, 1) for start in solved))
+        times = "once" if lowest.found <= 1 else f"{lowest.found} times"
+        return f"{len(self.starts)} starts led to {optima} {'optimum' if optima == 1 else 'optima'}, the lowest {times}"
 
 
 @dataclass(frozen=True)
