@@ -77,7 +77,7 @@ def optimize(
         Number of intervals of the mesh of each phase, of equal length between waypoints: one for all phases, one for
         each that lasts in their order, or ``{phase: number}`` by phase or its name. With "auto", the default,
         there are 40, or those of a solution that is the guess, and the intervals that are too coarse for the motion
-        that was found, or pass limits, are split. A mesh of 160 or more is solved from the solution on one of 40.
+        that was found or for its cost, or pass limits, are split. A mesh of 160 or more is solved from the solution on one of 40.
     degree : int, default 3
         Number of stages of an interval of ``"gauss-legendre"``; order ``2 degree`` at the mesh points.
     tolerance : float, optional
@@ -98,8 +98,8 @@ def optimize(
         {expression: values}}``, by phase or its name, is over a phase, else values are over the whole motion.
         Default is a kinematic motion, by continuation through the conditions.
     starts : int or sequence, optional
-        Number of different starts, or a list of guesses; the best solution is
-        returned, and ``statistics.starts`` has all.
+        Number of starts of different kinds, durations and ends, or a list of guesses; the best solution is returned,
+        and ``statistics.starts`` has all, with the number of those of the same cost.
     executor : concurrent.futures.Executor, optional
         Threads or processes on which the solver runs from several starts at a time, without `progress`.
     search : sequence of Strategy, optional

@@ -47,6 +47,16 @@ def test_what_is_no_list_of_strategies():
             mbd.optimize(problem, search=search)
 
 
+@pytest.mark.parametrize("strategy", mbd.STRATEGIES[1:])
+def test_each_strategy_alone(strategy):
+    """It solves a problem that is easy, or says that it proposes nothing."""
+    problem, *_ = rest_to_rest(1.0, (0.5, 1.0), lower=-8, upper=8)
+    try:
+        assert mbd.optimize(problem, search=[strategy]).cost == pytest.approx(12, rel=1e-6)
+    except mbd.OptimizationError as error:
+        assert f"nothing was tried: no strategy of search= proposes a solve ({strategy.name})" in str(error)
+
+
 def test_names_are_told_apart():
     """Each strategy has a name of its own, and is printed as what it is."""
     names = [strategy.name for strategy in mbd.STRATEGIES]

@@ -36,7 +36,7 @@ def is_lost(solution: Solution) -> bool:
 
 def is_coarse(solution: Solution) -> bool:
     """Return True if the mesh is too coarse for the motion, and one twice as fine is allowed."""
-    return Coarseness(solution).largest > COARSE_ERROR and interval_count(solution.meshes) <= HALVED_INTERVALS
+    return Coarseness(solution).largest > COARSE_ERROR and _can_halve(solution)
 
 
 def refine_if_coarse(solver: ProblemSolver, solution: Solution, variant: Variant = ITSELF) -> tuple[Solution, bool]:
@@ -54,20 +54,17 @@ def refine_if_coarse(solver: ProblemSolver, solution: Solution, variant: Variant
     measures, stalled = [measure(solution) for measure in COARSE_MEASURES], False
     error = max(measure.largest for measure in measures)
     for number in range(2 * COARSE_PASSES):
-        if number >= COARSE_PASSES and error > NEAR_ERROR:
+        if (number >= COARSE_PASSES and error > NEAR_ERROR) or (stalled and _tends_to_lock(measures[0])):
             break
-        if stalled and _tends_to_lock(measures[0]):
-            break
-        can_halve = interval_count(solution.meshes) <= HALVED_INTERVALS
-        if stalled and can_halve:
-            meshes = [mesh.split(2) for mesh in solution.meshes]
-        else:
-            meshes = _split_where_coarse(solution, measures, LIMIT_TOLERANCE if variant.limits else np.inf)
+        halves = stalled and _can_halve(solution)
+        meshes = (
+            [mesh.split(2) for mesh in solution.meshes] if halves else _split_where_coarse(solution, measures, variant)
+        )
         if interval_count(meshes) == interval_count(solution.meshes):
             break
         finer = solver.solve_further(solution, meshes, variant=variant, limit=BUDGETS.finer)
         if finer is None or _went_astray(finer, solution):
-            if stalled or not can_halve:
+            if stalled or not _can_halve(solution):
                 break
             stalled = True
             continue
@@ -75,6 +72,11 @@ def refine_if_coarse(solver: ProblemSolver, solution: Solution, variant: Variant
         error = max(measure.largest for measure in measures)
         stalled = not error < max(COARSE_ERROR, before / 2)  # infinite if an interval cannot be integrated
     return solution, all(m.largest <= COARSE_ERROR for m in measures if m.falsifies_cost)
+
+
+def _can_halve(solution: Solution) -> bool:
+    """True if all intervals of a mesh may be halved."""
+    return interval_count(solution.meshes) <= HALVED_INTERVALS
 
 
 def _went_astray(finer: Solution, solution: Solution) -> bool:
@@ -90,9 +92,9 @@ def _tends_to_lock(measure: Coarseness) -> bool:
     return any(errors.size and close_to_singular(part, int(np.argmax(errors))) for part, errors in parts)
 
 
-def _split_where_coarse(solution: Solution, measures: Sequence[Coarseness], tolerance: float) -> list[Mesh]:
+def _split_where_coarse(solution: Solution, measures: Sequence[Coarseness], variant: Variant) -> list[Mesh]:
     """Meshes with intervals split that are too coarse, and with those halved in which limits are passed."""
-    meshes, passed = [], passed_limits(solution, tolerance)
+    meshes, passed = [], passed_limits(solution, LIMIT_TOLERANCE if variant.limits else np.inf)
     for number, part in enumerate(solution.phases):
         times = [limit.time for limit in passed if limit.phase == number]
         least = np.ones(part.mesh.count, int)

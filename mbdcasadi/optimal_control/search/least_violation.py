@@ -41,8 +41,8 @@ class LeastViolation(Strategy):
     ends_at_solution = True
 
     def applies(self, trials: Trials) -> bool:
-        """Return True if nothing is solved."""
-        return not trials.solved
+        """Return True if a solve has failed, and nothing is solved."""
+        return not trials.solved and bool(trials.failures)
 
     def proposals(self, trials: Trials) -> Proposals:
         """Propose violations near to all starts first, which often end at a motion that meets all; then farther away.

@@ -257,6 +257,10 @@ class Search:
     def _failure(self, trials: Trials, *, goes_on: bool) -> OptimizationError:
         """The error for a problem that was not solved."""
         failures = trials.failures
+        if not failures:
+            names = ", ".join(strategy.name for strategy in self.strategies)
+            text = f"nothing was tried: no strategy of search= proposes a solve ({names})"
+            return OptimizationError(text, partial=None)
         if not (goes_on and may_go_on(trials)):
             return failures[-1] if trials.starts is not None or trials.are_given else failures[0]
         widened = None
@@ -296,7 +300,7 @@ def may_go_on(trials: Trials) -> bool:
 
     With a kink in the cost, or a cost without a lower bound, a solver with derivatives would fail again from any guess.
     """
-    if trials.solved:
+    if trials.solved or not trials.failures:
         return True
     error, options = trials.failures[0], trials.solver.settings.options
     status = error.partial.statistics.status

@@ -22,7 +22,11 @@ class TimePoints(Strategy):
 
     def applies(self, trials: Trials) -> bool:
         """Return True if times are free, unless a refinement follows, which places these points itself."""
-        return trials.solver.problem.has_free_times and (trials.tolerance is None or not trials.solved)
+        return (
+            bool(trials.outcomes)
+            and trials.solver.problem.has_free_times
+            and (trials.tolerance is None or not trials.solved)
+        )
 
     def proposals(self, trials: Trials) -> Proposals:
         """Propose the best motion so far on a mesh with these points."""
