@@ -77,7 +77,8 @@ def optimize(
         Number of intervals of the mesh of each phase, of equal length between waypoints: one for all phases, one for
         each that lasts in their order, or ``{phase: number}`` by phase or its name. With "auto", the default,
         there are 40, or those of a solution that is the guess, and the intervals that are too coarse for the motion
-        that was found or for its cost, or pass limits, are split. A mesh of 160 or more is solved from the solution on one of 40.
+        that was found or for its cost, or pass limits, are split. A mesh of 160 or more is solved from the solution on
+        one of 40.
     degree : int, default 3
         Number of stages of an interval of ``"gauss-legendre"``; order ``2 degree`` at the mesh points.
     tolerance : float, optional
