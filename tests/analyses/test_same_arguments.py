@@ -356,7 +356,7 @@ BAD = {
     "no times": ("times", None, "give the output times|give either times or duration="),
     "an unknown method": ("method", "rk9", "method must be one of idas.*got 'rk9'"),
     "a method that is none": ("method", 7, "method must be one of idas.*got 7"),
-    "a class for a method": ("method", mbd.IDAS, "method must be one of idas"),
+    "a class that is no method": ("method", mbd.Body, "method must be one of idas"),
 }  # fmt: skip
 
 
