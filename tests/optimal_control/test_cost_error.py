@@ -7,6 +7,9 @@ import pytest
 from motions import crank_rocker, half_turn, rest_to_rest
 
 import mbdcasadi as mbd
+from mbdcasadi.optimal_control.measures.cost_error import FalseCost
+from mbdcasadi.optimal_control.measures.local_error import COARSE_ERROR
+from mbdcasadi.optimal_control.measures.measure import split
 
 #: Least time from rest to a place 10 m away and 5 m below, under gravity (a cycloid), s.
 CYCLOID = 1.8012955
@@ -60,3 +63,18 @@ def test_polynomials_are_without_error():
     """The force of a block is linear in time: nothing is off."""
     solution = mbd.optimize(rest_to_rest()[0], intervals=4)
     assert solution.cost_error < 1e-12 * solution.cost and np.isfinite(solution.mesh_error)
+
+
+@pytest.mark.slow
+def test_without_a_number_of_intervals_the_mesh_is_refined_for_the_cost():
+    """A crank from rest to rest: on a coarse mesh its cost is off by a ten-thousandth, by default it is not."""
+    problem = half_turn(crank_rocker())
+    with pytest.warns(mbd.MechanismWarning, match="too coarse for the cost"):
+        coarse = mbd.optimize(problem, intervals=8)
+    assert coarse.cost_error > 1e-4 * coarse.cost
+    guessed = mbd.optimize(problem, guess=coarse.trajectory)
+    assert guessed.cost_error < 1e-4 * guessed.cost
+    measure = FalseCost(coarse)
+    assert measure.largest > COARSE_ERROR and FalseCost(guessed).largest == 0
+    finer = split(coarse.phases[0], [measure])
+    assert finer.count > 8
