@@ -193,11 +193,14 @@ class Search:
     def _run(self, trials: Trials, *, goes_on: bool) -> tuple[ProblemSolver, Solution]:
         """Give each strategy its turn, and return solver and best solution."""
         self.best.new_stage()
+        at_once = self._all_at_once(trials) if self.executor is not None else set()
         for strategy in self.strategies:
+            if strategy.name in at_once:
+                continue
             if strategy.goes_on and not (goes_on and may_go_on(trials)):
                 continue
             if strategy.applies(trials):
-                self._turn(strategy, trials)
+                self._followed(strategy.proposals(trials), trials, strategy)
         best = trials.best
         if best is not None:
             outcome, solution, _ = best
@@ -210,13 +213,13 @@ class Search:
         later = {strategy.name for strategy in self.strategies if strategy.goes_on}
         return outcome.solver, _with_statistics(trials, outcome, solution, later)
 
-    def _turn(self, strategy: Strategy, trials: Trials) -> None:
-        """Try what a strategy proposes."""
-        independent = [] if self.executor is None else strategy.independent(trials)
-        if independent:
-            trials.outcomes += self._side_by_side(independent, trials, strategy.name)
-            return
-        self._followed(strategy.proposals(trials), trials, strategy)
+    def _all_at_once(self, trials: Trials) -> set[str]:
+        """Try what strategies propose that does not depend on outcomes, on the executor; their names."""
+        applying = [strategy for strategy in self.strategies if strategy.applies(trials)]
+        proposed = [(strategy.name, proposal) for strategy in applying for proposal in strategy.independent(trials)]
+        if proposed:
+            trials.outcomes += self._side_by_side(proposed, trials)
+        return {name for name, _ in proposed}
 
     def _followed(
         self, proposals: Generator[Proposal, Outcome, Found], trials: Trials, strategy: Strategy | None = None
@@ -235,12 +238,13 @@ class Search:
             result: Found = stop.value
             return result
 
-    def _side_by_side(self, proposals: list[Proposal], trials: Trials, name: str) -> list[Outcome]:
+    def _side_by_side(self, proposals: list[tuple[str, Proposal]], trials: Trials) -> list[Outcome]:
         """Outcomes of proposals; the runs of the solver take place on an executor, what leads to them in threads."""
         assert self.executor is not None
         elsewhere = Elsewhere(self.executor)
 
-        def outcome(proposal: Proposal) -> Outcome:
+        def outcome(proposed: tuple[str, Proposal]) -> Outcome:
+            name, proposal = proposed
             try:
                 return symbolic(tried)(proposal, trials, trials.solver.on(elsewhere), name)
             except KeyboardInterrupt:  # it may reach a worker first
