@@ -145,9 +145,9 @@ def test_trebuchet(found):
 
 @pytest.mark.slow
 def test_throwing_arm(found):
-    """The cost of collocation in two angles; more time takes less effort; both hit the mark."""
+    """Below the cost of collocation in two angles from the usual guess; more time is cheaper; both hit the mark."""
     quick, slow = found["solutions"].values()
-    assert quick.cost == pytest.approx(11.37798126, abs=1e-3) and slow.cost < quick.cost
+    assert quick.cost == pytest.approx(7.81795711, abs=1e-3) and slow.cost < quick.cost < 11.37798126
     for solution in (quick, slow):
         assert solution.trajectory.final[found["ball"].x] == pytest.approx(found["MARK"][0], abs=1e-6)
         assert solution.verify().final_error < 1e-3

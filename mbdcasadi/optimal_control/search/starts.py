@@ -39,8 +39,9 @@ INPUT_POWERS = (-1.0, 0.0)
 #: Number of random motions of which the one that violates the demands least is a start, and number of durations of free
 #: motions of which those count that violate them less than their neighbours.
 SCREENED, FREE_DURATIONS = 6, 24
-#: Share of its longest time at which the range of a duration begins that may be zero.
-SHORTEST = 0.05
+#: Share of its longest time at which the range of a duration begins that may be zero, and multiple of the earliest time
+#: of the last waypoint.
+SHORTEST, LATER = 0.05, 1.1
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,13 @@ class Starts:
 
     @property
     def _spans(self) -> list[tuple[float, float]]:
-        return [tuple(phase.span) for phase in self._solver.problem.phases]  # type: ignore[misc]
+        """Ranges of the durations, s: in the shortest one there is time for a motion after the last waypoint."""
+        spans = []
+        for phase in self._solver.problem.phases:
+            low, high = phase.span
+            last = max((waypoint.time[0] for waypoint in phase.waypoints), default=0.0)
+            spans.append((min(max(low, LATER * last), phase.span.typical), high))
+        return spans
 
     # --- times ------------------------------------------------------------------------------------
     def durations(self, number: int) -> list[float]:
