@@ -90,7 +90,7 @@ class NaturalMotion:
     def along(
         self, path: KinematicPath, v: np.ndarray, z: np.ndarray, waves: np.ndarray | None = None
     ) -> PhaseGuess | None:
-        """Motion from velocities and first-order states at the begin of a path, which driven displacements follow.
+        """Motion from velocities and first-order states at the start of a path, which driven displacements follow.
 
         Waves (STRETCHES + 1, n_u) may lead them to both sides of it. It is None if the motion does not get to the end.
         """
@@ -103,7 +103,7 @@ class NaturalMotion:
     def under(
         self, path: KinematicPath, v: np.ndarray, z: np.ndarray, inputs: np.ndarray | None = None
     ) -> PhaseGuess | None:
-        """Motion from the same begin under inputs (STRETCHES + 1, n_u), or their own values: the free motion."""
+        """Motion from the same start under inputs (STRETCHES + 1, n_u), or their own values: the free motion."""
         values = np.tile(self._eom.input_values, (STRETCHES + 1, 1)) if inputs is None else inputs
         return self._simulated(path, v, z, Course(values, of_inputs=True))
 
@@ -166,7 +166,6 @@ class NaturalMotion:
                 "terms",
                 [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p],
                 [ca.densify(x) for x in (effect, w, rate, eom.z_rate)],
-                {"allow_free": False},
             )
 
         return eom.shared.get_or_create("terms of natural motions", make)
@@ -185,8 +184,7 @@ class NaturalMotion:
         dynamics = numeric.forward_dynamics(redundant=redundant)
         since = t - begins
         wanted, wanted_rate = value + since * rate + since**2 / 2 * second, rate + since * second
-        u = wanted
-        rest, w = ca.MX.zeros(n_u), ca.MX.zeros(n_u)
+        u, w = wanted, ca.MX.zeros(n_u)
         if n_u:
             effect, w, drift, _ = self._terms(t, q, v, z, ca.DM(eom.input_values), p)
             still = dynamics(t, q, v, z, ca.DM.zeros(n_u), p)[0]
@@ -209,7 +207,7 @@ class NaturalMotion:
 
     @cached_property
     def _integrator(self) -> ca.Function:
-        """Simulation of unit stretches: times are shares of a step from the begin of the motion on."""
+        """Simulation of unit stretches: times are shares of a step, counted from the start of the motion."""
         (t, y, control, fixed), (rate, *_) = self._motion
         share, begin, step = ca.MX.sym("share"), ca.MX.sym("begin"), ca.MX.sym("step")
         function = ca.Function("rate", [t, y, control, fixed], [rate])
