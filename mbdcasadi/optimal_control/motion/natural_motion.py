@@ -119,14 +119,17 @@ class NaturalMotion:
         begins = begin + step * np.arange(STRETCHES)
         controls = np.vstack([begins, course.values[:-1].T, rates[:-1].T, second.T])
         first = np.r_[path.poses[0], v, z, np.zeros(n_u)]
-        with quiet():  # a motion that does not get to its end is no guess, and no matter of the user
-            result = self._integrator(x0=first, p=np.r_[fixed, begin, step], u=controls)
-        states = np.column_stack([first, result["xf"].full()])
-        loads = self._loads.map(STRETCHES + 1)
         times = np.r_[begins, begin + time]
         last = np.column_stack([controls, controls[:, -1]])
         last[0, -1] = begins[-1]
-        values = loads(times, states, last, np.tile(fixed[:, None], STRETCHES + 1))
+        with quiet():  # a motion that does not get to its end is no guess, and no matter of the user
+            try:
+                result = self._integrator(x0=first, p=np.r_[fixed, begin, step], u=controls)
+                states = np.column_stack([first, result["xf"].full()])
+                loads = self._loads.map(STRETCHES + 1)
+                values = loads(times, states, last, np.tile(fixed[:, None], STRETCHES + 1))
+            except RuntimeError:  # of CasADi, if a state has no accelerations
+                return None
         a, lam, u, rate = (part.full().T for part in values)
         if not all(np.all(np.isfinite(part)) for part in (states, a, lam, u, rate)):
             return None
