@@ -228,21 +228,20 @@ class CollocationProgram:
         start: State,
         meshes: Sequence[Mesh],
         times: Sequence[np.ndarray],
-        pace: Sequence[np.ndarray | float] | None = None,
     ) -> Bounds:
         """Bounds of the variables and of the rows.
 
         `start` is the first state if the initial conditions decide it; `times` are those of start, waypoints and end to
-        begin with, by phase, s, and `pace` limits speeds and accelerations, by phase.
+        begin with, by phase, s.
         """
-        limited = zip(self.phases, meshes, times, pace or [np.inf] * len(self.phases), strict=True)
-        each = [phase.bounds(start, mesh.times(of), most, mesh.pinned) for phase, mesh, of, most in limited]
+        parts = zip(self.phases, meshes, times, strict=True)
+        each = [phase.bounds(start, mesh.times(of), mesh.pinned) for phase, mesh, of in parts]
         sides = zip(*each, strict=True)
         scale = self.scale[self.parameter_index]
         limits = np.array([p.lower for p in self._free]) / scale, np.array([p.upper for p in self._free]) / scale
         impulses = np.full(sum(change.index.size for change in self.changes), np.inf)
-        parts = zip(sides, (-impulses, impulses), limits, strict=True)
-        lower, upper = (np.concatenate([*side, free, limit]) for side, free, limit in parts)
+        blocks = zip(sides, (-impulses, impulses), limits, strict=True)
+        lower, upper = (np.concatenate([*side, free, limit]) for side, free, limit in blocks)
         return Bounds(lower, upper, self.lower, np.zeros(self.lower.size))
 
     def data(

@@ -437,14 +437,11 @@ class PhaseProgram:
         return groups
 
     # --- bounds of the variables ----------------------------------------------------------
-    def bounds(
-        self, start: State, mesh_times: np.ndarray, pace: np.ndarray | float = np.inf, pinned: Sequence[int] = ()
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def bounds(self, start: State, mesh_times: np.ndarray, pinned: Sequence[int] = ()) -> tuple[np.ndarray, np.ndarray]:
         """Limits of the variables, scaled.
 
         `start` is the first state if the initial conditions decide it. Of `mesh_times`, the mesh points to begin with,
-        s, those that move stay between their neighbours, or where they are if they are `pinned`. `pace` limits speeds
-        before the end, and accelerations (2, n).
+        s, those that move stay between their neighbours, or where they are if they are `pinned`.
         """
         scheme, mechanism = self.scheme, self.phase.mechanism
         n, bounds = scheme.eom.q.numel(), []
@@ -453,19 +450,14 @@ class PhaseProgram:
             u, z = ([getattr(x, name) for x in symbols] for symbols in (inputs, mechanism.states))
             point = np.r_[np.full(2 * n, infinite), z, u if scheme.inputs.joined else []]
             point = np.r_[point, np.full(self.point_size - point.size, infinite)]
-            before = point.copy()
             inner = np.full(scheme.interval_size, infinite)
-            speeds, accelerations = np.copysign(np.broadcast_to(pace, (2, n)), infinite)
-            before[n : 2 * n] = speeds
-            if "a" in scheme.interval_variables:
-                inner[scheme.interval_slice("a")].reshape(-1, n)[:] = accelerations
             inner[scheme.interval_slice("u")] = np.tile(u, len(scheme.inputs.inner))
             times = mesh_times[np.clip(self._knots + (2 * side - 1), 0, self.count)][: self.time_count]
             if self.time_count:
                 stays = np.isin(self._knots, pinned)
                 times[stays] = mesh_times[self._knots[stays]]
                 times[self.stated_knots] = [self.begins[side] + span[side] for span in self.phase.time_spans]
-            bound = np.r_[np.tile(np.r_[before, inner], self.count), point, times] / self.scale
+            bound = np.r_[np.tile(np.r_[point, inner], self.count), point, times] / self.scale
             if self.initial is None and not self.follows:
                 state = np.r_[start.q[scheme.eom.independent], start.v[scheme.eom.independent], start.z]
                 bound[: state.size] = state / self.point_scale[: state.size]

@@ -19,7 +19,7 @@ class Budgets:
     further : int
         From another guess, once a solution is known.
     variant : int
-        Without limits, or with limits of speeds.
+        Without limits.
     closing : int
         The problem itself from a motion of a variant.
     violation : int

@@ -13,7 +13,6 @@ from .natural_motions import NaturalMotions
 from .other_durations import OtherDurations
 from .random_starts import LastStarts, RandomStarts
 from .saddle import PastSaddle
-from .slow_first import SlowFirst
 from .strategy import Strategy
 from .time_points import TimePoints
 
@@ -28,7 +27,6 @@ STRATEGIES: tuple[Strategy, ...] = (
     ClosingLimits(),
     LeastViolation(),
     LastStarts(),
-    SlowFirst(),
     PastSaddle(),
 )
 

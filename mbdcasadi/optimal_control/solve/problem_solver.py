@@ -22,7 +22,7 @@ from ..program.limit_sides import LimitSides, Slacks
 from ..program.problem_setup import ProblemSetup
 from ..program.setup import PhaseSetup, Settings
 from ..program.statistics import Answer
-from ..program.variant import ITSELF, Variant, is_below
+from ..program.variant import ITSELF, Variant
 from ..solution import Solution
 from ..transcription.mesh import Mesh, interval_count
 from .best_so_far import BestSoFar
@@ -257,11 +257,6 @@ class ProblemSolver(ProblemSetup):
         elastic = ElasticProgram(begin.program, begin.bounds, nearness, cost_weight, limits_alone=limits_alone)
         result, slacks = self._nlp_solver.least_violation(begin, elastic, limit)
         return self._kept(begin, result), slacks, result.succeeded
-
-    def keeps_below(self, solution: Solution, variant: Variant) -> bool:
-        """Return True if a solution of a variant stays below its limits of speeds: it is one without them, too."""
-        limited, free = self.beginning_at(solution, variant), self.beginning_at(solution)
-        return is_below(limited.x, limited.bounds, free.bounds)
 
     def violation(self, meshes: Sequence[Mesh], guess: Guess) -> float:
         """Sum of the scaled amounts by which a guess violates limits and conditions, the largest one of each label."""
