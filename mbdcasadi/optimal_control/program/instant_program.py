@@ -50,9 +50,7 @@ class InstantProgram(PhaseProgram):
         """Nothing: the time is that of the end of the phase before."""
         return []
 
-    def bounds(
-        self, start: State, mesh_times: np.ndarray, pace: np.ndarray | float = np.inf, pinned: Sequence[int] = ()
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def bounds(self, start: State, mesh_times: np.ndarray, pinned: Sequence[int] = ()) -> tuple[np.ndarray, np.ndarray]:
         """Limits of the variables, scaled."""
         n, mechanism = self.scheme.eom.q.numel(), self.phase.mechanism
         sides = []
