@@ -12,9 +12,8 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ExpressionError, ModelError, warn
+from ..numerics.operations import TRUTHS
 from .symbols import Parameter, describe, number, place_of, varying_in
-
-_RELATIONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_NOT)
 
 
 def known_value(value: Any) -> float | None:
@@ -190,7 +189,7 @@ def vector2(value: Any, what: str, name: str) -> ca.SX:
 
 def is_relation(value: ca.SX) -> bool:
     """Return True if a scalar is a truth value, 0 or 1, instead of a quantity."""
-    return any(value.is_op(op) for op in _RELATIONS)
+    return any(value.is_op(op) for op in TRUTHS)
 
 
 def no_relation(value: Any, what: str, name: str) -> Any:

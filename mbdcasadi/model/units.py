@@ -13,15 +13,12 @@ from fractions import Fraction
 import casadi as ca
 
 from ..numerics.graph import operands, operations
+from ..numerics.operations import traits
 from .symbols import as_sx, role_of
 
 #: Powers of units, such as {"m": 1, "s": -1}; None for a number, whose unit is not known.
 _Powers = dict[str, Fraction]
 
-#: Operations whose operands and result have the same unit, and functions of numbers.
-_SAME = (ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX)
-_PURE = (ca.OP_SIN, ca.OP_COS, ca.OP_TAN, ca.OP_EXP, ca.OP_LOG, ca.OP_TANH, ca.OP_SIGN)
-_ANGLES = (ca.OP_ATAN2, ca.OP_ATAN, ca.OP_ASIN, ca.OP_ACOS)
 #: Largest number of operations of an expression that is looked through.
 _MOST = 2000
 _SUPERSCRIPTS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -56,24 +53,17 @@ def unit_of(expression: ca.SX) -> str:
         parts = operands(node)
         units = [powers(part) for part in parts]
         key = node.element_hash()
-        if kind in _SAME:
+        of_kind = traits(kind)
+        if of_kind.unit == "same":
             known[key] = next((unit for unit in units if unit), None)
-        elif kind in _ANGLES:
+        elif of_kind.unit == "angle":
             known[key] = {"rad": Fraction(1)}
-        elif kind in (ca.OP_SQ, ca.OP_SQRT):
-            factor = Fraction(2 if kind == ca.OP_SQ else 1, 1 if kind == ca.OP_SQ else 2)
-            known[key] = _product([(units[0], factor)])
-        elif kind == ca.OP_TWICE:
-            known[key] = units[0]
-        elif kind in (ca.OP_MUL, ca.OP_DIV):
-            sign = Fraction(1 if kind == ca.OP_MUL else -1)
-            factors = [
-                (unit, s) for unit, part, s in zip(units, parts, (Fraction(1), sign), strict=True) if not is_pure(part)
-            ]
-            known[key] = _product(factors)
+        elif of_kind.exponents:
+            factors = zip(units, parts, map(Fraction, of_kind.exponents), strict=False)
+            known[key] = _product([(unit, exponent) for unit, part, exponent in factors if not is_pure(part)])
         else:
             known[key] = None
-        if kind in _PURE or (kind in (ca.OP_MUL, ca.OP_NEG, ca.OP_SQ) and all(map(is_pure, parts))):
+        if of_kind.unit == "number" or (kind in (ca.OP_MUL, ca.OP_NEG, ca.OP_SQ) and all(map(is_pure, parts))):
             pure.add(key)
     return _text(powers(whole))
 

@@ -18,8 +18,8 @@ import casadi as ca
 import numpy as np
 
 from ..errors import MechanismError
-from .graph import operation_name
 from .lazy import cached_property
+from .operations import OPERATIONS, operation_name
 
 #: Instructions in a piece.
 PIECE = 400
@@ -28,63 +28,12 @@ PIECE = 400
 #: would wait in memory (chain of 40: 1.4 -> 1.7 µs).
 SHORT = 2000
 
-#: C expression of each operation on values ``x`` and ``y``.
-OPERATIONS: dict[str, str] = {
-    "ASSIGN": "{x}",
-    "ADD": "{x} + {y}",
-    "SUB": "{x} - {y}",
-    "MUL": "{x} * {y}",
-    "DIV": "{x} / {y}",
-    "NEG": "-{x}",
-    "EXP": "exp({x})",
-    "LOG": "log({x})",
-    "POW": "pow({x}, {y})",
-    "CONSTPOW": "pow({x}, {y})",
-    "SQRT": "sqrt({x})",
-    "SQ": "{x} * {x}",
-    "TWICE": "{x} + {x}",
-    "SIN": "sin({x})",
-    "COS": "cos({x})",
-    "TAN": "tan({x})",
-    "ASIN": "asin({x})",
-    "ACOS": "acos({x})",
-    "ATAN": "atan({x})",
-    "LT": "{x} < {y}",
-    "LE": "{x} <= {y}",
-    "EQ": "{x} == {y}",
-    "NE": "{x} != {y}",
-    "NOT": "{x} == 0",
-    "AND": "{x} != 0 && {y} != 0",
-    "OR": "{x} != 0 || {y} != 0",
-    "FLOOR": "floor({x})",
-    "CEIL": "ceil({x})",
-    "FMOD": "fmod({x}, {y})",
-    "FABS": "fabs({x})",
-    "SIGN": "{x} < 0 ? -1.0 : {x} > 0 ? 1.0 : {x}",
-    "COPYSIGN": "copysign({x}, {y})",
-    "IF_ELSE_ZERO": "{x} == 0 ? 0.0 : {y}",
-    "ERF": "erf({x})",
-    # as fmin and fmax, which compilers call: of a number and NaN the number
-    "FMIN": "{x} < {y} || {y} != {y} ? {x} : {y}",
-    "FMAX": "{x} > {y} || {y} != {y} ? {x} : {y}",
-    "INV": "1.0 / {x}",
-    "SINH": "sinh({x})",
-    "COSH": "cosh({x})",
-    "TANH": "tanh({x})",
-    "ASINH": "asinh({x})",
-    "ACOSH": "acosh({x})",
-    "ATANH": "atanh({x})",
-    "ATAN2": "atan2({x}, {y})",
-    "LOG1P": "log1p({x})",
-    "EXPM1": "expm1({x})",
-    "HYPOT": "hypot({x}, {y})",
-    "REMAINDER": "remainder({x}, {y})",
-}
 #: Entries of a tape besides the operations.
 CONSTANT, INPUT, OUTPUT = 0, 1, 2
-_CODES = {getattr(ca, f"OP_{name}"): code for code, name in enumerate(OPERATIONS, start=3)}
+_WRITTEN = {operation: row.c for operation, row in OPERATIONS.items() if row.c}
+_CODES = {operation: code for code, operation in enumerate(_WRITTEN, start=3)}
 _CODES |= {ca.OP_CONST: CONSTANT, ca.OP_INPUT: INPUT, ca.OP_OUTPUT: OUTPUT}
-_TEMPLATES = {code: template for code, template in enumerate(OPERATIONS.values(), start=3)}
+_TEMPLATES = dict(enumerate(_WRITTEN.values(), start=3))
 _OPERATIONS = {code: operation for operation, code in _CODES.items()}
 _SINE, _COSINE = _CODES[ca.OP_SIN], _CODES[ca.OP_COS]
 #: Cycles until the result of an operation is there, roughly: calls, divisions, others.
@@ -170,7 +119,7 @@ def tape_of(function: ca.Function) -> Tape:
     Raises
     ------
     UnsupportedOperation
-        For an operation that is not in :data:`OPERATIONS`, as the call of another function.
+        For an operation without C, as the call of another function.
     """
     if not function.is_a("SXFunction"):
         raise UnsupportedOperation(function, function.class_name())

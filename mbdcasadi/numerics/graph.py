@@ -7,8 +7,6 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 
 import casadi as ca
 
-#: Names of the operations of CasADi, in small letters.
-_NAMES = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
 #: Instructions that are not operations.
 _ENDS = frozenset((ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_PARAMETER))
 
@@ -37,11 +35,6 @@ def operations(
     for k, kind in enumerate(map(function.instruction_id, range(function.n_instructions()))):
         if kind in kinds if kinds is not None else kind not in _ENDS:
             yield kind, nodes[k]
-
-
-def operation_name(kind: int) -> str:
-    """Return the name of a kind of operation, with its number if CasADi gives it none."""
-    return _NAMES.get(kind, f"operation_{kind}")
 
 
 def count_of_operations(expressions: ca.SX) -> int:

@@ -2,39 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import casadi as ca
 
 from ..errors import ExpressionError
-from ..numerics.graph import operation_name, operations
+from ..numerics.graph import operations
+from ..numerics.operations import operation_name, traits
 
 #: Operations of one JavaScript function: engines optimise short functions alone.
 PIECE = 1200
-
-_INFIX = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/", ca.OP_FMOD: "%"}
-_COMPARISONS = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "===", ca.OP_NE: "!=="}
-_MATH = {
-    ca.OP_EXP: "exp", ca.OP_LOG: "log", ca.OP_SQRT: "sqrt", ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TAN: "tan",
-    ca.OP_ASIN: "asin", ca.OP_ACOS: "acos", ca.OP_ATAN: "atan", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil",
-    ca.OP_FABS: "abs", ca.OP_SIGN: "sign", ca.OP_SINH: "sinh", ca.OP_COSH: "cosh", ca.OP_TANH: "tanh",
-    ca.OP_ASINH: "asinh", ca.OP_ACOSH: "acosh", ca.OP_ATANH: "atanh", ca.OP_LOG1P: "log1p", ca.OP_EXPM1: "expm1",
-    ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow", ca.OP_FMIN: "min", ca.OP_FMAX: "max", ca.OP_ATAN2: "atan2",
-    ca.OP_HYPOT: "hypot",
-}  # fmt: skip
-_OTHERS: dict[int, Callable[..., str]] = {
-    ca.OP_ASSIGN: lambda a: a,
-    ca.OP_NEG: lambda a: f"-{a}",
-    ca.OP_SQ: lambda a: f"{a}*{a}",
-    ca.OP_TWICE: lambda a: f"2*{a}",
-    ca.OP_INV: lambda a: f"1/{a}",
-    ca.OP_NOT: lambda a: f"{a}===0?1:0",
-    ca.OP_AND: lambda a, b: f"{a}!==0&&{b}!==0?1:0",
-    ca.OP_OR: lambda a, b: f"{a}!==0||{b}!==0?1:0",
-    ca.OP_IF_ELSE_ZERO: lambda a, b: f"{a}!==0?{b}:0",
-    ca.OP_COPYSIGN: lambda a, b: f"Math.abs({a})*({b}<0||Object.is({b},-0)?-1:1)",
-    ca.OP_PRINTME: lambda a, _: a,
-}
 
 
 def to_javascript(function: ca.Function, name: str) -> str:
@@ -80,8 +55,7 @@ def to_javascript(function: ca.Function, name: str) -> str:
 
 def unknown_operation(expressions: ca.SX) -> str | None:
     """Name of the first operation in expressions that JavaScript lacks; None if there is none."""
-    known = {*_INFIX, *_COMPARISONS, *_MATH, *_OTHERS}
-    return next((operation_name(op) for op, _ in operations(expressions) if op not in known), None)
+    return next((operation_name(op) for op, _ in operations(expressions) if not traits(op).javascript), None)
 
 
 def _statements(function: ca.Function) -> list[str]:
@@ -105,15 +79,10 @@ def _statements(function: ca.Function) -> list[str]:
 
 
 def _operation(op: int, operands: list[str]) -> str:
-    if op in _INFIX:
-        return _INFIX[op].join(operands)
-    if op in _COMPARISONS:
-        return f"{_COMPARISONS[op].join(operands)}?1:0"
-    if op in _MATH:
-        return f"Math.{_MATH[op]}({','.join(operands)})"
-    if op not in _OTHERS:
+    template = traits(op).javascript
+    if not template:
         raise ExpressionError(f"the operation '{operation_name(op)}' cannot be written as JavaScript")
-    return _OTHERS[op](*operands)
+    return template.format(x=operands[0], y=operands[-1])
 
 
 def _number(value: float) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
+from ..numerics.operations import OPERATIONS, operation_name
 from .names import escaped, latex_name
 from .terms import ATOM, NOT, POWER, PRODUCT, Term, TextStyle, digits
 from .text import LIMIT, scalar, write
@@ -16,16 +17,13 @@ class LatexStyle(TextStyle):
     words: ClassVar[dict[str, str]] = {"and": r"\land", "or": r"\lor", "not": r"\lnot "}
     signs: ClassVar[dict[str, str]] = {"<=": r"\leq", ">=": r"\geq", "==": "=", "!=": r"\neq"}
     functions: ClassVar[dict[str, str]] = {
-        **{name: rf"\{name}" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp")},
-        **{"log": r"\ln", "asin": r"\arcsin", "acos": r"\arccos", "atan": r"\arctan"},
-        **{"fmax": r"\max", "fmin": r"\min", "sign": r"\operatorname{sgn}"},
+        operation_name(op): known.latex
+        for op, known in OPERATIONS.items()
+        if known.latex and isinstance(known.latex, str)
     }
     fences: ClassVar[dict[str, tuple[str, str]]] = {
-        "sqrt": (r"\sqrt{", "}"),
-        "fabs": (r"\left|", r"\right|"),
+        **{operation_name(op): known.latex for op, known in OPERATIONS.items() if isinstance(known.latex, tuple)},
         "norm": (r"\left\|\left(", r"\right)\right\|"),
-        "floor": (r"\left\lfloor ", r"\right\rfloor"),
-        "ceil": (r"\left\lceil ", r"\right\rceil"),
     }
 
     def symbol(self, name: str) -> Term:

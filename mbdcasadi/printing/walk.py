@@ -6,15 +6,12 @@ from collections.abc import Mapping
 
 import casadi as ca
 
-from ..numerics.graph import components_of_norm, operands, operation_name
+from ..numerics.graph import components_of_norm, operands
+from ..numerics.operations import operation_name, traits
 from .forms import Forms, Operation, Scaled, Symbol
 
-_COMPARISONS = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
 _TURNED = {"<": ">", "<=": ">=", "==": "==", "!=": "!="}
-_LOGIC = {ca.OP_AND: "and", ca.OP_OR: "or"}
 _POWERS = (ca.OP_POW, ca.OP_CONSTPOW)
-_SUMS = (ca.OP_ADD, ca.OP_SUB, ca.OP_NEG)
-_PRODUCTS = (ca.OP_MUL, ca.OP_SQ, ca.OP_TWICE, ca.OP_DIV, ca.OP_INV, *_POWERS)
 
 #: Nodes at the end of a chain of sums or products, each with its sign or exponent.
 _Chain = list[tuple[ca.SX, int]]
@@ -75,9 +72,10 @@ def _kind(node: ca.SX) -> str:
         return "norm"
     if op == ca.OP_IF_ELSE_ZERO or (op == ca.OP_ADD and _branches(node)):
         return "choice"
-    if op in _SUMS:
-        return "sum"
-    return "product" if op in _PRODUCTS and (op not in _POWERS or _whole(node.dep(1))) else "other"
+    if op in _POWERS:
+        return "product" if _whole(node.dep(1)) else "other"
+    known = traits(op)
+    return "sum" if known.summands else "product" if known.factors else "other"
 
 
 def _chain(node: ca.SX, names: Names) -> _Chain:
@@ -109,8 +107,7 @@ def _closes(part: ca.SX, exponent: int) -> bool:
 
 
 def _summands(node: ca.SX, sign: int) -> _Chain:
-    signs = {ca.OP_ADD: (1, 1), ca.OP_SUB: (1, -1), ca.OP_NEG: (-1,)}[node.op()]
-    return [(part, sign * factor) for part, factor in zip(operands(node), signs, strict=True)]
+    return [(part, sign * factor) for part, factor in zip(operands(node), traits(node.op()).summands, strict=True)]
 
 
 def _factors(node: ca.SX, exponent: int) -> _Chain:
@@ -119,8 +116,7 @@ def _factors(node: ca.SX, exponent: int) -> _Chain:
         return [(node.dep(0), exponent * int(float(node.dep(1))))]
     if op == ca.OP_TWICE:
         return [(ca.SX(2), exponent), (node.dep(0), exponent)]
-    exponents = {ca.OP_MUL: (1, 1), ca.OP_SQ: (2,), ca.OP_DIV: (1, -1), ca.OP_INV: (-1,)}[op]
-    return [(part, exponent * power) for part, power in zip(operands(node), exponents, strict=False)]
+    return [(part, exponent * power) for part, power in zip(operands(node), traits(op).factors, strict=False)]
 
 
 def _whole(exponent: ca.SX) -> bool:
@@ -176,18 +172,12 @@ def _form(node: ca.SX, parts: list[tuple[Scaled, int]], forms: Forms) -> Scaled:
         return forms.of(Operation("choice", "if_else", arguments))
     if kind == "norm":
         return forms.of(Operation("call", "norm", _whole_vector(arguments, forms)))
-    if op in _POWERS:
-        return forms.of(Operation("power", "", arguments))
-    if op in _COMPARISONS:
-        sign = _COMPARISONS[op]
+    form, name = traits(op).form
+    if form == "comparison" and node.dep(0).is_constant():
         # CasADi turns x > 0 into 0 < x: what varies is better read on the left.
-        if node.dep(0).is_constant():
-            sign, arguments = _TURNED[sign], arguments[::-1]
-        return forms.of(Operation("comparison", sign, arguments))
-    if op in _LOGIC:
-        return forms.of(Operation("logic", _LOGIC[op], arguments))
-    if op == ca.OP_NOT:
-        return forms.of(Operation("negation", "not", arguments))
+        name, arguments = _TURNED[name], arguments[::-1]
+    if form != "call":
+        return forms.of(Operation(form, name, arguments))
     if op == ca.OP_PRINTME and node.dep(1).is_symbolic():
         # an expression with a mark, such as at_end(x): see optimal_control/placeholders.py
         return forms.of(Operation("call", node.dep(1).name(), arguments[:1]))

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from mbdcasadi.integrators.native import build
-from mbdcasadi.numerics.c_code import OPERATIONS, PIECE, SHORT, UnsupportedOperation, simplified, tape_of
+from mbdcasadi.numerics.c_code import PIECE, SHORT, UnsupportedOperation, simplified, tape_of
+from mbdcasadi.numerics.operations import OPERATIONS
 
 compiled_only = pytest.mark.skipif(build.compiler() is None, reason="no C compiler")
 
@@ -65,7 +66,7 @@ def test_every_operation():
     ]
     f = ca.Function("f", [x, y], [ca.densify(ca.vertcat(*expressions))])
     written = {row[0] for row in tape_of(f).instructions.tolist()}
-    assert len(written) > 0.8 * len(OPERATIONS)
+    assert len(written) > 0.8 * sum(1 for known in OPERATIONS.values() if known.c)
     points = [(0.3, 0.7), (-0.4, 0.2), (0.0, 1.0), (0.5, -0.5), (2.5, -1.5), (-0.0, 0.0), (1.0, 1.0)]
     for point in [*points, (np.nan, 1.0), (1.0, np.nan), (np.inf, -np.inf)]:
         np.testing.assert_array_equal(in_c(f, *point), f(*point).full().ravel())

@@ -10,10 +10,11 @@ import numpy as np
 
 from ...model.symbols import Parameter
 from ...numerics.graph import operations
+from ...numerics.operations import BENDING
 from ..derivation import Equations
 from ..numeric import NumericEquations
 from .continuity import Surroundings, continuous_switches, switches_without_value
-from .switches import BENDING, Switch, hold, jumps_anywhere, strictly_compared
+from .switches import Switch, hold, jumps_anywhere, strictly_compared
 
 #: Typical sizes of velocities, accelerations and first-order states, of multipliers and inputs, and of times.
 RATES, LOADS, TIMES = 3.0, 10.0, 3.0

@@ -12,32 +12,17 @@ import casadi as ca
 import numpy as np
 
 from ...numerics.graph import operands, operations
+from ...numerics.operations import BENDING, JUMPING, OPERATIONS, border_of, traits
 
-#: Functions that switch when their operands compare: ``a - b`` is zero.
-_COMPARE = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_FMIN, ca.OP_FMAX)
-#: Functions that switch, or have no derivative, when their operand is zero.
-_AT_ZERO = (ca.OP_FABS, ca.OP_SIGN, ca.OP_SQRT, ca.OP_LOG, ca.OP_INV)
-#: Functions that switch when their operand is an integer.
-_AT_INTEGERS = (ca.OP_FLOOR, ca.OP_CEIL)
-#: Operations that switch where a quotient, or the operand, is a whole number.
-_INTEGERS = (*_AT_INTEGERS, ca.OP_FMOD, ca.OP_REMAINDER)
 #: Operations that switch. The values of comparisons are compared in their turn by and, or, not and if_else.
-_SWITCHING = frozenset((
-    *_COMPARE, *_AT_ZERO, *_INTEGERS, ca.OP_COPYSIGN, ca.OP_ATAN2, ca.OP_DIV,
-    ca.OP_ASIN, ca.OP_ACOS, ca.OP_TAN, ca.OP_POW, ca.OP_CONSTPOW,
-))  # fmt: skip
-#: Operations that may cause a short transient, when their operand is zero, or largest or smallest.
-_TRANSIENT = frozenset((
-    ca.OP_EXP, ca.OP_EXPM1, ca.OP_TANH, ca.OP_ERF, ca.OP_ATAN, ca.OP_DIV, ca.OP_INV, ca.OP_POW, ca.OP_CONSTPOW,
-))  # fmt: skip
-
-#: Functions that another value has at single instants alone, which no load is: their operands may switch, and are
-#: looked at themselves. The lengths of springs compare for zero.
-_AT_INSTANTS = (ca.OP_EQ, ca.OP_NE)
-#: Operations that switch with the motion.
-_IN_STATE = frozenset((*_COMPARE, *_INTEGERS, ca.OP_FABS, ca.OP_SIGN, ca.OP_COPYSIGN)) - frozenset(_AT_INSTANTS)
+_SWITCHING = frozenset(op for op, known in OPERATIONS.items() if known.at_border)
+_TRANSIENT = frozenset(op for op, known in OPERATIONS.items() if known.transient)
+#: Operations that switch with the motion. Of equalities nothing remains but instants, which no load is: their operands
+#: may switch, and are looked at themselves. The lengths of springs compare for zero. The angle of a vector is smooth on
+#: one side of its border.
+_IN_STATE = (BENDING | JUMPING) - {ca.OP_ATAN2}
 #: Operations by whose values geometry divides: the lengths of springs, and powers of these.
-_OF_GEOMETRY = (ca.OP_SQRT, ca.OP_CONST, ca.OP_HYPOT) if hasattr(ca, "OP_HYPOT") else (ca.OP_SQRT, ca.OP_CONST)
+_OF_GEOMETRY = (ca.OP_SQRT, ca.OP_CONST, ca.OP_HYPOT)
 
 
 def time_switches(parts: ca.SX, t: ca.SX) -> tuple[list[ca.SX], list[ca.SX], list[ca.SX]]:
@@ -47,24 +32,10 @@ def time_switches(parts: ca.SX, t: ca.SX) -> tuple[list[ca.SX], list[ca.SX], lis
     transients: list[ca.SX] = []
     for op, node in operations(parts, _SWITCHING | _TRANSIENT):
         if op in _SWITCHING:
-            (integers if op in _INTEGERS else zeros).append(_switch(op, node))
+            (integers if traits(op).whole else zeros).append(border_of(op, operands(node)))
         if op in _TRANSIENT:
             transients += _of_transient(op, node)
     return depending_on_time(zeros, t), depending_on_time(integers, t), depending_on_time(transients, t)
-
-
-def _switch(op: int, node: ca.SX) -> ca.SX:
-    """The function that is zero, or of :data:`_INTEGERS` a whole number, where an operation switches."""
-    a, *_, b = 2 * operands(node)
-    if op in _COMPARE:
-        return a - b
-    if op in (ca.OP_COPYSIGN, ca.OP_DIV):
-        return b
-    if op in (ca.OP_FMOD, ca.OP_REMAINDER):
-        return a / b - (0.5 if op == ca.OP_REMAINDER else 0.0)
-    if op in (ca.OP_ASIN, ca.OP_ACOS):
-        return a * a - 1
-    return ca.cos(a) if op == ca.OP_TAN else a
 
 
 def state_switches(expressions: ca.SX, state: ca.SX, unknown: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
@@ -83,13 +54,13 @@ def state_switches(expressions: ca.SX, state: ca.SX, unknown: ca.SX) -> tuple[li
     --------
     >>> x = ca.SX.sym("x")
     >>> state_switches(ca.if_else(x > 2, ca.exp(-(x**2)), 0), x, ca.SX(0, 1))
-    ([SX((2-x))], [SX((-sq(x)))])
+    ([SX((x-2))], [SX((-sq(x)))])
     """
     switches, transients = [], []
     for op, node in operations(expressions, _IN_STATE | _TRANSIENT):
         if op in _IN_STATE:
-            switch = _switch(op, node)
-            switches.append(ca.sin(np.pi * switch) if op in _INTEGERS else switch)
+            switch = border_of(op, operands(node))
+            switches.append(ca.sin(np.pi * switch) if traits(op).whole else switch)
         else:
             transients += [x for x in _of_transient(op, node) if x.op() not in _OF_GEOMETRY]
     return _moving(switches, state, unknown), _moving(transients, state, unknown)

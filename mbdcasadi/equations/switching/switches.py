@@ -15,23 +15,7 @@ import casadi as ca
 import numpy as np
 
 from ...numerics.graph import operands, operations, rewritten
-
-#: Operations whose slope jumps where their operands are equal, or the only one is zero.
-BENDING = (ca.OP_FABS, ca.OP_FMAX, ca.OP_FMIN)
-#: Operations whose value jumps where a quantity passes zero, or a whole number. Of equalities nothing remains but
-#: instants; absolute values, minima and maxima bend without a jump.
-JUMPING = frozenset(
-    (ca.OP_LT, ca.OP_LE, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_ATAN2)
-)
-#: Operations that may be constant over a stretch while their operands change, and with them what is made of them.
-_RESTING = frozenset(
-    (
-        *(ca.OP_IF_ELSE_ZERO, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_NOT, ca.OP_SIGN),
-        *(ca.OP_FLOOR, ca.OP_CEIL, *BENDING),
-    )
-)
-#: Operations that jump at whole numbers.
-_AT_WHOLE_NUMBERS = frozenset((ca.OP_FLOOR, ca.OP_CEIL, ca.OP_FMOD, ca.OP_REMAINDER))
+from ...numerics.operations import BENDING, JUMPING, border_of, traits
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +56,7 @@ def jumps_anywhere(expressions: Sequence[ca.SX], *, bends: bool = False) -> bool
 
 
 def _held_operations(bends: bool) -> frozenset[int]:
-    return JUMPING | frozenset(BENDING) if bends else JUMPING
+    return JUMPING | BENDING if bends else JUMPING
 
 
 def hold(
@@ -119,8 +103,8 @@ def hold(
         key = node.element_hash()
         if op not in of_interest or key in free:
             return None
-        side, whole = symbol(f"side {len(switches)}"), op in _AT_WHOLE_NUMBERS
-        quantity, natural = quantity_of(op, now), quantity_of(op, operands(node))
+        side, whole = symbol(f"side {len(switches)}"), traits(op).whole
+        quantity, natural = border_of(op, now), border_of(op, operands(node))
         turn = _held(op, now, ca.SX(0)) - _held(op, now, ca.SX(1)) if op == ca.OP_ATAN2 else 2 * np.pi
         switches.append(Switch(key, side, quantity, natural, whole, description, ca.SX(turn) / (2 * np.pi)))
         return _held(op, now, side)
@@ -147,7 +131,7 @@ def strictly_compared(expressions: Sequence[ca.SX]) -> list[ca.SX]:
             return _less(a, b)
         if op == ca.OP_LE:
             return ca.logic_not(_less(b, a))
-        if op == ca.OP_SIGN and any(operations(a, _RESTING)):
+        if op == ca.OP_SIGN and any(traits(kind).rests for kind, _ in operations(a)):
             return _less(ca.SX(0), a) - _less(a, ca.SX(0))
         return None
 
@@ -224,44 +208,8 @@ def margin_rates_of(values: np.ndarray, rates: np.ndarray, sides: np.ndarray, wh
     return np.where(towards_above, rates, -rates)
 
 
-def quantity_of(op: int, operands: Sequence[ca.SX]) -> ca.SX:
-    """Return the quantity that passes zero, or whole numbers, where an operation bends or jumps."""
-    a, b = operands[0], operands[-1]
-    if op in BENDING:
-        return a if len(operands) == 1 else a - b
-    if op in (ca.OP_LT, ca.OP_LE):
-        return b - a
-    if op in (ca.OP_CEIL, ca.OP_ATAN2):
-        return -a  # the angle of what lies on the border itself is +π
-    if op == ca.OP_COPYSIGN:
-        return -b
-    if op == ca.OP_FMOD:
-        return a / b
-    if op == ca.OP_REMAINDER:
-        return a / b + 0.5
-    return a
-
-
 def _held(op: int, operands: Sequence[ca.SX], side: ca.SX) -> ca.SX:
     """The value of an operation on a side, smooth in its operands beyond the border too."""
-    a, b = operands[0], operands[-1]
-    sign = 2 * side - 1
-    if op in (ca.OP_LT, ca.OP_LE, ca.OP_FLOOR):
-        return side
-    if op == ca.OP_FABS:
-        return a * sign
-    if op in (ca.OP_FMAX, ca.OP_FMIN):
-        above, below = (a, b) if op == ca.OP_FMAX else (b, a)
-        return side * above + (1 - side) * below
-    if op == ca.OP_SIGN:
-        return sign
-    if op == ca.OP_CEIL:
-        return -side
-    if op == ca.OP_COPYSIGN:
-        return -ca.fabs(a) * sign
-    if op == ca.OP_FMOD:  # rounds towards zero
-        return a - b * (side + (side < 0))
-    if op == ca.OP_REMAINDER:
-        return a - b * side
-    # the angle from the axis of its half plane, ±π/2
-    return -sign * np.pi / 2 + ca.atan2(sign * b, -sign * a)
+    held = traits(op).held
+    assert held is not None, op
+    return held(operands[0], operands[-1], side)

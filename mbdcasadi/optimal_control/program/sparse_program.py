@@ -16,12 +16,12 @@ from dataclasses import dataclass, field, replace
 import casadi as ca
 import numpy as np
 
-from ...equations.switching.switches import BENDING
 from ...numerics.graph import operands, operations
 from ...numerics.lazy import cached_property
+from ...numerics.operations import OPERATIONS
 
 #: Operations that bend or jump as their operands become equal, or the only one passes zero.
-BENT = (*BENDING, ca.OP_SIGN, ca.OP_LT, ca.OP_LE)
+BENT = frozenset(op for op, known in OPERATIONS.items() if known.at_border and known.rounded)
 #: An expression of a piece, and further symbols in it with their values for all copies.
 Part = tuple[ca.SX, list[tuple[ca.SX, ca.MX]]]
 

@@ -9,10 +9,11 @@ import numpy as np
 
 from ...equations.switching.continuity import Surroundings, continuous_switches
 from ...equations.switching.held import JumpingPart, jumping_parts, part_of
-from ...equations.switching.switches import BENDING, JUMPING, Switch, hold, quantity_of
+from ...equations.switching.switches import Switch, hold
 from ...model.placeholders import placeholders_in
 from ...model.texts import text_of
 from ...numerics.graph import operands, operations
+from ...numerics.operations import BENDING, JUMPING, border_of
 from ..motion.phase_solution import PhaseSolution
 from ..problem import OptimalControlProblem
 from ..solution import Solution
@@ -49,7 +50,7 @@ def kinks_in(expression: ca.SX, decided: Collection[int] = ()) -> list[str]:
 
 def _named(sharp: list[Switch], bends: list[ca.SX], symbols: ca.SX) -> list[str]:
     """Switches over which a slope jumps, in words, each by the operation of `bends` whose border is the same."""
-    borders = [quantity_of(node.op(), operands(node)) for node in bends]
+    borders = [border_of(node.op(), operands(node)) for node in bends]
     place = np.random.default_rng(0).uniform(0.5, 1.5, symbols.numel())
     passed = ca.Function("passed", [symbols], [ca.vertcat(*[switch.natural for switch in sharp], *borders)])
     values = np.abs(passed(place).full().ravel())

@@ -14,10 +14,10 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from ...equations.switching.switches import quantity_of
 from ...model.cache import Cache
 from ...numerics.graph import operands, operation, rewritten
 from ...numerics.lending import Lending
+from ...numerics.operations import border_of, traits
 from ..program.collocation_program import CollocationProgram
 from ..program.sparse_program import MappedBlock, SparseProgram
 from ..statement.compiled import OPTION_SETS
@@ -83,7 +83,7 @@ def _in_sharp(begin: Beginning, result: Result) -> Result:
 
 def _borders(piece: MappedBlock) -> ca.SX:
     """What passes zero at each kink (k,)."""
-    return ca.vertcat(ca.SX(0, 1), *[quantity_of(op, operands(node)) for op, node in piece.kinks])
+    return ca.vertcat(ca.SX(0, 1), *[border_of(op, operands(node)) for op, node in piece.kinks])
 
 
 def _rounded(piece: MappedBlock, width: ca.SX, sizes: np.ndarray) -> MappedBlock:
@@ -96,7 +96,7 @@ def _rounded(piece: MappedBlock, width: ca.SX, sizes: np.ndarray) -> MappedBlock
         key = node.element_hash()
         if key not in widths:
             return None
-        border = quantity_of(op, now)
+        border = border_of(op, now)
         size = ca.sqrt(border**2 + widths[key] ** 2)
         positive[key] = (border + size) / 2
         return _smooth(op, now, border, size)
@@ -111,24 +111,15 @@ def _rounded(piece: MappedBlock, width: ca.SX, sizes: np.ndarray) -> MappedBlock
 
 def _smooth(op: int, between: Sequence[ca.SX], border: ca.SX, size: ca.SX) -> ca.SX:
     """A kink with the magnitude of what passes zero rounded to `size`."""
-    if op == ca.OP_FABS:
-        return size
-    if op == ca.OP_SIGN:
-        return border / size
-    if op in (ca.OP_LT, ca.OP_LE):
-        return (1 + border / size) / 2
-    return (between[0] + between[1] + (size if op == ca.OP_FMAX else -size)) / 2
+    rounded = traits(op).rounded
+    assert rounded is not None, op
+    return rounded(between[0], between[-1], border, size)
 
 
 def _combined(op: int, now: Sequence[ca.SX]) -> ca.SX:
     """An operation on rounded operands: those of logic take truth values between 0 and 1."""
-    if op == ca.OP_NOT:
-        return 1 - now[0]
-    if op in (ca.OP_IF_ELSE_ZERO, ca.OP_AND):
-        return now[0] * now[1]
-    if op == ca.OP_OR:
-        return now[0] + now[1] - now[0] * now[1]
-    return operation(op, now)
+    rounded = None if traits(op).border else traits(op).rounded
+    return operation(op, now) if rounded is None else rounded(now[0], now[-1])
 
 
 def _guarding(node: ca.SX) -> int | None:
