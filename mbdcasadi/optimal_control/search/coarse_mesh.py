@@ -11,7 +11,6 @@ from ..measures.local_error import COARSE_ERROR, Coarseness, ReplayErrors, State
 from ..measures.measure import split
 from ..measures.singularity import close_to_singular
 from ..motion.limit_excess import LIMIT_TOLERANCE, passed_limits
-from ..program.variant import ITSELF, Variant
 from ..solution import Solution
 from ..solve.problem_solver import ProblemSolver
 from ..transcription.mesh import Mesh, interval_count
@@ -39,7 +38,7 @@ def is_coarse(solution: Solution) -> bool:
     return Coarseness(solution).largest > COARSE_ERROR and _can_halve(solution)
 
 
-def refine_if_coarse(solver: ProblemSolver, solution: Solution, variant: Variant = ITSELF) -> tuple[Solution, bool]:
+def refine_if_coarse(solver: ProblemSolver, solution: Solution) -> tuple[Solution, bool]:
     """Solve again with intervals split that are too coarse for the motion, or in which it passes a limit.
 
     A few times at most. If the largest error does not fall, since a fast motion moved on to the next coarse interval,
@@ -57,12 +56,10 @@ def refine_if_coarse(solver: ProblemSolver, solution: Solution, variant: Variant
         if (number >= COARSE_PASSES and error > NEAR_ERROR) or (stalled and _tends_to_lock(measures[0])):
             break
         halves = stalled and _can_halve(solution)
-        meshes = (
-            [mesh.split(2) for mesh in solution.meshes] if halves else _split_where_coarse(solution, measures, variant)
-        )
+        meshes = [mesh.split(2) for mesh in solution.meshes] if halves else _split_where_coarse(solution, measures)
         if interval_count(meshes) == interval_count(solution.meshes):
             break
-        finer = solver.solve_further(solution, meshes, variant=variant, limit=BUDGETS.finer)
+        finer = solver.solve_further(solution, meshes, limit=BUDGETS.finer)
         if finer is None or _went_astray(finer, solution):
             if stalled or not _can_halve(solution):
                 break
@@ -92,9 +89,9 @@ def _tends_to_lock(measure: Coarseness) -> bool:
     return any(errors.size and close_to_singular(part, int(np.argmax(errors))) for part, errors in parts)
 
 
-def _split_where_coarse(solution: Solution, measures: Sequence[Coarseness], variant: Variant) -> list[Mesh]:
+def _split_where_coarse(solution: Solution, measures: Sequence[Coarseness]) -> list[Mesh]:
     """Meshes with intervals split that are too coarse, and with those halved in which limits are passed."""
-    meshes, passed = [], passed_limits(solution, LIMIT_TOLERANCE if variant.limits else np.inf)
+    meshes, passed = [], passed_limits(solution, LIMIT_TOLERANCE)
     for number, part in enumerate(solution.phases):
         times = [limit.time for limit in passed if limit.phase == number]
         least = np.ones(part.mesh.count, int)

@@ -1,4 +1,4 @@
-"""What a search has found and done at any instant: the best solution, for the user who stops it, and its work."""
+"""What a search has found at any instant: the best solution, for the user who stops it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from ..solution import Solution
 
 
 class BestSoFar:
-    """The best solution at any instant of a search, for the user who stops it, and the work that was done.
+    """The best solution at any instant of a search, for the user who stops it.
 
     Attributes
     ----------
@@ -15,15 +15,11 @@ class BestSoFar:
         The best one of the present stage, or of the last stage that has one.
     iterate : Solution or None
         The last iterate of a solve that did not end in a solution.
-    work : int
-        Iterations of the solves, each times its number of intervals; solves for a guess without limits, and for the
-        least violation, do not count.
     """
 
     def __init__(self) -> None:
         self.solution: Solution | None = None
         self.iterate: Solution | None = None
-        self.work = 0
         self._is_old = False
 
     def new_stage(self) -> None:

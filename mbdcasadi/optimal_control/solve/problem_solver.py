@@ -24,7 +24,7 @@ from ..program.setup import PhaseSetup, Settings
 from ..program.statistics import Answer
 from ..program.variant import ITSELF, Variant
 from ..solution import Solution
-from ..transcription.mesh import Mesh, interval_count
+from ..transcription.mesh import Mesh
 from .best_so_far import BestSoFar
 from .expressions import kinks_in_costs
 from .failure import explain_failure
@@ -195,14 +195,15 @@ class ProblemSolver(ProblemSetup):
         solution: Solution,
         meshes: Sequence[Mesh],
         *,
-        variant: Variant = ITSELF,
         limit: int | None = None,
         limit_tolerance: float = LIMIT_TOLERANCE,
     ) -> Solution | None:
         """Solve on other meshes, as a new stage, from a solution; None if that fails."""
         self.best.new_stage()
-        more: dict[str, Any] = {"variant": variant, "limit": limit, "limit_tolerance": limit_tolerance}
-        return _further(solution, partial(self.solve, meshes, solution.as_guess(self.problem), warm=True, **more))
+        guess = solution.as_guess(self.problem)
+        return _further(
+            solution, partial(self.solve, meshes, guess, warm=True, limit=limit, limit_tolerance=limit_tolerance)
+        )
 
     def _solve(
         self,
@@ -223,7 +224,6 @@ class ProblemSolver(ProblemSetup):
         if warmth == "warm" and program.violation(program.rows_at(x0, begin.data)) > WARM_VIOLATION:
             warmth = "cold"
         result = self._run(begin, warmth, limit)
-        self.best.work += result.statistics.iterations * interval_count(meshes)
         solution, status = self._solution(begin, result), result.statistics.status
         error = self._other_branch(solution) if result.succeeded else explain_failure(solution, status)
         if error is None and variant.is_itself:
