@@ -34,7 +34,7 @@ AROUND = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
 BETWEEN = np.array([0.3, 0.7])
 #: Doublings or halvings by which the duration of a transient is found, at most.
 MOST_DOUBLINGS = 60
-#: Transients that last longer than this many output intervals are noticed by the steps of a simulation.
+#: Transients that last longer than this many steps are noticed by these.
 LONG = 8.0
 #: Change of the state that the steps missed, in tolerances, from which a load counts as unseen: errors of a step, of
 #: its dense output, and of the path between outputs are below it.
@@ -93,7 +93,9 @@ class UnseenLoads:
         """First load on a path, between the outputs of the integrator, that its steps missed; None if there is none."""
         if not self.watched or path.times.size < 2:
             return None
-        instants, durations = self._instants(path, LONG * float(np.max(np.diff(path.times))))
+        longest = LONG * float(np.max(np.diff(path.times)))
+        # if these are outputs and no steps, a step may be as long as the path
+        instants, durations = self._instants(path, longest, longer=not path.of_steps)
         if not instants.size:
             return None
         n = self._numeric.eom.q.numel()
@@ -162,13 +164,16 @@ class UnseenLoads:
         q, v, z = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
         return self._quantities.rows(times[:, None], q, v, z, self._numeric.p)[0].T
 
-    def _instants(self, path: Path, longest: float) -> tuple[np.ndarray, np.ndarray]:
+    def _instants(self, path: Path, longest: float, *, longer: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Instants at which quantities are zero, largest or smallest, and durations there; infinite at switches.
 
         Parameters
         ----------
         longest : float
             Duration from which transients do not count, s.
+        longer : bool
+            True if extrema of longer ones count, too, up to the length of the path: where the points of the path show
+            them, and with a duration of zero, since their load fills the interval.
         """
         lengths = np.diff(path.times)
         # a load about an end of the path has its peak beyond it
@@ -179,7 +184,7 @@ class UnseenLoads:
         values = self._at(path, times)
         with np.errstate(all="ignore"):
             rows, roots = self._zeros(path, times, values)
-            tops, durations, rows_inside, roots_inside = self._turns(path, times, values, longest)
+            tops, durations, rows_inside, roots_inside = self._turns(path, times, values, longest, longer=longer)
             rows, roots = np.r_[rows, rows_inside], np.r_[roots, roots_inside]
             switching = rows < self._count
             width = 1e-4 * float(np.max(lengths))
@@ -204,7 +209,7 @@ class UnseenLoads:
         return np.r_[rows, rows_at], np.r_[roots, times[places_at]]
 
     def _turns(
-        self, path: Path, times: np.ndarray, values: np.ndarray, longest: float
+        self, path: Path, times: np.ndarray, values: np.ndarray, longest: float, *, longer: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Extrema of what passes quickly and their durations; and zeros about the extrema of what switches (k,).
 
@@ -219,6 +224,8 @@ class UnseenLoads:
         may_be_beyond = np.abs(middle) <= np.maximum(np.abs(middle - before), np.abs(after - middle))
         smooth = rows >= self._count
         counts = np.where(smooth, durations < longest, may_be_beyond)
+        lasting = smooth & ~counts & (durations < longer * (path.times[-1] - path.times[0]))
+        shown = times[places[lasting] + 1]
         rows, places, before, middle, after = (part[counts] for part in (rows, places, before, middle, after))
         smooth, durations = smooth[counts], durations[counts]
         low, high = times[places], times[places + 2]
@@ -232,7 +239,7 @@ class UnseenLoads:
         at_rows = partial(self._of_rows, path, rows_inside)
         roots_inside = narrowed_roots(at_rows, begin[inside], end[inside], at_begin[inside])
         tops, durations = tops[smooth], self._lasting(path, rows[smooth], tops[smooth], durations[smooth], longest)
-        return tops, durations, rows_inside, roots_inside
+        return np.r_[tops, shown], np.r_[durations, np.zeros(shown.size)], rows_inside, roots_inside
 
     def _lasting(
         self, path: Path, rows: np.ndarray, tops: np.ndarray, durations: np.ndarray, longest: float
