@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ..solution import same_cost
 from .budgets import BUDGETS
 from .proposal import Proposal
 from .strategy import Proposals, Strategy
@@ -44,8 +45,9 @@ class NaturalMotions(Strategy):
 def has_swings(trials: Trials) -> bool:
     """Return True for a mechanism with fewer inputs than degrees of freedom whose program is not nearly linear.
 
-    It counts as such if the usual guesses took few iterations, or all the same number.
+    It counts as such if the usual guesses led to one cost in few iterations, or all in the same number.
     """
     counts = [outcome.last.statistics.iterations for outcome in trials.solved]
-    is_nearly_linear = bool(counts) and (max(counts) < NEARLY_LINEAR or (len(counts) > 1 and len(set(counts)) == 1))
-    return trials.motions.is_underactuated and not is_nearly_linear
+    agree = all(same_cost(outcome.last.cost, trials.solved[0].last.cost) for outcome in trials.solved)
+    even = bool(counts) and (max(counts) < NEARLY_LINEAR or (len(counts) > 1 and len(set(counts)) == 1))
+    return trials.motions.is_underactuated and not (even and agree)

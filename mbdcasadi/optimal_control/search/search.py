@@ -315,10 +315,10 @@ def may_go_on(trials: Trials) -> bool:
 
 
 def _with_statistics(trials: Trials, outcome: Outcome, solution: Solution, later: set[str]) -> Solution:
-    """The solution with the record of all solves: as starts, or as stages if strategies after a failure took part."""
-    own = solution.statistics
+    """The solution with its starts, and with stages if variants or strategies after a failure took part."""
+    starts = trials.as_starts
+    own = solution.statistics = replace(solution.statistics, starts=starts if len(starts) > 1 else [])
     if all(other.proposal.is_itself and other.strategy not in later for other in trials.outcomes):
-        solution.statistics = replace(own, starts=trials.as_starts if len(trials.outcomes) > 1 else [])
         return solution
     others = [other.last.statistics for other in trials.outcomes if other is not outcome]
     solution.statistics = replace(

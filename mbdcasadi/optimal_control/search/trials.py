@@ -173,9 +173,10 @@ class Trials:
     # --- statistics -------------------------------------------------------------------------------
     @property
     def as_starts(self) -> list[Attempt]:
-        """Entries of all solves, with the number of those of the same cost; a start that failed has no cost."""
-        costs = np.array([o.last.cost if o.is_solution else np.nan for o in self.outcomes])
+        """Entries of the solves of the problem itself, with the number of those of the same cost; nan if one failed."""
+        own = [outcome for outcome in self.outcomes if outcome.proposal.is_itself]
+        costs = np.array([outcome.last.cost if outcome.is_solution else np.nan for outcome in own])
         return [
             replace(outcome.attempt, cost=cost, found=sum(same_cost(cost, other) for other in costs.tolist()))
-            for outcome, cost in zip(self.outcomes, costs.tolist(), strict=True)
+            for outcome, cost in zip(own, costs.tolist(), strict=True)
         ]
