@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from seeds import seeds
 
 import mbdcasadi as mbd
 import mbdcasadi.simulation.loop
@@ -244,3 +245,25 @@ def test_a_ball_of_fifty_grams_does_not_pass_a_thin_peg_by_dop853():
         mbd.Mechanism([ball], forces=[hit]), np.linspace(0, 0.02, 11), initial=[ball.vx == 100], method="dop853"
     )
     assert motion[ball.vx][-1] == pytest.approx(-100, rel=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["idas", "erk", "dop853"])
+@pytest.mark.parametrize("seed", seeds(1000))
+def test_random_blows_behind_random_loads_are_met(seed, method):
+    """A ball comes back from a peg as fast as it came, through the range of a load that it passes twice."""
+    random = np.random.default_rng(seed)
+    mass, speed = 10 ** random.uniform(-3, 0), 10 ** random.uniform(0, 2.2)
+    radius, peg = 10 ** random.uniform(-3, -1.5, 2)
+    distance, exponent = 10 ** random.uniform(-1, 1.5), random.choice([1.0, 1.5])
+    softest = (exponent + 1) / 2 * mass * speed**2 / (0.1 * min(radius, peg)) ** (exponent + 1)
+    law = mbd.HuntCrossley(softest * 10 ** random.uniform(0, 4), exponent, 0.0)
+    ball = mbd.Body("ball", mass=mass, inertia=0.4 * mass * radius**2, pose=(-radius - peg - distance, 0, 0))
+    hit = mbd.Contact("hit", mbd.Circle(ball.at(0, 0), radius), mbd.Circle(mbd.ground.at(0, 0), peg), law)
+    width, gain = 10 ** random.uniform(-3, -1.3) * distance, random.uniform(0.05, 0.3)
+    push = gain * mass * speed**2 / (2 * width * np.sqrt(np.pi))
+    bell = mbd.exp(-(((ball.x + radius + peg + 3 * width) / width) ** 2))
+    load = mbd.Force("load", ball.at(0, 0), (push * bell, 0))
+    times = np.linspace(0, random.uniform(2.2, 3) * distance / speed, random.choice([2, 11, 101, 1001]))
+    motion = mbd.simulate(mbd.Mechanism([ball], forces=[hit, load]), times, initial=[ball.vx == speed], method=method)
+    assert motion[ball.vx][-1] == pytest.approx(-speed, rel=1e-3)
