@@ -9,7 +9,7 @@ import pytest
 from mbdcasadi.errors import MechanismError
 from mbdcasadi.numerics.operations import OPERATIONS, border_of, operation_name
 
-POINTS = [(0.3, 0.7), (-0.4, 0.2), (2.5, -1.5), (-1.7, -0.6), (3.2, 0.9)]
+POINTS = [(0.3, 0.7), (-0.45, 0.2), (2.5, -1.5), (-1.7, -0.6), (3.2, 0.9)]
 BROKEN = [op for op, known in OPERATIONS.items() if known.border and (known.held or known.rounded)]
 
 
