@@ -79,7 +79,7 @@ def closed_in(trials: Trials, guess: Guess, limit: int, ceiling: float) -> Propo
 class LastStarts(Strategy):
     """Solves from random starts of a problem that no other way has solved, or of which no solution is a motion.
 
-    On a mesh twice as fine if solutions jump to another branch of a linkage.
+    On a mesh twice as fine if there are solutions that are no motions, as on another branch of a linkage.
     """
 
     name = "last starts"
@@ -88,7 +88,7 @@ class LastStarts(Strategy):
 
     def applies(self, trials: Trials) -> bool:
         """Return True if nothing else has led to a motion."""
-        return trials.best is None and (not trials.solved or trials.jumps)
+        return trials.best is None
 
     def proposals(self, trials: Trials) -> Proposals:
         """Propose the poses at rest, random starts, and the first guess."""
