@@ -208,6 +208,18 @@ def test_undamped_blow_that_the_motion_follows_is_not_warned_of(radius, stiffnes
     assert motion[ball.vy][-1] == pytest.approx(met - 0.1 * g, rel=1e-6)
 
 
+def ball_before_peg(random):
+    """A ball at random that comes to a hard peg without damping, their contact, the speed, and the way to the peg."""
+    mass, speed = 10 ** random.uniform(-3, 0), 10 ** random.uniform(0, 2.2)
+    radius, peg = 10 ** random.uniform(-3, -1.5, 2)
+    distance, exponent = 10 ** random.uniform(-1, 1.5), random.choice([1.0, 1.5])
+    softest = (exponent + 1) / 2 * mass * speed**2 / (0.1 * min(radius, peg)) ** (exponent + 1)
+    law = mbd.HuntCrossley(softest * 10 ** random.uniform(0, 4), exponent, 0.0)
+    ball = mbd.Body("ball", mass=mass, inertia=0.4 * mass * radius**2, pose=(-radius - peg - distance, 0, 0))
+    hit = mbd.Contact("hit", mbd.Circle(ball.at(0, 0), radius), mbd.Circle(mbd.ground.at(0, 0), peg), law)
+    return ball, hit, speed, distance
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("steps", [None, 1], ids=["", "a call for each step"])
@@ -220,13 +232,7 @@ def test_hard_balls_bounce_off_a_peg_by_dop853(seed, steps, monkeypatch):
         monkeypatch.setattr(runner.Runner, "slice", steps)
     random = np.random.default_rng(seed)
     for _ in range(5):
-        mass, speed = 10 ** random.uniform(-3, 0), 10 ** random.uniform(0, 2.2)
-        radius, peg = 10 ** random.uniform(-3, -1.5, 2)
-        distance, exponent = 10 ** random.uniform(-1, 1.5), random.choice([1.0, 1.5])
-        softest = (exponent + 1) / 2 * mass * speed**2 / (0.1 * min(radius, peg)) ** (exponent + 1)
-        law = mbd.HuntCrossley(softest * 10 ** random.uniform(0, 4), exponent, 0.0)
-        ball = mbd.Body("ball", mass=mass, inertia=0.4 * mass * radius**2, pose=(-radius - peg - distance, 0, 0))
-        hit = mbd.Contact("hit", mbd.Circle(ball.at(0, 0), radius), mbd.Circle(mbd.ground.at(0, 0), peg), law)
+        ball, hit, speed, distance = ball_before_peg(random)
         times = np.linspace(0, random.uniform(1.3, 3) * distance / speed, random.choice([2, 11, 101]))
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -253,16 +259,10 @@ def test_a_ball_of_fifty_grams_does_not_pass_a_thin_peg_by_dop853():
 def test_random_blows_behind_random_loads_are_met(seed, method):
     """A ball comes back from a peg as fast as it came, through the range of a load that it passes twice."""
     random = np.random.default_rng(seed)
-    mass, speed = 10 ** random.uniform(-3, 0), 10 ** random.uniform(0, 2.2)
-    radius, peg = 10 ** random.uniform(-3, -1.5, 2)
-    distance, exponent = 10 ** random.uniform(-1, 1.5), random.choice([1.0, 1.5])
-    softest = (exponent + 1) / 2 * mass * speed**2 / (0.1 * min(radius, peg)) ** (exponent + 1)
-    law = mbd.HuntCrossley(softest * 10 ** random.uniform(0, 4), exponent, 0.0)
-    ball = mbd.Body("ball", mass=mass, inertia=0.4 * mass * radius**2, pose=(-radius - peg - distance, 0, 0))
-    hit = mbd.Contact("hit", mbd.Circle(ball.at(0, 0), radius), mbd.Circle(mbd.ground.at(0, 0), peg), law)
+    ball, hit, speed, distance = ball_before_peg(random)
     width, gain = 10 ** random.uniform(-3, -1.3) * distance, random.uniform(0.05, 0.3)
-    push = gain * mass * speed**2 / (2 * width * np.sqrt(np.pi))
-    bell = mbd.exp(-(((ball.x + radius + peg + 3 * width) / width) ** 2))
+    push = gain * ball.mass * speed**2 / (2 * width * np.sqrt(np.pi))
+    bell = mbd.exp(-(((ball.x - ball.pose_estimate[0] - distance + 3 * width) / width) ** 2))
     load = mbd.Force("load", ball.at(0, 0), (push * bell, 0))
     times = np.linspace(0, random.uniform(2.2, 3) * distance / speed, random.choice([2, 11, 101, 1001]))
     motion = mbd.simulate(mbd.Mechanism([ball], forces=[hit, load]), times, initial=[ball.vx == speed], method=method)
