@@ -94,8 +94,9 @@ class UnseenLoads:
         if not self.watched or path.times.size < 2:
             return None
         longest = LONG * float(np.max(np.diff(path.times)))
-        # if these are outputs and no steps, a step may be as long as the path
-        instants, durations = self._instants(path, longest, longer=not path.of_steps)
+        # between outputs that are no steps, a step may be as long as the path
+        most = 0.0 if path.of_steps else float(path.times[-1] - path.times[0])
+        instants, durations = self._instants(path, longest, most)
         if not instants.size:
             return None
         n = self._numeric.eom.q.numel()
@@ -164,16 +165,16 @@ class UnseenLoads:
         q, v, z = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
         return self._quantities.rows(times[:, None], q, v, z, self._numeric.p)[0].T
 
-    def _instants(self, path: Path, longest: float, *, longer: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    def _instants(self, path: Path, longest: float, most: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Instants at which quantities are zero, largest or smallest, and durations there; infinite at switches.
 
         Parameters
         ----------
         longest : float
             Duration from which transients do not count, s.
-        longer : bool
-            True if extrema of longer ones count, too, up to the length of the path: where the points of the path show
-            them, and with a duration of zero, since their load fills the interval.
+        most : float
+            Duration up to which extrema of longer ones count, too, s: at the points of the path that show them, and
+            with a duration of zero, since their load fills the interval.
         """
         lengths = np.diff(path.times)
         # a load about an end of the path has its peak beyond it
@@ -184,7 +185,7 @@ class UnseenLoads:
         values = self._at(path, times)
         with np.errstate(all="ignore"):
             rows, roots = self._zeros(path, times, values)
-            tops, durations, rows_inside, roots_inside = self._turns(path, times, values, longest, longer=longer)
+            tops, durations, rows_inside, roots_inside = self._turns(path, times, values, longest, most)
             rows, roots = np.r_[rows, rows_inside], np.r_[roots, roots_inside]
             switching = rows < self._count
             width = 1e-4 * float(np.max(lengths))
@@ -209,7 +210,7 @@ class UnseenLoads:
         return np.r_[rows, rows_at], np.r_[roots, times[places_at]]
 
     def _turns(
-        self, path: Path, times: np.ndarray, values: np.ndarray, longest: float, *, longer: bool
+        self, path: Path, times: np.ndarray, values: np.ndarray, longest: float, most: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Extrema of what passes quickly and their durations; and zeros about the extrema of what switches (k,).
 
@@ -224,7 +225,7 @@ class UnseenLoads:
         may_be_beyond = np.abs(middle) <= np.maximum(np.abs(middle - before), np.abs(after - middle))
         smooth = rows >= self._count
         counts = np.where(smooth, durations < longest, may_be_beyond)
-        lasting = smooth & ~counts & (durations < longer * (path.times[-1] - path.times[0]))
+        lasting = smooth & ~counts & (durations < most)
         shown = times[places[lasting] + 1]
         rows, places, before, middle, after = (part[counts] for part in (rows, places, before, middle, after))
         smooth, durations = smooth[counts], durations[counts]
