@@ -109,9 +109,9 @@ def test_kinks_that_no_mesh_point_meets_stay_sharp():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "settings"), [(2, {}), (5, {"tolerance": 1e-3})])
-def test_a_pendulum_on_an_elastic_rope(seed, settings):
-    """A rope that gets taut on the way, by default settings and with a tolerance."""
+@pytest.mark.parametrize("seed", [2, 5])
+def test_a_pendulum_on_an_elastic_rope(seed):
+    """A rope that gets taut on the way, by default settings."""
     random = np.random.default_rng(seed)
     rod = mbd.Body("rod", mass=1, inertia=0.1, pose=(0, -0.5, -np.pi / 2))
     hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), rod.at(-0.5, 0))
@@ -123,8 +123,7 @@ def test_a_pendulum_on_an_elastic_rope(seed, settings):
     duration, turn = random.uniform(0.6, 2), random.uniform(0.5, 1.5)
     ends = {"initial": [hinge.angle == -np.pi / 2], "final": [hinge.angle == turn - np.pi / 2]}
     ends = {name: [*places, rod.omega == 0] for name, places in ends.items()}
-    problem = mbd.OptimalControlProblem(model, duration, **ends, running_cost=torque**2)
-    solution = mbd.optimize(problem, **settings)
+    solution = mbd.optimize(mbd.OptimalControlProblem(model, duration, **ends, running_cost=torque**2))
     assert solution.mesh_error < 1e-2
     # each interval by itself: a taut rope makes errors of the first intervals grow
     assert solution.trajectory.final[hinge.angle] == pytest.approx(turn - np.pi / 2, abs=1e-8)

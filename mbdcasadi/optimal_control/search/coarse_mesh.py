@@ -48,10 +48,11 @@ def refine_if_coarse(solver: ProblemSolver, solution: Solution) -> tuple[Solutio
     Returns
     -------
     Solution, bool
-        The last solution, and whether its mesh is fine enough.
+        The last one of the solutions whose errors falsify the cost least, and whether its mesh is fine enough.
     """
     measures, stalled = [measure(solution) for measure in COARSE_MEASURES], False
     error = max(measure.largest for measure in measures)
+    best, least = solution, _falsifying_error(measures)
     for number in range(2 * COARSE_PASSES):
         if (number >= COARSE_PASSES and error > NEAR_ERROR) or (stalled and _tends_to_lock(measures[0])):
             break
@@ -67,8 +68,14 @@ def refine_if_coarse(solver: ProblemSolver, solution: Solution) -> tuple[Solutio
             continue
         solution, measures, before = finer, [measure(finer) for measure in COARSE_MEASURES], error
         error = max(measure.largest for measure in measures)
+        best, least = (best, least) if least < _falsifying_error(measures) else (finer, _falsifying_error(measures))
         stalled = not error < max(COARSE_ERROR, before / 2)  # infinite if an interval cannot be integrated
-    return solution, all(m.largest <= COARSE_ERROR for m in measures if m.falsifies_cost)
+    return best, least <= COARSE_ERROR
+
+
+def _falsifying_error(measures: Sequence[Coarseness]) -> float:
+    """Largest error that falsifies the cost; the same for all meshes that are fine enough."""
+    return max(COARSE_ERROR, *(measure.largest for measure in measures if measure.falsifies_cost))
 
 
 def _can_halve(solution: Solution) -> bool:

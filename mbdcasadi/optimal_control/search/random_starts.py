@@ -77,9 +77,9 @@ def closed_in(trials: Trials, guess: Guess, limit: int, ceiling: float) -> Propo
 
 
 class LastStarts(Strategy):
-    """Solves from random starts of a problem that no other way has solved, or of which no solution is a motion.
+    """Solves from further starts of a problem that no other way has solved, or of which no solution is a motion.
 
-    On a mesh twice as fine if there are solutions that are no motions, as on another branch of a linkage.
+    On a mesh twice as fine, and from the usual guess first, if there are solutions, as on another branch of a linkage.
     """
 
     name = "last starts"
@@ -91,10 +91,11 @@ class LastStarts(Strategy):
         return trials.best is None
 
     def proposals(self, trials: Trials) -> Proposals:
-        """Propose the poses at rest, random starts, and the first guess."""
-        pieces, motions = 2 if trials.solved else 1, trials.motions
-        meshes = [mesh.split(pieces) for mesh in trials.meshes]
-        at_rest = [motions.at_rest()]
-        for guess in itertools.chain(at_rest, motions.at_random(meshes, MANY), trials.guesses[:1]):
-            text = f"finer mesh, {guess.description}" if pieces > 1 else f"all limits, {guess.description}"
+        """Propose the first guess, the poses at rest, and random starts."""
+        finer, motions = bool(trials.solved), trials.motions
+        meshes = [mesh.split(1 + finer) for mesh in trials.meshes]
+        usual, at_rest = trials.guesses[:1], (motions.at_rest() for _ in range(1))
+        others = itertools.chain(at_rest, motions.at_random(meshes, MANY))
+        for guess in itertools.chain(usual, others) if finer else itertools.chain(others, usual):
+            text = f"finer mesh, {guess.description}" if finer else f"all limits, {guess.description}"
             yield Proposal(guess, text, BUDGETS.variant, meshes=meshes)
