@@ -135,3 +135,12 @@ def test_two_processes_at_once(folder):
     assert [run.returncode for run in runs] == [0, 0], results
     assert results[0][0] == results[1][0]
     assert not [place for place in folder.iterdir() if place.name.startswith(".")]
+
+
+def test_functions_call_those_of_their_own_library():
+    """The C library of Linux has functions of the names ``step`` and ``advance``."""
+    _, library = built(
+        "int step(int x) { return x + 1; }\nint advance(int x) { return step(x) + 1; }\n"
+        "int both(int x) { return advance(x) + step(x); }\n"
+    )
+    assert library.both(1) == 5

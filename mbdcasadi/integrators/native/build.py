@@ -29,6 +29,9 @@ from ...errors import MechanismError
 COMPILERS = ("gcc", "clang", "cc")
 #: The rounding must be that of the interpreter: no contraction to fused operations.
 FLAGS = ("-fPIC", "-shared", "-ffp-contract=off", "-fno-math-errno")
+#: Functions call those of their own library, whatever the program has under the same name: the C library of Linux has
+#: a function ``step``.
+OWN_NAMES = ("-Wl,-Bsymbolic",) if sys.platform.startswith("linux") else ()
 #: Days after which a library that was not used is removed.
 KEPT_DAYS = 90
 #: Longest time that a compiler may take, s.
@@ -232,10 +235,10 @@ def _commands(sources: Sequence[tuple[str, str]], made: str) -> list[list[str]]:
     """Options of the compiler, call by call, that make a library of sources with their optimisations."""
     if len(sources) == 1:
         name, optimisation = sources[0]
-        return [[optimisation, *FLAGS, "-o", made, name, "-lm"]]
+        return [[optimisation, *FLAGS, *OWN_NAMES, "-o", made, name, "-lm"]]
     of_objects = [*(flag for flag in FLAGS if flag != "-shared"), "-fvisibility=hidden"]
     commands = [["-c", optimisation, *of_objects, "-o", f"{name}.o", name] for name, optimisation in sources]
-    return [*commands, [*FLAGS, "-o", made, *(f"{name}.o" for name, _ in sources), "-lm"]]
+    return [*commands, [*FLAGS, *OWN_NAMES, "-o", made, *(f"{name}.o" for name, _ in sources), "-lm"]]
 
 
 def _run(using: Compiler, options: Sequence[str], folder: str) -> None:

@@ -1,22 +1,5 @@
 /* Many runs one after the other, by the `mbd_advance` of the method above. */
 
-/* Cases with as many outputs each. Arrays are by case; those of times are shared if their stride is zero. */
-typedef struct {
-  integer parameters, levels, outputs, rows;   /* numbers of each; rows: outputs in time, the start among them */
-  integer output_needs_dynamics;
-  function_t output;                           /* (t, q, v, a, z, lam, u, p) -> outputs */
-  const double *starts, *p, *levels_of;
-  integer stride;                              /* 0, or the number of times of a case */
-  const double *times, *channels, *max_step;   /* channels: what holds by interval */
-  const int *stops, *wanted;
-  double* values;                              /* (case, rows, outputs) */
-  int* status;
-  double* reached;                             /* times up to which they came */
-  double* work;                                /* for the output function */
-} cases_t;
-
-integer mbd_size_of_cases(void) { return (integer)sizeof(cases_t); }
-
 static int write_outputs(run_t* run, const cases_t* cases, double t, const double* x, const double* channel,
                          double* values) {
   const stretch_t* task = run->task;

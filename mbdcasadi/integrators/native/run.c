@@ -1,83 +1,10 @@
 /* A run of a method around the equations of a mechanism: its task, its memory, and what every method needs.
 
-   Above this file stand, written by run.py: OPERATIONS, the cases of the interpreter of tapes, and the constants of
-   stretch.py; below it the method itself, with its `mbd_advance`.
+   Above this file stand, written by run.py: OPERATIONS, the cases of the interpreter of tapes, the constants of
+   stretch.py, and the structures and statuses of shared.py; below it the method itself, with its `mbd_advance`.
 
    A state is y = (q, v, z, integrals); the integrals take no part in the error test. Nothing is allocated in a step,
    and all that changes belongs to one run: runs in several threads share nothing but the functions. */
-
-/* --- what Python knows too (run.py reads these declarations) ------------------------------------------------- */
-
-typedef long long integer;
-
-typedef int (*code_t)(const double** arg, double** res, long long int* iw, double* w, int mem);
-
-/* A function as compiled code, or as a tape of `count` instructions where `code` is null. */
-typedef struct {
-  code_t code;
-  const int* tape;
-  const double* constants;
-  integer count, work;
-} function_t;
-
-/* The equations; read only.
-   input (t, q, v, z, p, levels, channel) -> u
-   dynamics (t, q, v, z, u, p) -> (a, rate of z, lam, regularity)
-   quadrature (t, q, v, a, z, lam, u, p) -> rates of the integrals
-   projection (t, q, v, p, weights) -> (q, v, largest |Phi| that is left)
-   switching (t, q, v, z, p) -> quantities at whose zeros the equations switch
-   event (t, q, v, a, z, lam, u, p) -> values
-
-   slopes (t, q, v, z, u, p, levels, channel) -> slopes of (a, rate of z) by (q, v, z), by columns; of implicit methods */
-typedef struct {
-  integer coordinates, states, multipliers, inputs, integrals, switches, events;
-  integer event_needs_dynamics;
-  function_t input, dynamics, quadrature, projection, switching, event, slopes;
-} system_t;
-
-enum status { DONE, PAUSED, FULL, HALTED, EVENT, SINGULAR, STIFF, TOO_SMALL, NOT_FINITE, APART };
-
-/* One stretch of a run. */
-typedef struct {
-  /* given */
-  double start;
-  const double* x;             /* (q, v, z) at the start, on the constraints */
-  integer count;
-  const double* times;         /* increasing, later than the start */
-  const int* stops;            /* over which of them no step may go; the last one always counts */
-  const double* channels;      /* what holds by interval: (count, channel) by row */
-  integer channel;
-  const double *p, *levels, *weights;
-  double reltol, abstol, max_step;
-  double accuracy;             /* |Phi| relative to 1 + |q| that is rounding */
-  integer most_steps;          /* steps after which it pauses, or 0 */
-  const volatile int* halt;
-  integer every_step;          /* whether the ends of steps are recorded */
-  integer samples;             /* points inside every step at which events are looked at */
-  double spacing;              /* their largest distance, s */
-  integer keep_samples;        /* whether they are always recorded */
-  const double *offset, *band, *side;
-  const int *direction, *decides;
-  double fall;                 /* fall of the regularity, relative to the largest seen, that is reported; or 0 */
-  integer stiff_after;         /* steps at the limit of stability that are reported; or 0 */
-  integer capacity;
-  /* given and returned */
-  double step;                 /* size of the next step, or 0 */
-  double last_step, last_gain; /* of the last step, or 0 */
-  integer across;              /* whether it is a tiny one that goes across a zero of what switches */
-  double passed;               /* when one was passed last, or minus infinity */
-  double eigenvalue;           /* size of the largest one of late, or 0 */
-  double regularity;           /* largest one seen */
-  integer stiff, not_stiff;
-  /* returned */
-  double *out_times, *out_x, *out_integrals;
-  integer* out_index;          /* place among the times, or -1 */
-  integer recorded, reached;
-  integer steps, rejected, evaluations;
-  double time;
-  double least_regularity;
-  int status;
-} stretch_t;
 
 /* --- a run ------------------------------------------------------------------------------------------- */
 
@@ -111,10 +38,6 @@ static integer largest(integer a, integer b) { return a > b ? a : b; }
 
 /* fmax(b, a), which compilers call; of NaN and a number the number if it is the second. */
 static inline double larger(double a, double b) { return a > b ? a : b; }
-
-integer mbd_size_of_stretch(void) { return (integer)sizeof(stretch_t); }
-
-integer mbd_size_of_system(void) { return (integer)sizeof(system_t); }
 
 void mbd_free(run_t* run) {
   if (run) { free(run->k); free(run->pivots); }

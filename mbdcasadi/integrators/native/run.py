@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import ctypes
-import re
 import threading
 import weakref
 from collections.abc import Sequence
-from ctypes import c_char, c_double, c_int, c_longlong, c_void_p
-from dataclasses import fields
+from ctypes import c_char, c_int, c_longlong, c_void_p
 from functools import cache
 from operator import attrgetter
 from pathlib import Path
@@ -17,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from ...numerics.c_code import Tape, interpreter_in_c
-from . import build, stretch
+from . import build, shared, stretch
 from .code import Code, package_version
+from .shared import CASES, FUNCTION, STRETCH, SYSTEM
 from .stretch import ACCURACY, MOST_SAMPLES, SAMPLES, Cases, ExplicitSystem, Progress, Reached, Status, Stretch, Watched
 
 #: Optimisation of the engine, which is compiled once.
@@ -32,14 +31,10 @@ CONSTANTS = ("LEAST", "MOST", "MOST_SAMPLES", "PROJECTIONS", "LOOSE")
 #: Bytes of room for these that are kept from one call to the next, at most.
 MOST_KEPT = 2 * EXTRA_BYTES
 #: Numbers of a system, what a stretch gives at addresses that stay, its settings, and what is handed on from one
-#: stretch to the next, under the names of the engine.
+#: stretch to the next: names that Python and the engine share.
 SIZES = ("coordinates", "states", "multipliers", "inputs", "integrals", "switches")
 GIVEN = ("x", "p", "levels", "weights")
-SETTINGS = (
-    "start", "reltol", "abstol", "max_step", "most_steps", "every_step", "spacing", "keep_samples", "fall",
-    "stiff_after",
-)  # fmt: skip
-PROGRESS = tuple(field.name for field in fields(Progress))
+SETTINGS, PROGRESS = (tuple(shared.numbers_of(of)) for of in (Stretch, Progress))
 _GIVEN, _SETTINGS, _PROGRESS = (attrgetter(*names) for names in (GIVEN, SETTINGS, PROGRESS))
 #: Folder of the C that all methods share.
 FOLDER = Path(__file__).parent
@@ -56,27 +51,6 @@ _HEAD = """\
 #define CLONES
 #endif
 """
-
-
-#: Types of members of the structures of the engines; any pointer is an address.
-_TYPES = {"double": c_double, "integer": c_longlong, "int": c_int, "code_t": c_void_p}
-
-
-@cache
-def _structure(name: str) -> type[ctypes.Structure]:
-    """Structure of the engine under its name in C, laid out as it is declared there; first used by :func:`engine`.
-
-    That holds a lock: threads must not make two classes of one name.
-    """
-    source = (_shipped("run.c") + _shipped("cases.c")).replace("const ", "").replace("volatile ", "")
-    declared = re.sub(r"/\*.*?\*/", "", source, flags=re.DOTALL).split(f"}} {name};")[0].rsplit("{", 1)[1]
-    fields: list[tuple[str, Any]] = []
-    for kind, names in re.findall(r"(\w+)(\*? [^;]+);", declared):
-        for field in "".join(names.split()).split(","):
-            # the star of a declaration with one name may stand beside its type
-            own = c_void_p if "*" in field else _TYPES.get(kind) or _structure(kind)
-            fields.append((field.strip("*"), own))
-    return type(name, (ctypes.Structure,), {"_fields_": fields})
 
 
 @cache
@@ -99,7 +73,7 @@ def engine_source(steps: str) -> str:
         C code of the method, with its ``mbd_advance``; it stands below ``run.c`` and above ``cases.c``.
     """
     operations = interpreter_in_c().replace("\n", " \\\n")
-    above = f"{_HEAD}\n{defined(stretch, CONSTANTS)}\n#define OPERATIONS \\\n{operations}\n\n"
+    above = f"{_HEAD}\n{defined(stretch, CONSTANTS)}\n#define OPERATIONS \\\n{operations}\n\n{shared.in_c()}"
     return f"{above}{_shipped('run.c')}\n{steps}\n{_shipped('cases.c')}"
 
 
@@ -133,10 +107,10 @@ def _engine(steps: str, using: build.Compiler, folder: str) -> ctypes.CDLL:
     library.mbd_complete.argtypes = [c_void_p, c_void_p, c_longlong, *[c_void_p] * 6]
     library.mbd_run_cases.restype = None
     library.mbd_run_cases.argtypes = [c_void_p, c_void_p, c_void_p, c_longlong, c_longlong]
-    for name in ("stretch", "system", "cases"):
-        size = getattr(library, f"mbd_size_of_{name}")
+    for structure in shared.STRUCTURES:
+        size = getattr(library, structure.size_function)
         size.restype = c_longlong
-        if size() != ctypes.sizeof(_structure(f"{name}_t")):
+        if size() != structure.size:
             raise build.CompilationError(f"the compiler {using.name} lays structures out in another way")
     return library
 
@@ -162,7 +136,7 @@ class NativeRun:
         self.library, self.system, self.codes, self.watched = library, system, tuple(codes), watched
         self._halt = np.zeros(1, np.int32)
         self._state = self.compiled
-        found = _structure("system_t")(
+        found = SYSTEM(
             **{name: getattr(system, name) for name in SIZES},
             events=0 if watched is None else watched.size,
             event_needs_dynamics=watched is not None and watched.needs_dynamics,
@@ -180,7 +154,7 @@ class NativeRun:
         weakref.finalize(self, library.mbd_free, self._run)
         self._rows, self._arrays = _Rows(system, 0), _Arrays()
         self._given = [np.zeros(size) for size in (system.size, *system.constants, system.coordinates)]
-        self._task = _structure("stretch_t")(
+        self._task = STRETCH(
             **dict(zip(GIVEN, map(self._arrays.address, self._given), strict=True)),
             channel=system.channel,
             accuracy=ACCURACY,
@@ -270,7 +244,7 @@ class NativeRun:
         system, arrays, count = self.system, _Arrays(), times.size
         a, lam = np.empty((count, system.coordinates)), np.empty((count, system.multipliers))
         u = np.empty((count, system.inputs))
-        task = _structure("stretch_t")(channel=system.channel, p=arrays.doubles(p), levels=arrays.doubles(levels))
+        task = STRETCH(channel=system.channel, p=arrays.doubles(p), levels=arrays.doubles(levels))
         self.library.mbd_complete(
             self._run,
             ctypes.addressof(task),
@@ -313,7 +287,7 @@ class NativeRun:
         status, reached = np.zeros(number, np.int32), np.zeros(number)
         entry = _entry(output, 0)
         written = {"values": values, "status": status, "reached": reached, "work": np.empty(entry.work)}
-        asked = _structure("cases_t")(
+        asked = CASES(
             **{name: arrays.doubles(getattr(cases, name)) for name in ("starts", "p", "times", "channels", "max_step")},
             parameters=cases.p.shape[1],
             levels=cases.levels.shape[1],
@@ -371,9 +345,9 @@ def _entry(code: Code, k: int) -> Any:
     """A function for the engine: compiled if it is."""
     if code.library is not None:
         address, work = code.entry(k)
-        return _structure("function_t")(code=address, work=work + 1)
+        return FUNCTION(code=address, work=work + 1)
     tape: Tape = code.tapes[k]
-    return _structure("function_t")(
+    return FUNCTION(
         tape=tape.instructions.ctypes.data,
         constants=tape.constants.ctypes.data,
         count=tape.size,

@@ -27,7 +27,7 @@ MOST_SAMPLES = 1000
 
 
 class Status(IntEnum):
-    """Cause of the end of a stretch; in the order of ``enum status`` in ``run.c``."""
+    """Cause of the end of a stretch."""
 
     DONE = 0
     PAUSED = 1
