@@ -238,6 +238,24 @@ def rope() -> mbd.Mechanism:
 
 
 @scene
+def tackle() -> mbd.Mechanism:
+    load, hand = box("load", (0, -0.9, 0), 0.2, 0.14), box("hand", (0.4, -0.5, 0), 0.14, 0.2)
+    wheel = mbd.Body("wheel", 1.0, 0.01, pose=(0.25, 0, 0))
+    up = np.pi / 2
+    over = [
+        mbd.Pulley(load.at(0, 0.15), 0.1, "counter-clockwise"),
+        mbd.Pulley(wheel.at(0, 0), 0.15, "clockwise", grips=True),
+    ]
+    joints = [
+        mbd.Revolute("axle", mbd.ground.at(0.25, 0), wheel.at(0, 0)),
+        mbd.Translational("guide", mbd.ground.at(0, 0, up), load.at(0, 0, up)),
+        mbd.Translational("guide of hand", mbd.ground.at(0.4, 0, up), hand.at(0, 0, up)),
+        mbd.Cable("cable", mbd.ground.at(-0.1, 0), hand.at(0, 0.1), over),
+    ]
+    return mbd.Mechanism(bodies=[load, hand, wheel], joints=joints)
+
+
+@scene
 def cylinder() -> mbd.Mechanism:
     arm = bar("boom", 1.2, (0.5, 0.3, 0.5))
     pin = mbd.Revolute("pin", mbd.ground.at(0, 0), arm.at(-0.6, 0))

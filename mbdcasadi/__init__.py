@@ -49,7 +49,7 @@ from .model.forces.friction.laws import Coulomb, DryFriction, FrictionLaw, LuGre
 from .model.forces.laws import HuntCrossley, hertz_stiffness
 from .model.forces.motors import DCMotor
 from .model.forces.springs import RSDA, TSDA, Bushing, DataLaw
-from .model.forces.stops import EndStop, Rope
+from .model.forces.stops import EndStop
 from .model.geometry.cam_outlines import CamOutline
 from .model.geometry.curves import Curve
 from .model.geometry.motion_programs import MotionProgram, dwell, fall, rise
@@ -70,6 +70,9 @@ from .model.joints.gears import Belt, Coupler, Gear, RackAndPinion, Rolling
 from .model.joints.lower_pairs import Distance, PointOnLine, Revolute, Translational, Weld
 from .model.mechanism import Mechanism
 from .model.rates import time_derivative
+from .model.ropes.cable import Cable
+from .model.ropes.pulleys import Drum, Pulley
+from .model.ropes.rope import Rope
 from .model.shaking import ShakingForce, shaking_force
 from .model.symbols import Coordinate, Input, Parameter, StateVariable, t
 from .model.validity import Smoothing, ValidityCondition
@@ -175,29 +178,29 @@ _PLACES = {name: module for module, names in _LATER.items() for name in names.sp
 #: All public names: type checkers, ``import *``, ``help`` and ``inspect`` go by these.
 __all__ = [
     "BDF", "DOP853", "IDAS", "RSDA", "STRATEGIES", "TSDA", "AbsoluteAngle", "AbsoluteDistance", "AbsoluteX",
-    "AbsoluteY", "Actuator", "Animation", "AssemblyError", "Belt", "Body", "Bushing", "CamCam", "CamFlatFollower",
-    "CamOutline", "CamPointFollower", "Circle", "CollocationPoint", "ConditionError", "Constraint", "ConstraintElement",
-    "Contact", "Coordinate", "CostFunction", "Coulomb", "Coupler", "Curve", "Cylinder", "DCMotor", "DataLaw", "Disc",
-    "Distance", "Driver", "DryFriction", "Element", "EndStop", "EnergyMeter", "Equations", "Equilibrium",
-    "EquilibriumError", "EquilibriumPath", "Event", "Experiment", "ExpressionError", "FieldForce", "FileError",
-    "FirstOrderLag", "Fit", "Force", "FrictionLaw", "GasSpring", "GaussLegendre", "Gear", "GeneralizedForce", "Glyph",
-    "Gravity", "HalfPlane", "HermiteSimpson", "HollowCircle", "HuntCrossley", "HydraulicCylinder",
-    "IdentificationError", "Input", "Integrator", "IntegratorStep", "Interrupted", "Joint", "JointFriction",
-    "KnifeEdge", "LinearModel", "LoadIndependentFriction", "LuGre", "Marker", "Mechanism", "MechanismError",
-    "MechanismWarning", "ModelError", "MotionProgram", "NonholonomicConstraint", "OptimalControlProblem",
-    "OptimizationError", "PIController", "Parameter", "Phase", "Point", "PointOnCurve", "PointOnLine", "Polygon",
-    "PolygonEdges", "Proposal", "RackAndPinion", "Reachability", "Reaction", "Rectangle", "RelativeAngle", "RelativeX",
-    "RelativeY", "Report", "Resistance", "Revolute", "Rod", "Rolling", "Rope", "Rosenbrock", "RunEquations",
-    "RungeKutta", "SampledController", "Segment", "Sensitivities", "ShakingForce", "Shape", "SimulationError",
-    "SingularityError", "Smoothing", "Solution", "Stability", "State", "StateVariable", "SteppingMethod", "Strategy",
-    "Stribeck", "Sweep", "Torque", "Trajectory", "Transcription", "Translational", "ValidityCondition", "Viscous",
-    "Waypoint", "Weld", "absolute", "animate", "assemble", "at_end", "at_start", "between", "bounded", "check",
-    "cost_function", "draw", "dwell", "equations", "equilibrium", "equilibrium_path", "export_fmu", "fall",
-    "full_factorial", "glyph", "ground", "hertz_stiffness", "identify", "impact", "integral", "inverse_dynamics",
-    "kinematics", "latin_hypercube", "library", "linearize", "optimize", "plot", "plot_energy", "plot_modes",
-    "plot_path", "plot_phase", "plot_residuals", "plot_solution", "positive_part", "reachable", "read_acf", "read_adm",
-    "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities", "shaking_force", "simulate",
-    "soft", "stability", "sweep", "t", "time_derivative",
+    "AbsoluteY", "Actuator", "Animation", "AssemblyError", "Belt", "Body", "Bushing", "Cable", "CamCam",
+    "CamFlatFollower", "CamOutline", "CamPointFollower", "Circle", "CollocationPoint", "ConditionError", "Constraint",
+    "ConstraintElement", "Contact", "Coordinate", "CostFunction", "Coulomb", "Coupler", "Curve", "Cylinder", "DCMotor",
+    "DataLaw", "Disc", "Distance", "Driver", "Drum", "DryFriction", "Element", "EndStop", "EnergyMeter", "Equations",
+    "Equilibrium", "EquilibriumError", "EquilibriumPath", "Event", "Experiment", "ExpressionError", "FieldForce",
+    "FileError", "FirstOrderLag", "Fit", "Force", "FrictionLaw", "GasSpring", "GaussLegendre", "Gear",
+    "GeneralizedForce", "Glyph", "Gravity", "HalfPlane", "HermiteSimpson", "HollowCircle", "HuntCrossley",
+    "HydraulicCylinder", "IdentificationError", "Input", "Integrator", "IntegratorStep", "Interrupted", "Joint",
+    "JointFriction", "KnifeEdge", "LinearModel", "LoadIndependentFriction", "LuGre", "Marker", "Mechanism",
+    "MechanismError", "MechanismWarning", "ModelError", "MotionProgram", "NonholonomicConstraint",
+    "OptimalControlProblem", "OptimizationError", "PIController", "Parameter", "Phase", "Point", "PointOnCurve",
+    "PointOnLine", "Polygon", "PolygonEdges", "Proposal", "Pulley", "RackAndPinion", "Reachability", "Reaction",
+    "Rectangle", "RelativeAngle", "RelativeX", "RelativeY", "Report", "Resistance", "Revolute", "Rod", "Rolling",
+    "Rope", "Rosenbrock", "RunEquations", "RungeKutta", "SampledController", "Segment", "Sensitivities", "ShakingForce",
+    "Shape", "SimulationError", "SingularityError", "Smoothing", "Solution", "Stability", "State", "StateVariable",
+    "SteppingMethod", "Strategy", "Stribeck", "Sweep", "Torque", "Trajectory", "Transcription", "Translational",
+    "ValidityCondition", "Viscous", "Waypoint", "Weld", "absolute", "animate", "assemble", "at_end", "at_start",
+    "between", "bounded", "check", "cost_function", "draw", "dwell", "equations", "equilibrium", "equilibrium_path",
+    "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness", "identify", "impact", "integral",
+    "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize", "optimize", "plot", "plot_energy",
+    "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution", "positive_part", "reachable",
+    "read_acf", "read_adm", "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities",
+    "shaking_force", "simulate", "soft", "stability", "sweep", "t", "time_derivative",
 ]  # fmt: skip
 __all__ += _expressions.__all__
 

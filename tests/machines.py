@@ -142,7 +142,30 @@ def jib():
     return machine([arm, trolley], [foot, guide], guide.displacement, 0.8, drivers=[lift])
 
 
+def hoist():
+    """A winch whose cable runs over a wheel that it turns and a block that is free, to a load on a guide."""
+    shaft, bearing = rotor()
+    load = mbd.Body("load", mass=3.0, inertia=0.1, pose=(0.95, -0.6, 0))
+    wheel = mbd.Body("wheel", mass=1.0, inertia=0.01, pose=(0.6, 0.4, 0))
+    joints = [
+        bearing,
+        mbd.Revolute("axle", mbd.ground.at(0.6, 0.4), wheel.at(0, 0)),
+        mbd.Translational("guide", mbd.ground.at(0.95, 0, np.pi / 2), load.at(0, 0, np.pi / 2)),
+        mbd.Cable(
+            "cable",
+            mbd.Drum(shaft.at(0, 0), 0.1, "counter-clockwise"),
+            mbd.ground.at(1.2, 0.5),
+            over=[
+                mbd.Pulley(wheel.at(0, 0), 0.08, "clockwise", grips=True),
+                mbd.Pulley(load.at(0, 0), 0.06, "counter-clockwise"),
+            ],
+        ),
+    ]
+    return machine([shaft, load, wheel], joints, bearing.angle, 1.5)
+
+
 GROUND = mbd.ground
+POST = mbd.Pulley(GROUND.at(1.0, 0.05), 0.05, "counter-clockwise")
 MACHINES = {
     "Gear": lambda: second_shaft(lambda a, b: mbd.Gear("mesh", a, b, 0.2, 0.1)),
     "internal Gear": lambda: second_shaft(lambda a, b: mbd.Gear("mesh", a, b, 0.4, 0.1, internal=True)),
@@ -162,6 +185,10 @@ MACHINES = {
     "Bushing": lambda: on_slide(lambda b, g: mbd.Bushing("rubber", GROUND.at(0, 0), b.at(0, 0), (500, 100), 10)),
     "EndStop": lambda: on_slide(lambda b, g: mbd.EndStop("stop", 0.02 - g.displacement, mbd.HuntCrossley(1e4))),
     "Rope": lambda: on_slide(lambda b, g: mbd.Rope("rope", GROUND.at(-0.3, 0), b.at(0, 0), 0.32, 2e3)),
+    "Rope over a pulley": lambda: on_slide(
+        lambda b, g: mbd.Rope("rope", GROUND.at(1.1, -0.5), b.at(0, 0), 1.3, 100, 5, over=[POST])
+    ),
+    "Cable": hoist,
     "Cylinder": lambda: on_slide(lambda b, g: mbd.Cylinder("ram", GROUND.at(-1, 0), b.at(0, 0), 0.05, 0.02, 1e4)),
     "GasSpring": lambda: on_slide(lambda b, g: mbd.GasSpring("gas", GROUND.at(-0.3, 0), b.at(0, 0), 1e-3, 0.3, 2e5)),
     "Contact": lambda: on_slide(

@@ -26,7 +26,7 @@ HEIGHT = {room: -level for level, rooms in enumerate(layers.LAYERS) for room in 
 #: Rooms inside rooms: each may import those before it in its line, and the files beside them; not those of one string.
 INNER = {
     "integrators": ("native", "dop853 bdf"),
-    "model": ("geometry", "joints", "forces"),
+    "model": ("geometry", "joints", "forces", "ropes"),
     "optimal_control": ("statement", "transcription", "poses", "program", "motion", "solve", "measures", "search"),
     "equations": ("switching",),
     "simulation": ("contact", "checks", "formulations", "changes", "singular", "stepping"),

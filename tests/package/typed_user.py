@@ -33,8 +33,10 @@ def joints(a: mbd.Marker, b: mbd.Marker) -> list[mbd.ConstraintElement]:
         mbd.PointOnCurve("rail", a, b, rail), mbd.CamCam("cams", a, b, egg, egg), mbd.CamFlatFollower("f", a, b, egg),
         mbd.CamPointFollower("roller", a, b, egg, 0.01),
     ]  # fmt: skip
+    wheel = mbd.Pulley(mbd.ground.at(3, 3), 0.1, "clockwise", grips=True)
     rows: list[mbd.ConstraintElement] = [
         mbd.AbsoluteX("x", b, 1.0), mbd.AbsoluteY("y", b, 0), mbd.AbsoluteAngle("level", b),
+        mbd.Cable("cable", mbd.Drum(a, 0.1, "clockwise"), b, [wheel], length=9.0),
         mbd.AbsoluteDistance("tether", b, (0, 0), k), mbd.Constraint("own", b.x - 1), mbd.KnifeEdge("blade", b),
         mbd.NonholonomicConstraint("skate", b.body.vx - 2 * b.body.vy), mbd.Driver("drive", b.body.phi, 2 * mbd.t),
         mbd.Actuator("jack", a, b, 0.5 + 0.1 * mbd.t),

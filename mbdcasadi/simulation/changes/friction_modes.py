@@ -79,14 +79,15 @@ class FrictionModes(Modes):
 
     def refuse_redundant_rows(self) -> None:
         eom = equations(self.mechanism)
-        names = [f.description for f in self.frictions if ca.depends_on(ca.SX(f.load), eom.lam)]
+        limits = [(f, limit) for f in self.frictions for limit in f.limits_of_pull]
+        names = [f.description for f, limit in limits if ca.depends_on(ca.SX(limit), eom.lam)]
         if names:
-            raise SingularityError(why_not_unique(names))
+            raise SingularityError(why_not_unique(list(dict.fromkeys(names))))
 
     # --- events of a mode ----------------------------------------------------------------------------
     def refuse_names(self, events: Sequence[Event]) -> None:
         """Raise for an event of the user that has the name of one of friction."""
-        names = {name for f in self.frictions for name in (_stops(f), _breaks(f))}
+        names = {name for f in self.frictions for name in f.event_names}
         for event in events:
             if event.name in names:
                 raise SimulationError(
@@ -100,14 +101,15 @@ class FrictionModes(Modes):
         """Event at which a friction leaves its mode."""
         friction = self.frictions[i]
         sense = mode.senses[i]
+        stops, breaks = friction.event_names
         if sense == "sticks":
             lam = equations(self.variant(mode)).lam[self.row(mode, friction)]
-            excess = ca.fabs(lam) - friction.law.static_coefficient * friction.load
-            return Event(_breaks(friction), excess, direction=1, terminal=True)
+            excess = ca.mmax(ca.vertcat(*[sign * lam - limit for sign, limit in _limits(friction)]))
+            return Event(breaks, excess, direction=1, terminal=True)
         if i in mode.held and (sense == "free" or "sticks" in mode.senses):  # at rest until something else slides
             leaves = ca.fabs(friction.sliding_speed) - self.rest
-            return Event(_breaks(friction), leaves, direction=1, terminal=True)
-        return Event(_stops(friction), friction.sliding_speed, direction=-int(SENSE[sense]), terminal=True)
+            return Event(breaks, leaves, direction=1, terminal=True)
+        return Event(stops, friction.sliding_speed, direction=-int(SENSE[sense]), terminal=True)
 
     def _motion(self, mode: FrictionMode, block: Block) -> Trajectory:
         """Outputs in a mode as a motion of the mechanism in that mode."""
@@ -129,14 +131,16 @@ class FrictionModes(Modes):
 
     def row(self, mode: FrictionMode, friction: Any) -> int:
         """Row of a friction that sticks."""
-        return equations(self.variant(mode)).row_names.index(friction.name)
+        return equations(self.variant(mode)).row_names.index(friction.sticking_row)
 
     def multipliers(self, mode: FrictionMode, motion: Trajectory | State) -> np.ndarray:
         eom, variant = equations(self.mechanism), equations(self.variant(mode))
         lam = np.atleast_2d(motion.lam)
         columns = np.zeros((len(lam), eom.lam.numel()))
         sliding = {
-            f.name: (f, sense) for f, sense in zip(self.frictions, mode.senses, strict=True) if sense != "sticks"
+            f.sticking_row: (f, sense)
+            for f, sense in zip(self.frictions, mode.senses, strict=True)
+            if sense != "sticks"
         }
         for k, name in enumerate(eom.row_names):
             if name in sliding and eom.row_elements[k] is sliding[name][0]:
@@ -160,9 +164,10 @@ class FrictionModes(Modes):
 
     # --- which mode holds -----------------------------------------------------------------------------
     def pull(self, index: int, state: State) -> float:
-        """Sense in which what sticks is pulled."""
-        eom = state.equations
-        return float(np.sign(state.lam[eom.row_names.index(self.frictions[index].name)]))
+        """Sense in which what sticks is pulled beyond its limit."""
+        friction = self.frictions[index]
+        lam = state.lam[state.equations.row_names.index(friction.sticking_row)]
+        return float(max(_limits(friction), key=lambda limit: limit[0] * lam - float(state[ca.SX(limit[1])]))[0])
 
     def decided(
         self, state: State, events: Sequence[Event] = (), before: FrictionMode | None = None
@@ -170,7 +175,7 @@ class FrictionModes(Modes):
         broken: dict[int, float] = {}
         names = {event.name for event in events}
         for i, friction in enumerate(self.frictions):
-            if before is not None and _breaks(friction) in names and before.senses[i] == "sticks":
+            if before is not None and friction.event_names[1] in names and before.senses[i] == "sticks":
                 broken[i] = self.pull(i, state)
         holding = self.holding(state, broken)
         if holding is not None:
@@ -200,6 +205,7 @@ class FrictionModes(Modes):
         choices = [self._choices(i, float(speeds[i]), i in resting, broken) for i in range(len(self.frictions))]
         for i in by_pose:
             choices[i] = ["forth", "back", "free"]
+        choices = [self._allowed(i, state, senses) for i, senses in enumerate(choices)]
         begins = [(i, rows[i], rows[k]) for i in rows for k in broken if k in rows]
         breaking = {i for i, own, other in begins if _parallel(own, other)}
         # what has a part in the motion that begins would break away at once if it were at its limit: others come first
@@ -238,6 +244,19 @@ class FrictionModes(Modes):
             return ["forth" if broken[i] > 0 else "back"]
         return ["sticks", "free", "forth", "back"]
 
+    def _allowed(self, i: int, state: State, senses: list[str]) -> list[str]:
+        """Senses without those in which it always holds."""
+        friction = self.frictions[i]
+        slides = {"forth": 1, "back": -1}
+        allowed = [s for s in senses if s not in slides or slides[s] in dict(_limits(friction))]
+        if not allowed:
+            raise SimulationError(
+                f"{friction.description} moves at t = {state.t:.6g} s in the sense in which it holds, with "
+                f"{float(state[friction.sliding_speed]):.6g}; start it at rest or the other way",
+                time=state.t,
+            )
+        return allowed
+
     def _slides(self, state: State, which: Sequence[int]) -> np.ndarray:
         """Sliding of frictions by the motions that joints leave free, of size one (k, f); zero where there is none."""
         numeric = self.numeric(self.free)
@@ -265,7 +284,7 @@ class FrictionModes(Modes):
 
         With no more friction at rest than in motion, what can be held does not slide: help comes last.
         """
-        falls = any(_falls(self.frictions[i].law) for i in rows)
+        falls = any(self.frictions[i].falls for i in rows)
         candidates: list[tuple[tuple[bool, int, bool], Senses, list[int]]] = []
         for modes in product(*choices):
             sticking = [i for i in rows if modes[i] == "sticks"]
@@ -307,10 +326,11 @@ class FrictionModes(Modes):
             friction, sense = self.frictions[i], mode.senses[i]
             sign = -1 if i in strict else 1
             if sense == "sticks":
-                pull = abs(trial.lam[self.row(mode, friction)])
-                limit = trial[ca.SX(friction.law.static_coefficient * friction.load)]
+                lam = trial.lam[self.row(mode, friction)]
                 # without load, reactions that are rounding are no pull
-                if not pull <= limit * (1 + sign * FRICTION_TOLERANCE) + sign * ROUNDING * largest(trial.lam):
+                rounding = sign * ROUNDING * largest(trial.lam)
+                limits = [(to * lam, trial[ca.SX(limit)]) for to, limit in _limits(friction)]
+                if not all(pull <= limit * (1 + sign * FRICTION_TOLERANCE) + rounding for pull, limit in limits):
                     return False
                 continue
             if sense == "free" or (i in mode.held and i not in by_pose):
@@ -337,17 +357,10 @@ def _parallel(first: np.ndarray, second: np.ndarray) -> int:
     return int(np.sign(cosine)) if abs(cosine) > 1 - TURNS else 0
 
 
-def _falls(law: Any) -> bool:
-    """True if friction in motion may be below that at rest."""
-    return known_value(ca.SX(law.static_coefficient) - law.coefficient) != 0
-
-
-def _stops(friction: Any) -> str:
-    return f"{friction.name} stops"
-
-
-def _breaks(friction: Any) -> str:
-    return f"{friction.name} breaks away"
+def _limits(friction: Any) -> list[tuple[int, Any]]:
+    """Senses in which a friction can be pulled so that it slides, and the largest pull at rest in each."""
+    limits = zip((1, -1), friction.limits_of_pull, strict=True)
+    return [(sign, limit) for sign, limit in limits if known_value(limit) != np.inf]
 
 
 def start_with_friction(setup: Setup) -> State:

@@ -11,8 +11,9 @@ import numpy as np
 from ...model.bodies import Body, Marker
 from ...model.drivers import Actuator
 from ...model.forces.springs import TSDA, Bushing
-from ...model.forces.stops import Rope
 from ...model.joints.lower_pairs import Distance, Revolute, Weld
+from ...model.ropes.cable import Cable
+from ...model.ropes.rope import Rope
 from ..drawing import lines, scene
 from ..drawing.outlines import (
     HALF_WIDTH,
@@ -27,7 +28,7 @@ from ..drawing.outlines import (
 from .base import Glyph
 
 #: Elements that hold a body at a point of it.
-HELD = (Revolute, Weld, Distance, TSDA, Rope, Bushing, Actuator)
+HELD = (Revolute, Weld, Distance, TSDA, Rope, Cable, Bushing, Actuator)
 
 
 class BodyGlyph(Glyph, of=Body):

@@ -12,7 +12,6 @@ from ...model.drivers import Actuator, Driver
 from ...model.expressions import norm
 from ...model.forces.cylinders import Cylinder, GasSpring
 from ...model.forces.springs import RSDA, TSDA, Bushing
-from ...model.forces.stops import Rope
 from ..drawing import lines, scene
 from ..drawing.loads import Load
 from ..drawing.pen import Frame, Pen
@@ -60,22 +59,6 @@ class SpringDamperGlyph(Glyph, of=TSDA):
         return tension(self.element.a, self.element.b, self.element.force)
 
 
-class RopeGlyph(Glyph, of=Rope):
-    """A straight line."""
-
-    readings: ClassVar = {"slack, m": "gap", "tension, N": "tension"}
-
-    def draw(self) -> None:
-        """Draw it between its ends."""
-        element, pen = self.element, self.pen
-        _anchors(pen, element.a, element.b)
-        pen.between(element.a.position, element.b.position).draw("link", lines.along([0, 1], 0))
-
-    def loads(self) -> list[Load]:
-        """Return the force on each end that is not on the ground."""
-        return tension(self.element.a, self.element.b, self.element.force)
-
-
 class CylinderGlyph(SpringDamperGlyph, of=Cylinder):
     """A barrel with a piston rod."""
 
@@ -101,7 +84,7 @@ def tension(a: Marker, b: Marker, force: Any) -> list[Load]:
 
 def beside_others(pen: Pen, element: Any, a: Marker, b: Marker) -> Frame:
     """Frame from end to end, with anchors; to the side of springs and actuators that connect the same points."""
-    _anchors(pen, a, b)
+    anchors(pen, a, b)
     frame = pen.between(a.position, b.position)
     mechanism = pen.sample.mechanism
     pairs = {other: (other.a, other.b) for other in mechanism.forces if isinstance(other, TSDA)}
@@ -182,7 +165,7 @@ def cylinder(pen: Pen, frame: Frame, length: Any, height: float, rod_style: str 
     frame.draw(rod_style, np.array([[rod, 1, -0.8 * h, 0], [rod, 1, 0.8 * h, 0]]))
 
 
-def _anchors(pen: Pen, a: Marker, b: Marker) -> None:
+def anchors(pen: Pen, a: Marker, b: Marker) -> None:
     """Points at both ends, on a wall if an end is on the ground and nothing else is drawn there."""
     for marker, other in ((a, b), (b, a)):
         pen.dot(pen.on(marker), 0.3)

@@ -13,12 +13,13 @@ from ...element import ConstraintElement, Element
 from ...expressions import norm
 from ...joints.base import Joint
 from ...joints.lower_pairs import Revolute, Translational
+from ...switching import Switching
 from ...symbols import Scalar, register
 from ...validity import Smoothing
 from .laws import FrictionLaw, Resistance, as_law
 
 
-class FrictionInJoint(Element):
+class FrictionInJoint(Switching, Element):
     """Base class of friction in a revolute or translational joint; a subclass defines the load.
 
     The friction acts on the second body of the joint, and its opposite on the first. The law is a function of the
@@ -38,6 +39,7 @@ class FrictionInJoint(Element):
         self._check_sizes(radius, length)
         self.radius = None if radius is None else self.read(radius, "radius", above=0.0)
         self.length = None if length is None else self.read(length, "length", above=0.0)
+        self.switches_modes = law.exact
         if law.exact:
             self._switch()
             return
@@ -92,6 +94,17 @@ class FrictionInJoint(Element):
     def load(self) -> ca.SX:
         """Load of the surfaces, N, not negative."""
         raise NotImplementedError
+
+    @property
+    def sticking_limit(self) -> ca.SX:
+        """Largest friction at rest, N."""
+        law: Any = self.law
+        return ca.SX(law.static_coefficient * self.load)
+
+    @property
+    def falls(self) -> bool:
+        """True if friction in motion may be below that at rest."""
+        return self.law.falls
 
     @cached_property
     def sliding_speed(self) -> ca.SX:

@@ -67,6 +67,11 @@ class FrictionLaw(Immutable, HasQuantities):
         """
         raise NotImplementedError
 
+    @property
+    def falls(self) -> bool:
+        """True if friction in motion may be below that at rest, by a law with a static coefficient."""
+        return known_value(ca.SX(self.static_coefficient) - self.coefficient) != 0  # type: ignore[attr-defined]
+
     def _check_static(self) -> None:
         """Raise an error for a static coefficient below that of sliding."""
         below = ca.SX(self.static_coefficient) - self.coefficient  # type: ignore[attr-defined]

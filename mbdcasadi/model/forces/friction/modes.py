@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from ...mechanism import Mechanism
-from .joint_friction import FrictionInJoint
 
 #: Sense in which each friction of a mechanism slides ("forth", "back"), that it "sticks", that it is "free", or in
 #: which sense it is pulled at its limit while something else holds it ("pulled forth", "pulled back").
@@ -13,8 +12,8 @@ Senses = tuple[str, ...]
 
 
 def switches(element: Any) -> bool:
-    """True for an element with exact dry friction."""
-    return isinstance(element, FrictionInJoint) and element.law.exact
+    """True for an element that sticks and slides exactly."""
+    return getattr(element, "switches_modes", False) is True
 
 
 def switching(mechanism: Mechanism) -> tuple[Any, ...]:
@@ -32,7 +31,8 @@ def variant_in(mechanism: Mechanism, senses: Senses) -> Mechanism:
 
     def make() -> Mechanism:
         place = {f: f.in_mode(one) for f, one in zip(frictions, senses, strict=True)}
-        return mechanism.replace(forces=[place.get(f, f) for f in mechanism.forces])
+        joints, forces = ([place.get(f, f) for f in parts] for parts in (mechanism.joints, mechanism.forces))
+        return mechanism.replace(joints=joints, forces=forces)
 
     return mechanism.cache.get_or_create(("stick and slip", senses), make)
 

@@ -1,0 +1,176 @@
+"""Cables over pulleys against closed forms and independent geometry: tackles, drums, wheels, capstans, bearings."""
+
+import numpy as np
+import pytest
+
+import mbdcasadi as mbd
+
+G, UP = 9.81, np.pi / 2
+
+
+def weight(name, mass, x, y):
+    body = mbd.Body(name, mass=mass, inertia=1.0, pose=(x, y, 0))
+    return body, mbd.Translational(f"{name} guide", mbd.ground.at(x, 0, UP), body.at(0, 0, UP))
+
+
+# --- geometry ---------------------------------------------------------------------------------------------------
+def length_of_way(ends, circles, angles):
+    """Length of a way that follows each circle (centre, radius, sense) from an angle on, over a sweep."""
+    places, total = [ends[0]], 0.0
+    for (centre, radius, sense), (start, sweep) in zip(circles, np.reshape(angles, (-1, 2)), strict=True):
+        for angle in (start, start + sense * sweep):
+            places.append(centre + radius * np.array([np.cos(angle), np.sin(angle)]))
+        total += radius * sweep
+    places.append(ends[1])
+    return total + sum(np.hypot(*(places[k + 1] - places[k])) for k in range(0, len(places) - 1, 2))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_length_is_stationary_over_the_places_of_contact(seed):
+    """Tangents make the length of a way over two circles stationary over where it touches them."""
+    rng = np.random.default_rng(seed)
+    a, b = mbd.Body("a", 1, 1, pose=(-1, rng.uniform(-1, -0.5), 0)), mbd.Body("b", 1, 1, pose=(2.5, -1, 0))
+    radii = rng.uniform(0.1, 0.3, 2)
+    centres = np.array([[0, 0.5], [1.5, 0.2]]) + rng.uniform(-0.1, 0.1, (2, 2))
+    over = [mbd.Pulley(mbd.ground.at(*c), r, "clockwise") for c, r in zip(centres, radii, strict=True)]
+    cable = mbd.Cable("cable", a.at(0, 0), b.at(0, 0), over=over)
+    state = mbd.assemble(mbd.Mechanism([a, b], joints=[cable]))
+    ends = a.pose_estimate[:2], b.pose_estimate[:2]
+    circles = [(c, r, -1) for c, r in zip(centres, radii, strict=True)]
+    angles = []
+    for k, centre in enumerate(centres):
+        touch = state[cable.path.strands[k].end] - centre
+        angles += [np.arctan2(touch[1], touch[0]), state[cable.path.wraps[k + 1]]]
+    assert state[cable.path.sections[0]] == pytest.approx(length_of_way(ends, circles, angles), rel=1e-12)
+    lengths = [[length_of_way(ends, circles, angles + s * d) for s in (1, -1)] for d in 1e-6 * np.eye(4)]
+    np.testing.assert_allclose(np.diff(lengths) / 2e-6, 0, atol=1e-8)
+
+
+def test_a_wrap_of_several_turns():
+    """Whole turns are added to the turn from strand to strand."""
+    a = mbd.Body("a", 1, 1, pose=(-0.1, -1, 0))
+    for turns in (0, 1, 3):
+        post = mbd.Pulley(mbd.ground.at(0, 0), 0.1, "clockwise", turns=turns)
+        cable = mbd.Cable("cable", a.at(0, 0), mbd.ground.at(0.1, -1), over=[post])
+        state = mbd.assemble(mbd.Mechanism([a], joints=[cable]))
+        assert state[cable.path.wraps[1]] == pytest.approx(np.pi + 2 * np.pi * turns)
+        assert state[cable.path.sections[0]] == pytest.approx(2 + 0.1 * np.pi * (1 + 2 * turns))
+
+
+# --- motion -------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("grips", [True, False])
+def test_atwood(grips):
+    """A wheel that grips is turned; over one that does not the rope runs freely. The bearing carries both strands."""
+    m1, m2, inertia, r = 3.0, 2.0, 0.02, 0.1
+    (first, guide_1), (second, guide_2) = weight("first", m1, -r, -1), weight("second", m2, r, -1)
+    wheel = mbd.Body("wheel", mass=1.0, inertia=inertia)
+    axle = mbd.Revolute("axle", mbd.ground.at(0, 0), wheel.at(0, 0))
+    pulley = mbd.Pulley(wheel.at(0, 0), r, "clockwise", grips=grips)
+    rope = mbd.Cable("rope", first.at(0, 0), second.at(0, 0), over=[pulley])
+    model = mbd.Mechanism([first, second, wheel], joints=[guide_1, guide_2, axle, rope], forces=[mbd.Gravity()])
+    fall = mbd.simulate(model, np.linspace(0, 0.5, 11))
+    a = (m1 - m2) * G / (m1 + m2 + (inertia / r**2 if grips else 0))
+    tensions = [m1 * (G - a), m2 * (G + a)]
+    np.testing.assert_allclose(fall[first.y], -1 - a * fall.t**2 / 2, atol=1e-8)
+    np.testing.assert_allclose(fall[rope.tensions], np.tile(tensions, (11, 1)), atol=1e-6)
+    np.testing.assert_allclose(fall[axle.reaction_on(wheel).force], np.tile([0, G + sum(tensions)], (11, 1)), atol=1e-6)
+    assert fall[wheel.omega][-1] == pytest.approx(a * 0.5 / r if grips else 0.0, abs=1e-7)
+
+
+def test_a_winch_takes_up_many_turns():
+    """Ten turns of the drum lift a load in two strands, the crossed one √(d² - (r + s)²); both give the effort."""
+    load, guide = weight("load", 4.0, 0.35, -5)
+    drum = mbd.Body("drum", mass=1.0, inertia=0.1)
+    bearing = mbd.Revolute("bearing", mbd.ground.at(0, 0), drum.at(0, 0))
+    block = mbd.Pulley(load.at(0, 0), 0.125, "counter-clockwise")
+    cable = mbd.Cable("cable", mbd.Drum(drum.at(0, 0), 0.1, "clockwise"), mbd.ground.at(0.475, 0), over=[block])
+    turn = mbd.Driver("turn", bearing.angle, 20 * np.pi * mbd.step(mbd.t, 0, 0, 2, 1))
+    model = mbd.Mechanism([drum, load], joints=[bearing, guide, cable], drivers=[turn], forces=[mbd.Gravity()])
+    motion = mbd.inverse_dynamics(model, np.linspace(0, 3, 31))
+    assert motion[bearing.angle][-1] == pytest.approx(20 * np.pi)
+    crossed = np.sqrt(0.35**2 + motion[load.y] ** 2 - 0.225**2)
+    np.testing.assert_allclose(motion[cable.path.strands[0].length], crossed, rtol=1e-12)
+    assert np.ptp(motion[cable.path.sections[0]]) < 1e-10
+    direction = motion[cable.path.strands[0].direction][-1]
+    assert motion[turn.effort][-1] == pytest.approx(0.1 * 4 * G / (1 - direction[1]), rel=1e-9)
+
+
+# --- friction on a post ---------------------------------------------------------------------------------------------
+def capstan(m1, m2, law, turns=0):
+    first, guide_1 = weight("first", m1, -0.1, -1)
+    second, guide_2 = weight("second", m2, 0.1, -1)
+    post = mbd.Pulley(mbd.ground.at(0, 0), 0.1, "clockwise", friction=law, turns=turns)
+    cable = mbd.Cable("cable", first.at(0, 0), second.at(0, 0), over=[post])
+    return first, cable, mbd.Mechanism([first, second], joints=[guide_1, guide_2, cable], forces=[mbd.Gravity()])
+
+
+@pytest.mark.parametrize(("m1", "m2"), [(6.0, 2.0), (2.0, 6.0)])
+@pytest.mark.parametrize("law", [mbd.DryFriction(0.3), mbd.Coulomb(0.3, 1e-5)])
+def test_it_slips_by_eulers_law(m1, m2, law):
+    """The tension of the heavy side is exp(μ θ) times that of the light side, in both senses."""
+    first, cable, model = capstan(m1, m2, law)
+    slid = mbd.simulate(model, np.linspace(0, 0.3, 31))
+    heavy, light, e = max(m1, m2), min(m1, m2), np.exp(0.3 * np.pi)
+    assert abs(slid[first.ay][-1]) == pytest.approx(G * (heavy - light * e) / (heavy + light * e), abs=1e-6)
+    tensions = np.sort(slid[cable.tensions][-1])
+    assert tensions[1] / tensions[0] == pytest.approx(e, rel=1e-6)
+    assert abs(slid[cable.friction_force][-1]) == pytest.approx(tensions[1] - tensions[0])
+
+
+@pytest.mark.parametrize("turns", [0, 3])
+def test_it_holds_up_to_eulers_ratio_and_then_breaks_away(turns):
+    """A load that grows slips when it is exp(μ_s θ) times the other; three more turns hold it."""
+    first, _, model = capstan(2.0, 2.0, mbd.DryFriction(0.1, static_coefficient=0.12), turns)
+    model = model.replace(forces=[*model.forces, mbd.Force("grows", first.at(0, 0), (0, -10 * mbd.t))])
+    run = mbd.simulate(model, np.linspace(0, 1.5, 31))
+    if turns:
+        assert not run.events and np.ptp(run[first.y]) < 1e-12
+        return
+    (event,) = run.events
+    assert event.name == "cable breaks away"
+    assert event.t == pytest.approx((np.exp(0.12 * np.pi) - 1) * 2 * G / 10, abs=1e-8)
+    assert np.ptp(run[first.y][run.t < event.t]) < 1e-12 and run[first.vy][-1] < -0.1
+
+
+def test_it_comes_to_rest_and_its_energy_is_that_of_friction():
+    """Set in motion against friction, a weight stops and stays; what is lost is the work of the friction."""
+    first, cable, model = capstan(2.5, 2.0, mbd.DryFriction(0.3))
+    run = mbd.simulate(model, np.linspace(0, 1, 401), initial=[first.vy == -1.0])
+    assert [event.name for event in run.events] == ["cable stops"]
+    rub = run[cable.friction_force * cable.sliding_speed]
+    lost = np.sum((rub[1:] + rub[:-1]) / 2 * np.diff(run.t))
+    assert lost == pytest.approx(run.energy.total[-1] - run.energy.total[0], abs=2e-2) and np.all(rub < 1e-9)
+    np.testing.assert_allclose(run[first.vy][run.t > run.events[0].t], 0, atol=1e-12)
+
+
+# --- said by name ---------------------------------------------------------------------------------------------------
+def test_what_is_wrong_is_named():
+    body = mbd.Body("body", 1, 1, pose=(0, -1, 0))
+    here, there = body.at(0, 0), mbd.ground.at(0, 0)
+
+    def post(x, friction=None):
+        return mbd.Pulley(mbd.ground.at(x, 1), 0.1, "clockwise", friction=friction)
+
+    with pytest.raises(mbd.ModelError, match="turn must be one of"):
+        mbd.Pulley(there, 0.1, "left")
+    with pytest.raises(mbd.ModelError, match="radius must be above 0"):
+        mbd.Pulley(there, 0.0, "clockwise")
+    with pytest.raises(mbd.ModelError, match="not both"):
+        mbd.Pulley(there, 0.1, "clockwise", grips=True, friction=mbd.DryFriction(0.1))
+    with pytest.raises(mbd.ModelError, match="takes Pulley objects"):
+        mbd.Cable("cable", here, there, over=[there])
+    with pytest.raises(mbd.ModelError, match="cable 'cable'.*no tangent"):
+        mbd.Cable("cable", here, mbd.ground.at(1, 0), over=[mbd.Pulley(mbd.ground.at(0, -0.9), 0.2, "clockwise")])
+    with pytest.raises(mbd.ModelError, match="rubs on 2 pulleys"):
+        mbd.Cable("cable", here, there, over=[post(1, mbd.DryFriction(0.1)), post(2, mbd.DryFriction(0.1))])
+    with pytest.raises(mbd.ModelError, match="not proportional to the load"):
+        mbd.Cable("cable", here, there, over=[post(1, mbd.Viscous(1))])
+    with pytest.raises(mbd.ModelError, match="itself"):
+        mbd.Cable("cable", mbd.ground.at(1, 0), there)
+
+
+def test_a_cable_that_would_push_is_reported():
+    body, guide = weight("body", 1.0, 0, 1)
+    cable = mbd.Cable("cable", mbd.ground.at(0, 0), body.at(0, 0))
+    with pytest.warns(mbd.MechanismWarning, match="would have to push"):
+        mbd.simulate(mbd.Mechanism([body], joints=[guide, cable], forces=[mbd.Gravity()]), np.linspace(0, 0.1, 3))
