@@ -16,6 +16,13 @@ from pathlib import Path
 from typing import Any
 
 
+#: What a value that is not finite may come of, for messages.
+NOT_FINITE = (
+    "a spline outside its data, a rope that has turned by more than 135° from its estimated pose, a division by zero, "
+    "or a root of a negative number"
+)
+
+
 class _Stop(BaseException):
     """End of a run, with its time and what had been computed."""
 

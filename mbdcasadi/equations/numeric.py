@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import casadi as ca
 import numpy as np
 
-from ..errors import ModelError, SingularityError
+from ..errors import NOT_FINITE, ModelError, SingularityError
 from ..model.forces.friction.modes import switches
 from ..numerics.console import call_each
 from ..numerics.evaluation import Evaluator
@@ -395,8 +395,8 @@ class NumericEquations:
         broken = [] if finite else self.not_finite(t, q, v, z, u)
         if broken:
             raise SingularityError(
-                f"the force of {', '.join(broken)} is not finite at t = {t:.6g} s: a spline outside its data, a "
-                "division by zero, or a root of a negative number (a length or a volume that has become negative)",
+                f"the force of {', '.join(broken)} is not finite at t = {t:.6g} s: {NOT_FINITE} (a length or a "
+                "volume that has become negative)",
                 time=t,
             )
         if not finite or not np.isfinite(lam).all() or largest(missed) > ACCELERATION_TOLERANCE:

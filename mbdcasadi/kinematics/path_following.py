@@ -10,7 +10,7 @@ import numpy as np
 from ..equations.driven import driven_equations
 from ..equations.numeric import NumericEquations
 from ..equations.switching.time_breaks import resolution
-from ..errors import AssemblyError, warn
+from ..errors import NOT_FINITE, AssemblyError, warn
 from ..numerics.console import interruptible, quiet
 from ..numerics.homotopy import Step, follow
 from ..numerics.least_squares import largest, project_velocity
@@ -205,8 +205,7 @@ class Continuation(MotionFollower):
             return None
         return AssemblyError(
             f"the motion cannot be continued beyond t = {now:.9g} s: {', '.join(rows)} has no finite value from there "
-            "on: a spline outside its data, a division by zero, or a root of a negative number; what was computed is "
-            "in .partial",
+            f"on: {NOT_FINITE}; what was computed is in .partial",
             time=now,
             partial=motion,
         )

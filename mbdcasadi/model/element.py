@@ -298,10 +298,18 @@ def constraint_load(element: Any, multipliers: ca.SX, q: ca.SX, v: ca.SX) -> ca.
     return load
 
 
+def applied_load(element: Any, q: ca.SX) -> ca.SX:
+    """Return the generalised force on coordinates q that an element applies by its own law."""
+    load = ca.SX(q.numel(), 1)
+    for displacement, force in element.virtual_work:
+        load += ca.jtimes(ca.vec(as_sx(displacement)), q, ca.vec(as_sx(force)), True)
+    return load
+
+
 class Reaction:
     """Force and couple that a constraint exerts on a body, as expressions in the multipliers.
 
-    ``F = -Phi_r^T lam`` and, about the joint marker P on that body,
+    With the friction of a constraint that rubs. Else ``F = -Phi_r^T lam`` and, about the joint marker P on that body,
     ``T = -(Phi_phi^T - s'^T B^T Phi_r^T) lam``. On the ground the reaction is
     what balances those on the moving bodies, since a joint has no mass.
 
@@ -328,12 +336,9 @@ class Reaction:
         self.marker = element.marker_on(body)
 
     def _on_moving(self, body: Body) -> ca.SX:
-        """Generalised reaction ``-Phi_q^T lam`` on ``[x, y, phi]`` of a body."""
-        return constraint_load(self.element, self._multipliers, body.q, body.v)
-
-    @property
-    def _multipliers(self) -> ca.SX:
-        return self.element.multipliers
+        """Generalised reaction on ``[x, y, phi]`` of a body."""
+        load = constraint_load(self.element, self.element.multipliers, body.q, body.v)
+        return load + applied_load(self.element, body.q)
 
     @cached_property
     def _wrench(self) -> tuple[ca.SX, ca.SX]:
@@ -378,9 +383,8 @@ class Impulse(Reaction):
 
     asked_by = "impulse_on"
 
-    @property
-    def _multipliers(self) -> ca.SX:
-        return self.element.impulses
+    def _on_moving(self, body: Body) -> ca.SX:
+        return constraint_load(self.element, self.element.impulses, body.q, body.v)
 
 
 _Load = TypeVar("_Load", bound=Reaction)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from ..errors import ModelError
-from .element import constraint_load, cross
+from .element import applied_load, constraint_load, cross
 from .mechanism import Mechanism
 from .quantities import vector2
 from .symbols import Vector
@@ -71,7 +71,5 @@ def _internal_load(mechanism: Mechanism) -> ca.SX:
     for element in mechanism.elements:
         if getattr(element, "external", False):
             continue
-        load += constraint_load(element, element.multipliers, q, v)
-        for displacement, effort in element.virtual_work:
-            load += ca.jtimes(ca.vec(ca.SX(displacement)), q, ca.vec(ca.SX(effort)), True)
+        load += constraint_load(element, element.multipliers, q, v) + applied_load(element, q)
     return load

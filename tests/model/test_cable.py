@@ -143,6 +143,59 @@ def test_it_comes_to_rest_and_its_energy_is_that_of_friction():
     np.testing.assert_allclose(run[first.vy][run.t > run.events[0].t], 0, atol=1e-12)
 
 
+def test_reactions_hold_the_friction():
+    """The cable pulls a weight with the tension of its strand, and the post with both, by exact and smoothed laws."""
+    for law in (mbd.DryFriction(0.3), mbd.Coulomb(0.3, 1e-5)):
+        first, cable, model = capstan(6.0, 2.0, law)
+        run = mbd.simulate(model, np.linspace(0, 0.1, 3))
+        tensions = run[cable.tensions]
+        np.testing.assert_allclose(run[cable.reaction_on(first).force][:, 1], tensions[:, 0], rtol=1e-9)
+        np.testing.assert_allclose(run[cable.reaction_on(mbd.ground).force][:, 1], -tensions.sum(axis=1), rtol=1e-9)
+        np.testing.assert_allclose(run[mbd.shaking_force(model).force][:, 1], -tensions.sum(axis=1), rtol=1e-9)
+
+
+# --- how far it counts turns ------------------------------------------------------------------------------------
+@pytest.mark.parametrize("elastic", [False, True])
+@pytest.mark.parametrize("sense", [1, -1])
+def test_a_strand_turns_by_up_to_135_degrees(elastic, sense):
+    """A ball that flies round a fixed drum winds up the involute, and an error says where turns are not counted."""
+    ball = mbd.Body("ball", 1.0, 0.01, pose=(2.0, 0.1, 0))
+    post = mbd.Drum(mbd.ground.at(0, 0), 0.1, "clockwise")
+    if elastic:
+        rope = mbd.Rope("rope", post, ball.at(0, 0), 2.0, 1e5)
+    else:
+        rope = mbd.Cable("rope", post, ball.at(0, 0))
+    model = mbd.Mechanism([ball], **{"forces" if elastic else "joints": [rope]})
+    with pytest.raises(mbd.SimulationError, match=r"'?rope'? is not finite there:.*turned by more than 135°") as stopped:
+        mbd.simulate(model, np.linspace(0, 4, 81), initial=[ball.vx == 0, ball.vy == sense * 4.0, ball.omega == 0])
+    run = stopped.value.partial
+    strand = rope.path.strands[0]
+    angle = np.arctan2(*run[strand.direction].T[::-1])
+    assert abs(angle[-1]) == pytest.approx(np.radians(135), abs=0.15)
+    np.testing.assert_allclose(run[strand.length], 2 + 0.1 * angle, atol=3e-4 if elastic else 1e-9)
+    np.testing.assert_allclose(np.hypot(run[ball.vx], run[ball.vy]), 4.0, atol=3e-3 if elastic else 1e-6)
+
+
+def test_length_holds_when_a_parameter_moves_a_drum():
+    """What has wound up counts from the estimated poses of the values that parameters have."""
+    height = mbd.Parameter("height", 0.0)
+    load = mbd.Body("load", 1.0, 1.0, pose=(1.0, 0, 0))
+    cable = mbd.Cable("cable", mbd.Drum(mbd.ground.at(0, height), 0.1, "clockwise"), load.at(0, 0), length=1.2)
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), load.at(0, 0))
+    model = mbd.Mechanism([load], joints=[guide, cable], parameters=[height])
+    for value in (0.0, 0.5):
+        state = mbd.assemble(model, parameters={height: value})
+        strand = cable.path.strands[0]
+        angles = [np.arctan2(*np.ravel(d)[::-1]) for d in (state[strand.direction], direction(1.0, -value, 0.1))]
+        assert state[strand.length] - 0.1 * (angles[0] - angles[1]) == pytest.approx(1.2, abs=1e-9)
+
+
+def direction(x, y, r):
+    """Direction of the tangent from a clockwise circle about the origin to a point."""
+    turn = np.arctan2(y, x) - np.arcsin(r / np.hypot(x, y))
+    return np.array([np.cos(turn), np.sin(turn)])
+
+
 # --- said by name ---------------------------------------------------------------------------------------------------
 def test_what_is_wrong_is_named():
     body = mbd.Body("body", 1, 1, pose=(0, -1, 0))

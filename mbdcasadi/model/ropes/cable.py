@@ -26,7 +26,8 @@ class Cable(Switching, ConstraintElement):
 
     A section reaches from an end, or a pulley that grips, to the next one; ``l_k`` is the sum of its strands, of
     its wraps, and of what has wound up at its ends. Its multiplier is the tension. Each strand pulls the bodies at its
-    ends, so that bearings carry it. A cable has no mass, and a run warns if it would have to push.
+    ends, so that bearings carry it. A cable has no mass, and a run warns if it would have to push. A strand may turn by
+    up to 135° from its direction at the estimated poses; bodies turn by any angle.
 
     If it rubs on a pulley, the tensions before and after differ by at most
     ``|T_2 - T_1| <= (T_1 + T_2) tanh(μ θ/2)`` with the angle θ of the wrap: if it slips, ``T_2/T_1 = exp(±μ θ)``.
@@ -101,6 +102,7 @@ class Cable(Switching, ConstraintElement):
         else:
             shares = zip(path.sections, path.shares(), strict=True)
             rows = ca.vertcat(*[section - self.length * share for section, share in shares])
+        rows *= path.known
         labels = tuple(f"section {k}" for k in range(rows.numel())) if rows.numel() > 1 else ()
         self.switches_modes = self._law is not None and self._law.exact
         slip = None

@@ -19,6 +19,11 @@ from ..validity import ValidityCondition
 from .pulleys import Drum, Pulley
 
 
+#: Cosine of the angle, 135°, by which a strand may turn from its direction at the estimated poses: at half a turn the
+#: angle between directions jumps, and no step of an integrator passes the 90° around it unseen.
+_FARTHEST = -np.sqrt(0.5)
+
+
 @dataclass(frozen=True, eq=False)
 class Strand:
     """Straight piece of a rope: its ends and its unit direction (2,), and its length, m."""
@@ -60,6 +65,8 @@ class RopePath:
         poses belongs to them.
     section_of : tuple of int
         Section of each strand.
+    known : casadi.SX
+        1, or NaN where a strand, or a wrap, has turned so far from the estimated poses that turns are not counted.
     """
 
     def __init__(self, what: str, a: Any, b: Any, over: Any = ()):
@@ -75,6 +82,7 @@ class RopePath:
             raise ModelError(f"{what} connects body '{name}' with itself; it must touch two bodies")
         self.limits = tuple(limit for node in self.nodes for limit in getattr(node, "limits", ()))
         self.strands = tuple(self._strand(k) for k in range(len(self.nodes) - 1))
+        self.known = ca.SX(1)
         self.wraps = {k: self._wrap(k) for k in range(1, len(self.nodes) - 1)}
         self.sections, self.section_of = self._in_sections()
 
@@ -109,26 +117,28 @@ class RopePath:
         return f"a point of '{body}'" if isinstance(node, Marker) else f"the {type(node).__name__.lower()} on '{body}'"
 
     def _wrap(self, k: int) -> ca.SX:
-        """Angle by which the rope turns round a pulley, exact up to half a turn away from the estimated poses."""
+        """Angle by which the rope turns round a pulley."""
         pulley, before, after = self.nodes[k], self.strands[k - 1].direction, self.strands[k].direction
         sense = pulley.sense
         angle = ca.atan2(sense * cross(before, after), ca.dot(before, after))
         estimate = float(values_of(at_poses(angle))[0, 0])
         estimate += 2 * np.pi if estimate <= -np.pi / 2 else 0.0
-        turned = rotation(-sense * estimate) @ after
-        beyond = ca.atan2(sense * cross(before, turned), ca.dot(before, turned))
-        return estimate + 2 * np.pi * pulley.turns + beyond
+        beyond = self._turned(before, rotation(-sense * estimate) @ after)
+        return estimate + 2 * np.pi * pulley.turns + sense * beyond
+
+    def _turned(self, before: Any, after: ca.SX) -> ca.SX:
+        """Angle from one unit vector to another, which are the same at the estimated poses."""
+        self.known *= ca.if_else(ca.dot(before, after) > _FARTHEST, 1, np.nan)
+        return ca.atan2(cross(before, after), ca.dot(before, after))
 
     def wound(self, k: int, strand: int) -> ca.SX:
         """Length, m, of the part of a strand that a node has wound up since the estimated poses."""
         node = self.nodes[k]
         if isinstance(node, Marker):
             return ca.SX(0)
-        u, angle = self.strands[strand].direction, self.markers[k].angle
-        x, y = values_of(at_poses(u)).ravel()
-        turned = rotation(-float(np.arctan2(y, x))) @ u
-        relative = angle - at_poses(angle) - ca.atan2(turned[1], turned[0])
-        return (1 if strand < k else -1) * node.sense * ca.SX(node.radius) * relative
+        u = self.strands[strand].direction
+        relative = self.markers[k].angle - self._turned(ca.DM(values_of(at_poses(u))), u)
+        return (1 if strand < k else -1) * node.sense * ca.SX(node.radius) * (relative - at_poses(relative))
 
     def held(self, k: int) -> bool:
         """True for a node at which a section ends."""

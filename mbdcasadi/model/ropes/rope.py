@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import casadi as ca
 
 from ...errors import ModelError
+from ...numerics.lazy import cached_property
 from ..bodies import Marker
 from ..element import BEYOND_COORDINATES, owners, refuse_kinds
 from ..forces.laws import SpringDamper
@@ -65,6 +66,8 @@ class Rope(OneSided):
 
     Notes
     -----
+    A strand may turn by up to 135° from its direction at the estimated poses; bodies turn by any angle.
+
     ``simulate`` does not step over a rope that is taut for a short time, and warns if its steps did not resolve the
     tension. With damping, the tension jumps to ``c ė`` when the rope becomes taut.
 
@@ -114,6 +117,11 @@ class Rope(OneSided):
         self.virtual_work = ((self.gap, self.tension),)
         self.validity_conditions = path.validity_conditions()
         self.__dict__["bodies"] = tuple(dict.fromkeys((*path.bodies, *owners(self.length))))
+
+    @cached_property
+    def force(self) -> ca.SX:  # type: ignore[override]
+        """Tension of each section, N."""
+        return super().force * self.path.known
 
     @property
     def tension(self) -> ca.SX:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...equations.numeric import NumericEquations
-from ...errors import SimulationError
+from ...errors import NOT_FINITE, SimulationError
 from ...integrators.failures import in_words
 from ...kinematics.singular import describe_singularity
 from ...results.validity import broken_at_pose
@@ -45,10 +45,7 @@ def cause_of_failure(outputs: Outputs, t: float, x: np.ndarray, flag: str, ahead
         own = [f"input '{i.label}'" for i, value in zip(eom.mechanism.inputs, u, strict=True) if not np.isfinite(value)]
         broken = own or [*numeric.rows_not_finite(time, pose, v), *numeric.not_finite(time, pose, v, z, u)]
         if broken:
-            return (
-                f"{', '.join(broken)} is not finite there: a spline outside its data, a division by zero, "
-                f"or a root of a negative number ({said}){remarks}"
-            )
+            return f"{', '.join(broken)} is not finite there: {NOT_FINITE} ({said}){remarks}"
     bent = numeric.not_finite(t, q, v, z, outputs.inputs_at(t, q, v, z), slopes=True)
     if bent:
         return (
