@@ -156,9 +156,26 @@ def between_stops():
     return mbd.Mechanism([block], joints=[guide], forces=stops), [block.vx == 1]
 
 
+def roped():
+    """A cable turns a wheel, on whose hub an elastic rope winds up."""
+    wheel = mbd.Body("wheel", 1.0, 0.01)
+    axle = mbd.Revolute("axle", mbd.ground.at(0, 0), wheel.at(0, 0))
+    loads = [
+        mbd.Body(name, m, 1.0, pose=(x, -1, 0)) for name, m, x in (("a", 1.5, -0.1), ("b", 1, 0.1), ("c", 1, 0.05))
+    ]
+    up = np.pi / 2
+    guides = [
+        mbd.Translational(f"{b.name} up", mbd.ground.at(b.pose_estimate[0], 0, up), b.at(0, 0, up)) for b in loads
+    ]
+    a, b, c = (load.at(0, 0) for load in loads)
+    cable = mbd.Cable("cable", a, b, over=[mbd.Pulley(wheel.at(0, 0), 0.1, "clockwise", grips=True)])
+    rope = mbd.Rope("rope", mbd.Drum(wheel.at(0, 0), 0.05, "clockwise"), c, 1.0, 1e3, 5.0)
+    return mbd.Mechanism([wheel, *loads], joints=[axle, *guides, cable], forces=[mbd.Gravity(), rope]), []
+
+
 MECHANISMS = [
     four_bar, slider_crank, five_bar, planetary_gear, cam_follower, double_pendulum, long_chain, quick_return,
-    scotch_yoke, jansen, parallelogram, point_mass, driven, skate, motor, rubbing, between_stops,
+    scotch_yoke, jansen, parallelogram, point_mass, driven, skate, motor, rubbing, between_stops, roped,
 ]  # fmt: skip
 
 

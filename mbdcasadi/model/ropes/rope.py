@@ -119,7 +119,7 @@ class Rope(OneSided):
         self.__dict__["bodies"] = tuple(dict.fromkeys((*path.bodies, *owners(self.length))))
 
     @cached_property
-    def force(self) -> ca.SX:  # type: ignore[override]
+    def force(self) -> ca.SX:
         """Tension of each section, N."""
         return super().force * self.path.known
 
