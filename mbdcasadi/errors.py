@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-
 #: What a value that is not finite may come of, for messages.
 NOT_FINITE = (
     "a spline outside its data, a rope that has turned by more than 135° from its estimated pose, a division by zero, "

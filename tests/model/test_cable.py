@@ -166,7 +166,9 @@ def test_a_strand_turns_by_up_to_135_degrees(elastic, sense):
     else:
         rope = mbd.Cable("rope", post, ball.at(0, 0))
     model = mbd.Mechanism([ball], **{"forces" if elastic else "joints": [rope]})
-    with pytest.raises(mbd.SimulationError, match=r"'?rope'? is not finite there:.*turned by more than 135°") as stopped:
+    with pytest.raises(
+        mbd.SimulationError, match=r"'?rope'? is not finite there:.*turned by more than 135°"
+    ) as stopped:
         mbd.simulate(model, np.linspace(0, 4, 81), initial=[ball.vx == 0, ball.vy == sense * 4.0, ball.omega == 0])
     run = stopped.value.partial
     strand = rope.path.strands[0]

@@ -18,7 +18,6 @@ from ..symbols import values_of
 from ..validity import ValidityCondition
 from .pulleys import Drum, Pulley
 
-
 #: Cosine of the angle, 135°, by which a strand may turn from its direction at the estimated poses: at half a turn the
 #: angle between directions jumps, and no step of an integrator passes the 90° around it unseen.
 _FARTHEST = -np.sqrt(0.5)
