@@ -6,13 +6,16 @@ import math
 from collections.abc import Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..errors import SimulationError
 from ..model.immutable import Immutable
 from ..model.quantities import yes_or_no
 from ..model.symbols import number
 from .native import build
+
+if TYPE_CHECKING:
+    from .native.runner import Runner
 
 #: Tolerances unless others are given.
 RELTOL, ABSTOL = 1e-8, 1e-8
@@ -56,9 +59,11 @@ class Integrator(Immutable):
         plugins of CasADi that take the outputs at which to stop as an option, ``control_group_size``.
     quadratures_in_error_test : bool
         True if integrals that are carried along take part in the error test.
-    runs_whole : bool
-        True if it runs in code of this package over a whole run, finds what happens inside its steps, and returns
-        states on the constraints.
+    variations_in_error_test : bool
+        True if derivatives of the motion take part in the error test.
+    whole_run : type of Runner or None
+        Class that runs it in C over a whole run, looks inside its steps and returns states on the constraints; None for
+        methods that go from output to output.
     error_at_switches : float
         Error of steps across what switches in the state, as the touch of a contact, over its estimate: tolerances are
         tightened by it for equations that do.
@@ -78,7 +83,8 @@ class Integrator(Immutable):
     is_multistep: ClassVar[bool] = False
     stops_by_input: ClassVar[bool] = True
     quadratures_in_error_test: ClassVar[bool] = True
-    runs_whole: ClassVar[bool] = False
+    variations_in_error_test: ClassVar[bool] = False
+    whole_run: ClassVar[type[Runner] | None] = None
     error_at_switches: ClassVar[float] = 1.0
     stable_decay: ClassVar[float] = float("inf")
 

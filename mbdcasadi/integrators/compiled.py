@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -239,6 +239,10 @@ class CompiledIntegrator:
 
     #: states that are integrated, if they are not all
     part: PartOfState | None = None
+    #: True if its functions have derivatives forward alone
+    only_forward: ClassVar[bool] = False
+    #: True if the states that it returns are on the constraints
+    on_constraints: ClassVar[bool] = False
 
     def __init__(self, dae: Dae, integrator: Integrator):
         self.part, self.integrator = dae.part, integrator

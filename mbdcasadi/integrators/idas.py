@@ -35,6 +35,7 @@ class IDAS(Integrator):
     name: ClassVar[str] = "idas"
     plugin: ClassVar[str] = "idas"
     is_multistep: ClassVar[bool] = True
+    variations_in_error_test: ClassVar[bool] = True
     quadratures_in_error_test: ClassVar[bool] = False
 
     def plugin_options(self, *, algebraic: bool) -> dict[str, Any]:

@@ -82,7 +82,7 @@ class MotionSetup(Setup):
         )
         self.integrator = suited_to_friction(integrator, self.numeric)
         stated = abstol is not None or integrator is method
-        self._is_tried = chooses and self.integrator.runs_whole
+        self._is_tried = chooses and self.integrator.whole_run is not None
         self._analysis, self._keeps_abstol = analysis, stated if keeps_abstol is None else keeps_abstol
 
     def _in_c(self) -> Sequence[ca.SX] | None:
@@ -227,8 +227,8 @@ class CompiledRun:
         are short.
         """
         course = self._course(d)
-        integrator = self.setup.integrator
-        if integrator.runs_whole or (self.motion.load_limit.max_step is not None and integrator.is_multistep):
+        grows = self.motion.load_limit.max_step is not None and self.setup.integrator.is_multistep
+        if grows or self.motion.held.compiled.only_forward:
             return weights @ self._slopes(d, y)
         try:
             return self._of(course).adjoint([d, self.guess, *course.arguments], y, weights)
@@ -365,7 +365,7 @@ class CompiledRun:
         return (
             f"the integrator stopped at {self._where(d)}: {why}; simulate with these values says where and why; if it "
             "reaches the end, a force has no finite derivative on the way, as a root or a power below one at zero"
-            f"{folds if self.setup.integrator.runs_whole else ''}"
+            f"{folds if self.motion.held.compiled.only_forward else ''}"
         )
 
     def _where(self, d: np.ndarray) -> str:

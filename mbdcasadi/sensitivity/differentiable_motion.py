@@ -105,7 +105,7 @@ class DifferentiableMotion:
         ending: ca.SX | None = None,
     ):
         numeric, signals, grid, start = setup.numeric, setup.signals, setup.grid, setup.start
-        if integrator.runs_whole and setup.has_redundant_rows:
+        if setup.has_redundant_rows:
             refuse_redundant_rows(integrator, numeric, start)
         if signals.controller or signals.polynomials:
             raise ModelError(
@@ -138,7 +138,7 @@ class DifferentiableMotion:
     def _find_switches(self) -> None:
         """Find what jumps in the equations, inputs and integrands, and what of it in time alone."""
         # where slopes jump the derivatives of a step do, unless the error test takes them in
-        bends = self._in_state and not (self._integrator.is_multistep or self._integrator.runs_whole)
+        bends = self._in_state and not self._integrator.variations_in_error_test
         self._parts = parts_of_motion(self.numeric, self.signals, self._integrands, bends=bends)
         self.roots = list(dict.fromkeys(part.description for part in self._parts if part.roots))
         self._in_time = SwitchesInTime(self.numeric, self.signals, self._parts)
@@ -163,7 +163,7 @@ class DifferentiableMotion:
             ending=self._ending,
         )
         decay = DECAY * PIECES / float(self.grid[-1] - self.grid[0])
-        if self._integrator.runs_whole:
+        if self._integrator.whole_run is not None:
             whole = WholeIntegrator(system.numeric, system.signals, system.integrands, self._integrator)
             self._callbacks.append(whole)
             self.held = HeldMotion(system, whole, None, np.zeros(0), decay)
@@ -367,7 +367,7 @@ class DifferentiableMotion:
         """Return ``(X, p, levels, channel) -> Y``: expressions, stacked, at the outputs or some of them (n_y, n_t)."""
         grid = self.grid if grid is None else grid
         stacked = ca.vertcat(ca.SX(0, 1), *[ca.vec(e) for e in expressions])
-        at_one = self.at_one_output(stacked, project=not self._integrator.runs_whole)
+        at_one = self.at_one_output(stacked, project=not self.held.compiled.on_constraints)
         states, values = ca.MX.sym("X", self.state_size + 1, grid.size), self.symbols(grid.size - 1)
         p, levels = (ca.repmat(part, 1, grid.size) for part in (values.p, values.levels))
         # the interval that ends at an output holds its inputs too; the first output takes the first interval

@@ -11,7 +11,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -47,6 +47,9 @@ class WholeIntegrator(CompiledIntegrator):
     SimulationError
         Without a C compiler, and for operations that are not written as C.
     """
+
+    only_forward: ClassVar[bool] = True
+    on_constraints: ClassVar[bool] = True
 
     def __init__(self, numeric: NumericEquations, signals: Signals, integrands: ca.SX, integrator: Integrator):
         self.integrator, self._weights = integrator, numeric.projection_weights

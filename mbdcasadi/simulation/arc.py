@@ -21,14 +21,14 @@ from .checks.uniqueness import Uniqueness
 from .checks.unseen_loads import UnseenLoads
 from .outputs import Outputs
 from .path import Path, StatesFrom
+from .policies import AcrossFolds, MeetLoads, UpToTouches, Way
 from .schedule import Piece
 from .singular.passage import Passage, SingularPassage, Trail
 from .singular.regularity import Regularity
-from .stepper import SteppedSystem, Stepper
-from .stepping.compiled_stepper import CompiledStepper
+from .stepper import Looks, SteppedSystem
 from .stepping.held_switches import AT_EVENT, NEAR, HeldMotion, HeldSwitches, natural_values, switches_of
+from .stepping.kinds import kind_of_stepper
 from .stepping.piece_projection import PieceProjection
-from .stepping.whole_stepper import WholeStepper
 
 #: Smallest pivot, relative to that at the entry of a passage, below which a pose is singular and not only near to one.
 REALLY_SINGULAR = 0.02
@@ -94,6 +94,8 @@ class Arc:
         Advances it.
     passage, resolution, unseen_loads, uniqueness
         Look for singular poses, what the steps did not follow or passed over, and reactions that are not unique.
+    policies : tuple of Policy
+        Look at the way over a piece, one after the other, before its outputs are kept.
     trail : Trail
         States since the motion last began smoothly.
     """
@@ -103,12 +105,10 @@ class Arc:
         self._system = system
         self.uniqueness = Uniqueness(self.numeric)
         regularity = Regularity(self.numeric, state.t, state.q)
-        self.stepper: Stepper
-        if system.integrator.runs_whole:
-            self.stepper = WholeStepper(system, watch=watch, decides=self.decides, may_fold=regularity.is_needed)
-        else:
-            self.stepper = CompiledStepper(system)
+        looks = Looks(watch, self.decides, regularity.is_needed)
+        self.stepper = kind_of_stepper(system.integrator)(system, looks)
         self.resolution, self.unseen_loads = Resolution(self.stepper), UnseenLoads(self.stepper)
+        self.policies = (AcrossFolds(self.passage_from), UpToTouches(self.resolution), MeetLoads(self.unseen_loads))
         self.passage = SingularPassage(regularity, self.stepper.outputs)
         self._projection = PieceProjection(self.stepper, only_wanted=not self.watch.events)
         self.trail = Trail()
@@ -128,8 +128,8 @@ class Arc:
         interruption: Interruption,
         comes_near: Callable[[Path], bool] | None = None,
         stopped: IntegrationFailure | None = None,
-    ) -> tuple[Piece, Path, IntegrationFailure | None]:
-        """Return the path of the integrator over a piece, or up to where it fails or has something to be decided.
+    ) -> Way:
+        """Return the way of the integrator over a piece, or up to where it fails or has something to be decided.
 
         Parameters
         ----------
@@ -143,8 +143,8 @@ class Arc:
         except IntegrationFailure as stopped:
             times = piece.times[: len(stopped.x)]
             nothing = np.zeros((times.size, self.resolution.terms.size))
-            return piece, Path(np.r_[piece.start, times], np.vstack([x, stopped.x]), nothing), stopped
-        return piece.refined(path.times[1:]), path, None
+            return Way(piece, Path(np.r_[piece.start, times], np.vstack([x, stopped.x]), nothing), stopped)
+        return Way(piece.refined(path.times[1:]), path)
 
     def outputs(self, passage: Passage | None) -> Outputs:
         """Return what makes outputs of states, on the way across a singular pose if there is one."""
@@ -232,7 +232,7 @@ class Arc:
             crossings = self.crossings(further, lambda *_: motion.states_at)
             if any(self.decides(crossing.event) for crossing in crossings):
                 return (Path.joined([path, further]) if until == end else path), crossings
-            if border is None or self.stepper.integrator.runs_whole:
+            if border is None or self.stepper.looks_inside:
                 return None
             if border - self.trail.start <= AT_BORDER * self.watch.instant:
                 return None

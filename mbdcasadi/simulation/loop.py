@@ -39,22 +39,19 @@ from .checks.failure_diagnosis import cause_of_failure, singular_event
 from .checks.unseen_loads import UnseenLoads, meets_loads
 from .outputs import Outputs
 from .path import Path
+from .policies import Way
 from .rerun import interpolation_of
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
 from .singular.passage import Passage, notes_on_passages
 from .singular.start import refuse_singular_start
 from .stepper import SteppedSystem
-from .stepping.compiled_stepper import NearSingularPose
+from .stepping.kinds import kind_of_stepper
 from .stepping.whole_stepper import refuse_redundant_rows
 from .time_dependence import time_dependence
 from .trajectory_builder import TrajectoryBuilder
 
 #: Time from the jump of a prescribed velocity, relative to a run, at which it explains a failure.
 NEAR_CORNER = 1e-5
-#: Fraction of a piece within which a restart at a touch would lead no further.
-NEW_START = 1e-6
-#: Times that the path across one load is examined, at most.
-LOOKS = 4
 LEAST_NORM = "the constraints are redundant: multipliers and reactions are those of least norm"
 
 
@@ -75,8 +72,8 @@ class Run:
         self.setup, self.modes, self.events, self.integrator = setup, modes, tuple(events), integrator
         #: True if the paths of all pieces are kept, on which the shortest load is looked for
         self.keeps_paths = keeps_paths
-        #: pieces into which the run is divided
-        self.pieces = PIECES
+        self._kind = kind_of_stepper(integrator)
+        self._pieces = self._kind.pieces
         self._progress, self._noticed = progress, interruption
         timed = time_dependence(setup)
         self._max_step, self._obstacle, self._corners = timed.max_step, timed.obstacle(), timed.velocity_jumps
@@ -84,7 +81,8 @@ class Run:
         grid = setup.grid
         self._span, self.instant = float(grid[-1] - grid[0]), instant_of(grid)
         controller = setup.signals.controller
-        self._watch_points = WATCH_POINTS if self._is_watched(integrator) else 0
+        is_watched = not self._kind.looks_inside and self._is_watched()
+        self._watch_points = WATCH_POINTS if is_watched else 0
         self._schedule = Schedule(
             grid,
             stops=np.concatenate([setup.signals.breaks, timed.stops]),
@@ -106,10 +104,8 @@ class Run:
         #: True if an event ended the whole run
         self.stops = False
 
-    def _is_watched(self, integrator: Integrator) -> bool:
+    def _is_watched(self) -> bool:
         """True if something must be looked for between outputs."""
-        if integrator.runs_whole:
-            return False
         eom = self.modes.numeric(self.modes.free).eom
         mechanism = self.setup.mechanism
         conditions = any(c.between_outputs for c in validity_conditions(mechanism))
@@ -151,7 +147,7 @@ class Run:
                     self.changing = self.transitions.to_another_mechanism(state, passed)
                     self.reached = self.transitions.whole(state)
                 if not self.changing:
-                    self._pieces(bar)
+                    self._run_pieces(bar)
             except (KeyboardInterrupt, Exception) as error:
                 # in CasADi's conversions Ctrl-C comes back as an error of another kind
                 if self._interruption.requested or isinstance(error, KeyboardInterrupt):
@@ -195,7 +191,7 @@ class Run:
         self.modes, self._interruption = modes, interruption
         grid = np.r_[start.start, start.times]
         share = (grid[-1] - grid[0]) / self._span
-        self.pieces = math.ceil(PIECES * share)
+        self._pieces = math.ceil(self._kind.pieces * share)
         self._schedule = Schedule(
             grid,
             stops=np.concatenate([self.setup.signals.breaks, self._timed.stops]),
@@ -212,7 +208,7 @@ class Run:
         self._enter(State(mechanism, start.start, q, v, *nothing, self.setup.p))
         self._keep(np.array([self._time]), self._x[None, :], np.array([self._time]))
         with simulated_time_bar(self._span, show=False) as bar, contextlib.suppress(SimulationError):
-            self._pieces(bar)
+            self._run_pieces(bar)
         return tuple(np.concatenate(parts) for parts in zip(*self._builder.blocks, strict=True))
 
     def release(self) -> None:
@@ -270,8 +266,7 @@ class Run:
         self.redundant = free.has_redundant_rows(state.t, state.q)
         if self.redundant:
             self.modes.refuse_redundant_rows()
-            if self.integrator.runs_whole:
-                refuse_redundant_rows(self.integrator, free, state)
+            refuse_redundant_rows(self.integrator, free, state)
         self.transitions.begin()
 
     def only_start(self, entry: State) -> Trajectory:
@@ -280,10 +275,10 @@ class Run:
         self._resume(entry, ())
         return self.trajectory()
 
-    def _pieces(self, bar: Any) -> None:
+    def _run_pieces(self, bar: Any) -> None:
         """Advance piece by piece up to the end, or to an event that ends the run."""
         schedule = self._schedule
-        size = schedule.size if self.integrator.runs_whole else -(-schedule.size // self.pieces)
+        size = -(-schedule.size // self._pieces)
         first = True
         while self._index < schedule.size:
             self._refuse_to_pass_obstacle()
@@ -318,69 +313,31 @@ class Run:
         # a method that comes back on its way meets those that are left in the next piece
         self._extra_stops = self._extra_stops[self._extra_stops > self._time]
         piece = self._schedule.piece(self._time, self._index, last).through(self._extra_stops)
-        piece, path, failure = self._integrated(piece, comes_near=arc.passage.comes_near)
-        passage = arc.passage_from(path, self._schedule.smooth_until)
-        if passage is None and isinstance(failure, NearSingularPose):
-            piece, path, failure = self._integrated(piece, stopped=failure)
-            passage = arc.passage_from(path, self._schedule.smooth_until) if failure is None else None
-        if passage is not None:
-            return self._advance_across(piece, path, passage)
-        if failure is None:
-            piece, path, failure = self._up_to_touch(piece, path)
-        if failure is None:
-            piece, path, failure = self._with_unseen_loads(piece, path)
-        return self._finish(piece, path, failure)
+        way = self.integrated(piece, comes_near=arc.passage.comes_near)
+        for policy in arc.policies:
+            way = policy.followed(way, self)
+            if way.is_decided:
+                break
+        if way.passage is not None:
+            return self._advance_across(way.piece, way.path, way.passage)
+        return self._finish(way.piece, way.path, way.failure)
 
-    def _stop_at(self, *times: Any) -> None:
+    def smooth_until(self, time: float) -> float:
+        """Return the time up to which nothing changes after another, s."""
+        return self._schedule.smooth_until(time)
+
+    def stop_at(self, *times: Any) -> None:
         """Add times that no step may cross, wherever the pieces end."""
         self._extra_stops = np.unique(np.concatenate([self._extra_stops, *times]))
 
-    def _integrated(
+    def integrated(
         self,
         piece: Piece,
         comes_near: Callable[[Path], bool] | None = None,
         stopped: IntegrationFailure | None = None,
-    ) -> tuple[Piece, Path, IntegrationFailure | None]:
+    ) -> Way:
+        """Return the way of the integrator over a piece from the present state; see :meth:`Arc.integrated`."""
         return self._arc.integrated(piece, self._x, self._interruption, comes_near, stopped)
-
-    def _up_to_touch(self, piece: Piece, path: Path) -> tuple[Piece, Path, IntegrationFailure | None]:
-        """A piece and its path up to the first contact that closes and that its steps did not follow.
-
-        The steps on the way to its end differ, and may not follow a contact that others followed: they are looked at
-        again.
-        """
-        failure, least = None, NEW_START * piece.length
-        touch = self._arc.resolution.first_touch(path)
-        while touch is not None and least <= touch[0] - piece.start < piece.length:
-            self._stop_at([touch[0]], touch[1])
-            piece, path, failure = self._integrated(piece.until(touch[0]))
-            touch = self._arc.resolution.first_touch(path) if failure is None else None
-        return piece, path, failure
-
-    def _with_unseen_loads(self, piece: Piece, path: Path) -> tuple[Piece, Path, IntegrationFailure | None]:
-        """A piece and its path up to a load that the steps of the integrator passed over, or across it.
-
-        A load changes the motion, and so the instants at which it ends: the path across it is looked at again.
-        """
-        failure = None
-        for _ in range(LOOKS):
-            load = self._arc.unseen_loads.first(path)
-            if load is None:
-                break
-            if load.interval:
-                end = float(path.times[load.interval])
-                self._stop_at([end], load.stops)
-                piece = piece.until(end)
-                if not path.of_steps:
-                    return piece, path.until(end), None
-                # outputs inside a step that met the load in some of its stages are not to be trusted
-            else:
-                self._stop_at(load.stops)
-                piece = piece.until(float(load.stops[-1])).through(load.stops)
-            piece, path, failure = self._integrated(piece)
-            if failure is not None:
-                break
-        return piece, path, failure
 
     def _finish(
         self, piece: Piece, path: Path, failure: IntegrationFailure | None = None, *, passage: Passage | None = None

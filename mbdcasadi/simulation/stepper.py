@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -13,13 +13,15 @@ from ..arguments.inputs import Signals
 from ..equations.numeric import NumericEquations
 from ..integrators import Integrator
 from ..integrators.compiled import IntegrationFailure
+from ..model.events import Event
 from ..numerics.console import Interruption
 from ..numerics.lazy import cached_property
 from ..numerics.lending import Lending
+from .changes.events import EventWatch
 from .formulations import choose_formulation
 from .outputs import Outputs
 from .path import Path, StatesAt
-from .schedule import Piece
+from .schedule import PIECES, Piece
 
 #: Tolerances of what is integrated to rounding.
 PRECISE = (1e-12, 1e-13)
@@ -56,6 +58,24 @@ class SteppedSystem:
     max_step: float | None = None
 
 
+class Looks(NamedTuple):
+    """What a method may look at inside its steps.
+
+    Attributes
+    ----------
+    watch : EventWatch
+        Events.
+    decides : callable
+        True if the run ends, or goes on otherwise, at an event.
+    may_fold : bool
+        True if there are singular poses.
+    """
+
+    watch: EventWatch
+    decides: Callable[[Event], bool]
+    may_fold: bool
+
+
 class Counts(NamedTuple):
     """Starts of a method, its steps in the last piece, and in all pieces."""
 
@@ -71,9 +91,17 @@ class Stepper(ABC):
     ----------
     formulation : Formulation
         Form of the equations.
+    looks_inside : bool
+        True if it finds by itself what happens inside its steps; else a run goes from output to output, and looks
+        between them.
+    pieces : int
+        Pieces into which a run is divided for it.
     """
 
-    def __init__(self, system: SteppedSystem):
+    looks_inside: ClassVar[bool] = False
+    pieces: ClassVar[int] = PIECES
+
+    def __init__(self, system: SteppedSystem, looks: Looks | None):
         self.numeric, self.signals, self.levels = system.numeric, system.signals, system.levels
         self.integrator, self.max_step = system.integrator, system.max_step
         self.formulation = choose_formulation(self.numeric, self.integrator, redundant=system.redundant)

@@ -223,7 +223,7 @@ def _poses(
 def jobs_of(plan: Plan, named: list[tuple[Any, ca.SX]]) -> Jobs:
     """Batches by the method of a sweep."""
     setup = plan.first_assembled()
-    kind = WholeJobs if setup.integrator.runs_whole else Jobs
+    kind = Jobs if setup.integrator.whole_run is None else WholeJobs
     return kind(setup, plan, named)
 
 

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from seeds import seeds
 
 import mbdcasadi as mbd
-import mbdcasadi.simulation.loop
+import mbdcasadi.simulation.policies
 from mbdcasadi.integrators.native import runner
 
 G = 9.81
@@ -93,7 +93,7 @@ def test_a_short_contact_is_not_jumped_over(method, duration):
 @pytest.mark.filterwarnings("ignore::mbdcasadi.MechanismWarning")
 def test_what_passes_through_is_told(monkeypatch):
     """If a new start does not help, it is reported, with a step that meets the contact."""
-    monkeypatch.setattr(mbdcasadi.simulation.loop, "NEW_START", 2.0)
+    monkeypatch.setattr(mbdcasadi.simulation.policies, "NEW_START", 2.0)
 
     def discs(**settings):
         a = mbd.Body("a", mass=1, inertia=0.01, pose=(-1, 0, 0), velocity=(1, 0, 0))

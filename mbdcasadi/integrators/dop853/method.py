@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import ClassVar
 
 from ..base import Integrator
+from ..native.runner import Runner
+from .runner import ExplicitRunner
 
 
 class DOP853(Integrator):
@@ -58,4 +60,5 @@ class DOP853(Integrator):
 
     name: ClassVar[str] = "dop853"
     solves_algebraic: ClassVar[bool] = False
-    runs_whole: ClassVar[bool] = True
+    variations_in_error_test: ClassVar[bool] = True
+    whole_run: ClassVar[type[Runner] | None] = ExplicitRunner

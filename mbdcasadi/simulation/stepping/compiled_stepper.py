@@ -30,7 +30,7 @@ from ..contact.watched_terms import WatchedTerms, watched_terms
 from ..formulations import Formulation, Regularised, choose_formulation
 from ..path import Path, StatesAt, states_from_start
 from ..schedule import PIECES, Piece
-from ..stepper import PRECISE, Counts, SteppedSystem, Stepper, lending_of
+from ..stepper import PRECISE, Counts, Looks, SteppedSystem, Stepper, lending_of
 from .explicit_system import explicit_system, switching_of
 
 #: Rate at which drift decays in the regularised form, by piece, and by radian that a body turns.
@@ -57,8 +57,8 @@ def refuse_joined_bodies(integrator: Integrator, numeric: NumericEquations) -> N
 class CompiledStepper(Stepper):
     """Advances by CasADi's integrators, one form of the equations after the other."""
 
-    def __init__(self, system: SteppedSystem):
-        super().__init__(system)
+    def __init__(self, system: SteppedSystem, looks: Looks | None = None):
+        super().__init__(system, looks)
         self._terms, self._usual_length = watched_terms(self.numeric.eom), system.span / PIECES
         self._compiled: dict[Formulation, CompiledIntegrator] = {}
         self._borrowed: list[tuple[Any, tuple[CompiledIntegrator, Any]]] = []

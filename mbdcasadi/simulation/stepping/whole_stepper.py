@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from functools import partial
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -15,19 +16,18 @@ from ...integrators import Integrator
 from ...integrators.compiled import MAX_STEPS, IntegrationFailure
 from ...integrators.dop853.runner import ExplicitRunner
 from ...integrators.native import build
+from ...integrators.native.runner import Runner
 from ...integrators.native.stretch import ExplicitSystem, Progress, Reached, Status, Stretch, Watched
 from ...kinematics.singular import singular_pose
-from ...model.events import Event
 from ...numerics.console import Interruption
 from ...numerics.lazy import cached_property
 from ...results.state import State
-from ..changes.events import EventWatch
 from ..contact.watched_terms import watched_terms
 from ..outputs import Outputs
 from ..path import Path, StatesAt, states_from_start
 from ..schedule import WATCH_POINTS, Piece
 from ..singular.regularity import FALL
-from ..stepper import PRECISE, Counts, SteppedSystem, Stepper, lending_of
+from ..stepper import PRECISE, Counts, Looks, SteppedSystem, Stepper, lending_of
 from .explicit_system import explicit_system
 
 #: Steps at the limit of stability, and steps that are still to come at that size, from which a motion is too stiff.
@@ -48,7 +48,9 @@ FLAGS = {
 
 
 def refuse_redundant_rows(integrator: Integrator, numeric: NumericEquations, state: State) -> None:
-    """Raise with the names of the rows that depend on each other at a state, everywhere or in its pose alone."""
+    """Raise for a method that does not take rows that depend on each other at a state, with their names."""
+    if integrator.whole_run is None:
+        return
     pose = singular_pose(numeric, state.t, state.q)
     if pose is not None:
         raise SingularityError(
@@ -90,16 +92,16 @@ class WholeStepper(Stepper):
 
     Parameters
     ----------
-    watch : EventWatch
-        Events that are looked at inside the steps.
-    decides : callable
-        True if the run ends, or goes on otherwise, at an event.
-    may_fold : bool
-        True if there are singular poses.
+    looks : Looks
+        What is looked at inside the steps.
     """
 
-    def __init__(self, system: SteppedSystem, *, watch: EventWatch, decides: Callable[[Event], bool], may_fold: bool):
-        super().__init__(system)
+    looks_inside: ClassVar[bool] = True
+    pieces: ClassVar[int] = 1
+
+    def __init__(self, system: SteppedSystem, looks: Looks):
+        super().__init__(system, looks)
+        watch, decides, may_fold = looks
         self._longest = self.integrator.longest_step(self.max_step)
         self._watch, self._may_fold, self._spacing = watch, may_fold, system.span / WATCH_POINTS
         terms = watched_terms(self.numeric.eom)
@@ -129,15 +131,15 @@ class WholeStepper(Stepper):
         ]
         return [self._runner.said, *(stiff if self._is_stiff else [])]
 
-    def _borrowed(self, system: ExplicitSystem, watched: Watched | None) -> ExplicitRunner:
+    def _borrowed(self, system: ExplicitSystem, watched: Watched | None) -> Runner:
         """What runs a system: kept for the mechanism and lent to this run alone; a new one if there are events."""
-        cache, compiles = self.numeric.eom.mechanism.cache, self.integrator.jit
+        made_by, cache, compiles = self.integrator.whole_run, self.numeric.eom.mechanism.cache, self.integrator.jit
+        assert made_by is not None
+        make = partial(made_by, system, watched, cache, compiles=compiles)
         if watched is not None:
-            return ExplicitRunner(system, watched, cache, compiles=compiles)
-        self._key = system, compiles, build.compiler()
-        runner = lending_of(self.numeric).borrow(
-            self._key, lambda: ExplicitRunner(system, None, cache, compiles=compiles)
-        )
+            return make()
+        self._key = made_by, system, compiles, build.compiler()
+        runner: Runner = lending_of(self.numeric).borrow(self._key, make)
         runner.take_compiled()
         return runner
 
@@ -278,7 +280,7 @@ class WholeStepper(Stepper):
 class WholeOutputs(Outputs):
     """Outputs whose accelerations, multipliers and inputs come from the method's own code."""
 
-    def __init__(self, numeric: NumericEquations, signals: Signals, levels: np.ndarray, runner: ExplicitRunner):
+    def __init__(self, numeric: NumericEquations, signals: Signals, levels: np.ndarray, runner: Runner):
         super().__init__(numeric, signals, levels, redundant=False)
         self._runner = runner
 
