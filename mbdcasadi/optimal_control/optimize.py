@@ -9,7 +9,7 @@ In the order in which they are passed:
 4. :mod:`search.starts`: motions to begin with.
 5. :mod:`program.collocation_program`, by a scheme of :mod:`transcription`: the nonlinear program on a mesh.
 6. :mod:`solve.problem_solver`: one solve, by :mod:`solve.solvers.ipopt`; :mod:`solve.failure` says why one failed.
-7. :mod:`search.coarse_mesh` and :mod:`search.refine`: other meshes, until all :mod:`measures.measure` meet a tolerance.
+7. :mod:`search.refine`: other meshes, until each :mod:`measures.measure` meets a tolerance, by default a coarse one.
 8. :mod:`solution`: the motion, its limits and costates, and :mod:`motion.verification`.
 """
 

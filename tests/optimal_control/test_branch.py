@@ -13,7 +13,7 @@ import mbdcasadi as mbd
 from mbdcasadi.equations.numeric import NumericEquations
 from mbdcasadi.optimal_control.measures.branch import branch_jump, changes_sign, refuse_branch_jump
 from mbdcasadi.optimal_control.measures.singularity import close_to_singular
-from mbdcasadi.optimal_control.search import coarse_mesh, far_off
+from mbdcasadi.optimal_control.search import far_off, refine
 from mbdcasadi.optimal_control.solution import Solution
 
 
@@ -104,7 +104,7 @@ def test_an_interval_far_off_the_motion_is_refined_or_refused(monkeypatch):
         warnings.simplefilter("error")  # the mesh is fine enough for the cost, too
         solution = mbd.optimize(problem, intervals=4)
     assert solution.mesh.size > 5
-    monkeypatch.setattr(coarse_mesh, "COARSE_PASSES", 0)
+    monkeypatch.setattr(refine, "PASSES", 0)
     with pytest.raises(
         mbd.OptimizationError, match="not a motion of the mechanism: the mesh of 4 intervals is too coarse.* t = "
     ) as caught:

@@ -9,8 +9,7 @@ from motions import crank_rocker, half_turn, rest_to_rest
 import mbdcasadi as mbd
 from mbdcasadi.optimal_control.measures.local_error import LocalErrors
 from mbdcasadi.optimal_control.measures.measure import PIECES, pieces_of
-from mbdcasadi.optimal_control.search.coarse_mesh import COARSE_MEASURES
-from mbdcasadi.optimal_control.search.refine import MEASURES
+from mbdcasadi.optimal_control.search.refine import COARSE_MEASURES, MEASURES
 
 
 def test_pieces_go_with_the_power_of_the_length():
@@ -29,9 +28,7 @@ def solution():
 def test_a_solution_that_meets_all_has_nothing_to_say(solution):
     """No measure splits an interval, or moves a mesh point."""
     (part,) = solution.phases
-    for measure in [make(solution, 1e-3) for make in (LocalErrors, *MEASURES)] + [
-        of(solution) for of in COARSE_MEASURES
-    ]:
+    for measure in [make(solution, 1e-3) for make in (LocalErrors, *MEASURES, *COARSE_MEASURES)]:
         assert not measure.sentences() and measure.largest <= measure.tolerance, type(measure)
         assert np.array_equal(measure.pieces(part), np.ones(6)) and not measure.spread
         assert measure.placed(part, part.mesh) is part.mesh and not measure.moves

@@ -9,8 +9,8 @@ from scipy.linalg import expm
 from scipy.optimize import minimize
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.search import coarse_mesh
-from mbdcasadi.optimal_control.search.refine import adapted
+from mbdcasadi.optimal_control.measures.measure import pieces_of
+from mbdcasadi.optimal_control.search import refine
 from mbdcasadi.optimal_control.transcription.mesh import Mesh
 
 
@@ -75,18 +75,13 @@ def test_waypoints_stay_mesh_points(sharp):
     assert at == pytest.approx([0.28, 0.8], abs=1e-8)
 
 
-def test_splitting_and_merging():
-    """An interval above the tolerance is split by the order; neighbours far below it are merged, within a segment."""
+def test_splitting():
+    """An interval above the tolerance is split by the order, within its segment."""
     mesh = Mesh((np.linspace(0, 1, 5), np.linspace(0, 1, 3)))
     # 2^7 times the tolerance wants (2 * 128)^(1/7) = 2.2, so 3 pieces at order 6
-    errors = np.array([128e-6, 1e-12, 1e-12, 0.9e-6, 1e-12, 1e-12])
-    found = adapted(mesh, errors, 1e-6, 6)
-    assert np.allclose(found.segments[0], [0, 1 / 12, 2 / 12, 1 / 4, 3 / 4, 1])
-    assert np.allclose(found.segments[1], [0, 1])
-    over = adapted(mesh, np.array([1e-12, 1e-12, 1e-12, 1e-12, 1e-12, 5e-5]), 1e-6, 6)
-    assert over.counts[0] == 2 and over.counts[1] >= 2, "nothing is merged across a waypoint"
-    same = adapted(mesh, np.full(6, 0.9e-6), 1e-6, 6)
-    assert same.counts == mesh.counts
+    found = mesh.refined(pieces_of(np.array([128e-6, 1e-12, 1e-12, 0.9e-6, 1e-12, 5e-5]), 1e-6, 7))
+    assert np.allclose(found.segments[0], [0, 1 / 12, 2 / 12, 1 / 4, 1 / 2, 3 / 4, 1])
+    assert np.allclose(found.segments[1], [0, 1 / 2, 3 / 4, 1])
 
 
 def test_the_local_error_is_that_of_an_integration(sharp):
@@ -339,9 +334,9 @@ def test_all_intervals_are_halved_if_the_error_moves_on(monkeypatch):
     """The first interval stays coarse though it was split: a fast motion that goes to where the mesh is coarse."""
     problem, *_ = rest_to_rest()
     first = lambda _measure, part: np.where(np.arange(part.mesh.count) == 0, 0.15, 0.0)  # noqa: E731
-    monkeypatch.setattr(coarse_mesh.Coarseness, "of", first)
+    monkeypatch.setattr(refine.Coarseness, "of", first)
     solution = mbd.optimize(problem)
-    assert solution.mesh.size - 1 == (40 + 1) * 2 ** (coarse_mesh.COARSE_PASSES - 1)
+    assert solution.mesh.size - 1 == (40 + 1) * 2**3
     assert solution.cost == pytest.approx(12, rel=1e-8)
 
 
@@ -350,7 +345,7 @@ def test_a_solution_that_goes_astray_on_a_finer_mesh_is_left_for_one_with_halved
     problem, *_ = rest_to_rest()
     errors = {40: 0.15, 80: 0.0}
     monkeypatch.setattr(
-        coarse_mesh.Coarseness,
+        refine.Coarseness,
         "of",
         lambda _, part: np.r_[errors.get(part.mesh.count, 9.0), np.zeros(part.mesh.count - 1)],
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..motion.limit_excess import excess_of_motion, passed_limits
+from ..motion.limit_excess import LIMIT_TOLERANCE, excess_of_motion, passed_limits
 from ..motion.phase_solution import PhaseSolution
 from .measure import Measure
 
@@ -34,3 +34,22 @@ class PassedLimits(Measure):
         """Limits with the amounts by which they are passed."""
         passed = passed_limits(self.solution, self.tolerance)
         return [f"the limit {x.label}, which is passed by {x.amount:.3g} at t = {x.time:.6g} s" for x in passed]
+
+
+class FarPassedLimits(PassedLimits):
+    """Shares as multiples of the largest one that is not told, in tolerances; intervals above are halved."""
+
+    falsifies_cost = False
+
+    def of(self, part: PhaseSolution) -> np.ndarray:
+        """Shares of the intervals of a phase (N,)."""
+        return self.tolerance * super().of(part) / LIMIT_TOLERANCE
+
+    def pieces(self, part: PhaseSolution) -> np.ndarray:
+        """Two of an interval in which a limit is passed by more (N,)."""
+        return np.where(self.errors[part.program.number] > self.tolerance, 2, 1)
+
+    @property
+    def loss(self) -> float:
+        """None: how much the cost lacks is not known."""
+        return 0.0

@@ -35,6 +35,8 @@ FOLLOWED_GROWTH = 1e7
 class LocalErrors(Measure):
     """Largest differences at the ends of the intervals: q (m, rad), v by the duration, states by their ranges."""
 
+    falsifies_cost = True
+
     def of(self, part: PhaseSolution) -> np.ndarray:
         """Errors of the intervals of a phase (N,)."""
         return part.scaled_errors
@@ -63,8 +65,8 @@ class Coarseness(Measure):
     #: whether the cost is wrong as long as these errors are large
     falsifies_cost: ClassVar[bool] = True
 
-    def __init__(self, solution: SolvedMotion):
-        super().__init__(solution, COARSE_ERROR)
+    def __init__(self, solution: SolvedMotion, tolerance: float = COARSE_ERROR):
+        super().__init__(solution, tolerance)
 
     def of(self, part: PhaseSolution) -> np.ndarray:
         """Errors of the intervals of a phase (N,)."""

@@ -102,7 +102,6 @@ def pieces_of(errors: np.ndarray, tolerance: float, order: int, margin: float = 
     return pieces
 
 
-def split(part: PhaseSolution, measures: Sequence[Measure], least: np.ndarray | int = 1) -> Mesh:
-    """Return the mesh of a phase with intervals split into as many pieces as measures need, or `least` (N,)."""
-    pieces = np.max([np.broadcast_to(least, part.mesh.count), *(measure.pieces(part) for measure in measures)], axis=0)
-    return part.mesh.refined(pieces, np.zeros(part.mesh.count, bool))
+def split(part: PhaseSolution, measures: Sequence[Measure]) -> Mesh:
+    """Return the mesh of a phase with intervals split into as many pieces as measures need."""
+    return part.mesh.refined(np.max([measure.pieces(part) for measure in measures], axis=0))

@@ -10,8 +10,8 @@ from ..measures.branch import branch_jump
 from ..motion.guess import Guess
 from ..program.variant import WITHOUT_LIMITS
 from .budgets import BUDGETS
-from .coarse_mesh import is_coarse
 from .proposal import Outcome, Proposal, Violations
+from .refine import is_coarse
 from .strategy import Proposals, Strategy
 from .trials import Trials
 

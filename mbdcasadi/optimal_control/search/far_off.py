@@ -10,7 +10,7 @@ from ..measures.local_error import Coarseness, coarse_mesh
 from ..motion.phase_solution import PhaseSolution
 from ..solution import Solution
 from ..solve.problem_solver import ProblemSolver
-from .coarse_mesh import refine_if_coarse
+from .refine import refine_if_coarse
 
 #: Step by which the end of an interval is moved onto the constraints, in rad or sizes of the mechanism, from which a
 #: solution is not a motion, whatever mesh was asked for.

@@ -1,20 +1,19 @@
-"""Mesh refinement: intervals are split and merged until their local errors suit the tolerance."""
+"""Mesh refinement: one loop that solves again on other meshes until the errors of a solution meet a demand."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...errors import OptimizationError, warn
 from ...numerics.console import interruptible
-from ..measures.cost_error import CostErrors, cost_size
+from ..measures.cost_error import CostErrors, FalseCost, cost_size
 from ..measures.input_error import UnresolvedInputs
 from ..measures.known_courses import KnownCourses
-from ..measures.limit_error import PassedLimits
-from ..measures.local_error import LocalErrors
-from ..measures.measure import Measure, pieces_of, split
+from ..measures.limit_error import FarPassedLimits, PassedLimits
+from ..measures.local_error import COARSE_ERROR, Coarseness, LocalErrors, ReplayErrors, StateCoarseness
+from ..measures.measure import Measure, split
 from ..measures.singularity import close_to_singular
 from ..measures.switches import UnresolvedSwitches
 from ..measures.time_jumps import TimeJumps, meshes_at_jumps
@@ -26,24 +25,24 @@ from ..solution import Solution
 from ..solve.expressions import jump_on_the_way
 from ..solve.problem_solver import ProblemSolver
 from ..transcription.mesh import Mesh, interval_count
-from .coarse_mesh import HALVED_INTERVALS
+from .budgets import BUDGETS
 
-#: What is measured on a solution with small local errors.
+#: What is measured on a solution with small local errors, if a tolerance is asked for.
 MEASURES: tuple[type[Measure], ...] = (
     UnresolvedSwitches, PassedLimits, UnresolvedInputs, KnownCourses, CostErrors, TimeJumps,
 )  # fmt: skip
-#: Largest number of passes, and of intervals of a mesh.
-PASSES, INTERVALS = 12, 2000
+#: What is measured without a tolerance: errors by which a mesh is too coarse for the motion that was found.
+COARSE_MEASURES: tuple[type[Measure], ...] = (Coarseness, StateCoarseness, ReplayErrors, FalseCost, FarPassedLimits)
+#: Largest number of passes, of intervals of a mesh, and of intervals of one that is halved.
+PASSES, INTERVALS, HALVED_INTERVALS = 12, 2000, 200
 #: Passes in which mesh points move to switches, or are put at kinks; after these the intervals are split.
 MOVES = 5
 #: Share of a step of mesh points to kinks that did not get shorter from which on this is tried again.
 PLACED_AGAIN = 0.01
 #: Multiple of a loss, which is estimated, by which the cost may be wrong.
 UNCERTAIN = 100.0
-#: Least and largest number of iterations that are left to a pass from a solution with small local errors.
-ITERATIONS = (100, 300)
-#: Multiple of the work of the first solve, in iterations times intervals, after which such a solution is not improved,
-#: unless the last pass did so.
+#: Multiple of the work of the first solve, in iterations times intervals, after which a solution with small local
+#: errors is not improved, unless the last pass did so.
 WORK = 20
 #: Number of iterations that a first solve counts at least: one of a few is no measure of what a solution is worth.
 USUAL_ITERATIONS = 25
@@ -54,19 +53,65 @@ PATIENCE = 3
 SMALL_SPREAD = 10
 #: Tolerance of the solver, by which it relaxes limits and may miss the least cost, both scaled.
 SOLVER_TOLERANCE = 1e-8
-#: Share of the tolerance below which the error of two merged intervals must be foreseen.
-MERGING_SHARE = 0.05
+#: Local error, in rad or sizes of the mechanism, velocities times the duration, from which a solution is not a motion.
+LOST_ERROR = 3.0
+#: Ratio of these errors, of a solution on a finer mesh and the one from which it came, from which it leads elsewhere.
+ASTRAY = 2.0
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What the errors of a solution are to meet.
+
+    Attributes
+    ----------
+    motion : tuple of type
+        Measures of what makes the solution another motion: intervals are split for these first.
+    further : tuple of type
+        Measures of a solution that meets those: mesh points are placed, or intervals split, for them.
+    tolerance : float
+        Tolerance of all measures.
+    is_listed : bool
+        True if the passes are listed in the statistics; they are added up there otherwise.
+    """
+
+    motion: tuple[type[Measure], ...]
+    further: tuple[type[Measure], ...]
+    tolerance: float
+    is_listed: bool
+
+
+#: Demand without a tolerance.
+NOT_COARSE = Demand(COARSE_MEASURES, (), COARSE_ERROR, is_listed=False)
+
+
+def is_lost(solution: Solution) -> bool:
+    """Return True if the mesh is so coarse that a solution is not a motion at all."""
+    return Coarseness(solution).largest > LOST_ERROR
+
+
+def is_coarse(solution: Solution) -> bool:
+    """Return True if the mesh is too coarse for the motion, and one twice as fine is allowed."""
+    return Coarseness(solution).largest > COARSE_ERROR and _can_halve(solution)
+
+
+def refine_if_coarse(solver: ProblemSolver, solution: Solution) -> tuple[Solution, bool]:
+    """Solve again on finer meshes as long as a mesh is too coarse for the motion, or passes limits by far.
+
+    Returns
+    -------
+    Solution, bool
+        The one of the solutions whose errors falsify the cost least, and whether they do so at most by a little.
+    """
+    refinement = Refinement(solver, solution, NOT_COARSE)
+    refinement.run()
+    return refinement.kept, refinement.false <= 1.0
 
 
 def refine(solver: ProblemSolver, solution: Solution, tolerance: float) -> Solution:
     """Solve on other meshes until states, inputs, limits and switches meet a tolerance.
 
-    An interval with error e is split into ``ceil((2 e / tolerance)^(1 / (r + 1)))``
-    pieces, r the order of the scheme; neighbours whose common interval is
-    foreseen to stay far below the tolerance are merged. Then mesh points move to the switches, see
-    :mod:`switches`, others are put at kinks, see :mod:`kinks`, and intervals in which the motion passes limits, or
-    inputs have larger errors than the tolerance, are split, see :mod:`input_error`. Each pass starts from the last
-    solution. Of those with small local errors the best one is kept, and passes end that do not improve it.
+    Of the solutions with small local errors the best one is kept.
 
     Raises
     ------
@@ -80,7 +125,10 @@ def refine(solver: ProblemSolver, solution: Solution, tolerance: float) -> Solut
         If local errors meet the tolerance, but inputs, limits, switches or the integral of the running cost do not, or
         if costs, limits or forces jump with the states or free parameters, which derivatives do not show.
     """
-    refined = _Refinement(solver, solution, tolerance).run()
+    raised, factor = solver.with_raised_cost(solution)
+    refinement = Refinement(raised, solution, Demand((LocalErrors,), MEASURES, tolerance, is_listed=True), factor)
+    reason = refinement.run()
+    refined = refinement.solution if not reason else _given_up(refinement, reason)
     jump = jump_on_the_way(refined)
     if jump:
         warn(
@@ -90,19 +138,74 @@ def refine(solver: ProblemSolver, solution: Solution, tolerance: float) -> Solut
     return refined
 
 
-class _Refinement:
-    """Passes of a refinement: the last solution and its errors."""
+def _given_up(refinement: Refinement, reason: str) -> Solution:
+    """The best solution with small local errors, with a warning of what it does not meet."""
+    kept, tolerance = refinement.kept, refinement.demand.tolerance
+    if refinement.false <= 1.0:
+        kept.statistics = replace(kept.statistics, passes=list(refinement.passes))
+        warn(f"the local errors meet the tolerance {tolerance:g}, but not {refinement.unmet}: {reason}")
+        return kept
+    last = refinement.solution
+    if refinement.failure is not None:
+        refinement.failure.reached = last
+        raise refinement.failure
+    (unmet,) = refinement.motion[0].sentences()
+    raise OptimizationError(
+        f"the mesh was refined to {interval_count(last.meshes)} intervals and {unmet}, above the "
+        f"tolerance {tolerance:g}: {reason}; the last solution is in .partial",
+        partial=last,
+    )
 
-    def __init__(self, solver: ProblemSolver, solution: Solution, tolerance: float):
-        self.solution, self.tolerance = solution, tolerance
-        #: the solver, and the factor by which the cost counts for more in it, if that is far smaller than is typical
-        self.solver, self.raised = solver.with_raised_cost(solution)
+
+class Refinement:
+    """Passes from mesh to mesh: errors are measured, mesh points placed or intervals split, the program solved again.
+
+    An interval with error e is split into ``ceil((2 e / tolerance)^(1 / r))`` pieces, r the power of its length with
+    which the error goes. If the errors do not fall, since a fast motion moved on to the next coarse interval, or the
+    program is not solved on the finer mesh, all intervals are halved. Once the solution is the motion, mesh points move
+    to switches, see :mod:`switches`, others are put at kinks, see :mod:`kinks`, and at last intervals are split in
+    which limits are passed, or inputs have larger errors. Each pass starts from the last solution.
+
+    Parameters
+    ----------
+    solver : ProblemSolver
+    solution : Solution
+        That on the first mesh.
+    demand : Demand
+    raised : float
+        Factor by which the cost counts for more in the solver than its typical size has it.
+
+    Attributes
+    ----------
+    solution, kept : Solution
+        The last one and the best one.
+    false : float
+        Errors of the best one that falsify its cost, in tolerances, at least 1.
+    unmet : str
+        What the best one does not meet beside these, in words.
+    failure : OptimizationError or None
+        How the solver failed on the last mesh, if it did.
+    passes : list of Attempt
+    """
+
+    def __init__(self, solver: ProblemSolver, solution: Solution, demand: Demand, raised: float = 1.0):
+        self.solver, self.solution, self.demand, self.raised = solver, solution, demand, raised
+        self.passes: list[Attempt] = []
+        self.kept, self.false, self.unmet = solution, np.inf, ""
+        self.failure: OptimizationError | None = None
+        #: largest error of the motion, in tolerances
+        self.error = np.inf
+        #: that of the pass before with errors times their stretches, and the number of passes since both fell
+        self.before: tuple[float, float] | None = None
+        self.stalls = 0
+        #: share of the cost that the best solution may lack, and that by which it may be wrong
+        self.least = self.doubt = np.inf
+        #: number of solutions since then that are not better, and whether the last one is far better
+        self.in_vain, self.gains = 0, True
         #: share of its size by which a path limit may be passed between the points at which it is enforced
         self.limit_tolerance = LIMIT_TOLERANCE
-        self.passes: list[Attempt] = []
-        #: largest local error of each of them, and errors times their stretches
-        self.history: list[tuple[float, float]] = []
-        self.merging, self.moves = True, MOVES
+        #: passes left in which mesh points are placed
+        self.moves = MOVES
         #: steps of mesh points when measures last placed them, and steps below which they do so again: as long as no
         #: interval is split, and for good, once they did so in vain
         self.steps: dict[type[Measure], float] = {}
@@ -110,84 +213,63 @@ class _Refinement:
         self.shortest: dict[type[Measure], float] = {}
         #: True if the last pass had more mesh points for switches, or more that move
         self.resolves = False
-        #: largest errors times their stretches, before the last pass that split intervals for these
+        #: largest errors times their stretches of further measures, before the last pass that split intervals for these
         self.spread = np.inf
-        #: the best solution with small local errors, what it does not meet, and what is lost by that
-        self.reached: tuple[Solution, str] | None = None
-        self.least = np.inf
-        #: share of its cost that it may not have, since it passes limits, or its integral is off
-        self.doubt = np.inf
-        #: number of solutions since then that are not better
-        self.in_vain = 0
-        #: True if the last one is far better than those before
-        self.gains = True
 
-    def run(self) -> Solution:
-        """Return the solution that meets the tolerance."""
-        reason = f"{PASSES} passes are made"
+    def run(self) -> str:
+        """Make passes until the demand is met, and return why they ended before; an empty text if they did not."""
         for _ in range(PASSES):
             self._measure()
-            if self.error <= self.tolerance and not self._missed():
-                return self.solution
-            is_vain = self.in_vain >= PATIENCE and self._work() > WORK / 2
-            meshes = None if is_vain else self._meshes()
-            if meshes is None:
-                reason = "the errors do not fall any further"
-                break
-            if self.error <= self.tolerance and not self.gains and self._work() > WORK:
-                reason = f"the passes took {self._work():.0f} times the work of the first solve"
-                break
-            if interval_count(meshes) > INTERVALS:
-                reason = f"the next mesh would have {interval_count(meshes)} intervals"
-                break
-            if not self._solve(meshes):
-                reason = "the solver fails on the next mesh"
-                break
-        return self._given_up(reason)
+            if self.error <= 1.0 and not self._unmet():
+                return ""
+            reason = self._pass()
+            if reason:
+                return reason
+        return f"{PASSES} passes are made"
 
-    def _work(self) -> float:
-        """Work of all passes but the first one, as a multiple of that."""
-        others = sum(max(one.iterations, 1) * one.intervals for one in self.passes[1:])
-        return others / self._first_work
-
-    @property
-    def _first_work(self) -> int:
-        """Work of the first pass, or of a usual one on its mesh."""
-        first = self.passes[0]
-        return max(first.iterations, USUAL_ITERATIONS) * first.intervals
-
-    def _iterations(self, meshes: list[Mesh]) -> int:
-        """Largest number of iterations of a pass on meshes, within the work that is left."""
-        left = (WORK - self._work()) * self._first_work
-        return int(np.clip(left / interval_count(meshes), *ITERATIONS))
-
+    # --- errors -----------------------------------------------------------------------------------
     def _measure(self) -> None:
-        """Errors of the intervals of the last solution, and its entry in the table of passes."""
-        solution = self.solution
-        self.local = _local_errors(solution, self.tolerance)
-        self.error = self.local.largest
-        self.history.append((self.error, self.local.spread))
-        self.passes.append(solution.as_attempt("refinement", error=self.error))
-        solution.statistics = replace(solution.statistics, passes=list(self.passes))
+        """Measure the last solution, and keep it if it is the best one."""
+        solution, demand = self.solution, self.demand
+        self.motion = _measured(solution, demand.motion, demand.tolerance)
+        self.error = max(measure.largest for measure in self.motion) / demand.tolerance
+        self.stalls = 0 if self._falls() else self.stalls + 1
+        self.measures = _measured(solution, demand.further, demand.tolerance) if self.error <= 1.0 else []
+        attempt = solution.as_attempt("refinement", error=self.motion[0].largest)
+        self.passes.append(attempt)
+        if demand.is_listed:
+            solution.statistics = replace(solution.statistics, passes=list(self.passes))
+        if self.error > 1.0:
+            self._keep("")
 
-    def _missed(self) -> str:
+    def _falls(self) -> bool:
+        """Return True if the largest error of the motion, or that of all stretches, fell by half in the last pass."""
+        before, spread = self.before, max(measure.spread for measure in self.motion)
+        self.before = self.error, spread
+        return before is None or self.error < max(1.0, before[0] / 2) or 0 < spread < before[1] / 2
+
+    def _unmet(self) -> str:
         """Demands that a solution with small local errors does not meet, in words; nothing if it meets all."""
-        self.measures = [measure(self.solution, self.tolerance) for measure in MEASURES]
         in_vain = [type(m) for m in self.measures if m.step > self.shorter.get(type(m), np.inf)]
         self.shortest |= {kind: self.steps[kind] * PLACED_AGAIN for kind in in_vain}
         # what mesh points that move did not resolve counts no more once the cost does not change
         done = self.resolves and self._is_settled()
-        missed = [m.sentences()[:1] for m in self.measures if not (done and m.moves)]
-        words = " and ".join(text for one in missed for text in one)
-        loss = min(sum(measure.loss for measure in self.measures), 1.0)
-        better = self._is_better(loss)
-        self.gains = better and loss < self.least / 4
+        unmet = [m.sentences()[:1] for m in self.measures if not (done and m.moves)]
+        words = " and ".join(text for one in unmet for text in one)
+        self._keep(words)
+        return words
+
+    def _keep(self, unmet: str) -> None:
+        """Keep the last solution if it is the best one."""
+        falsifying = [m for m in self.motion if m.falsifies_cost]
+        false = max(1.0, *(m.largest / m.tolerance for m in falsifying))
+        loss = min(sum(measure.loss for measure in [*self.motion, *self.measures]), 1.0)
+        better = false < self.false or (false == self.false and self._is_better(loss))
+        self.gains = better and (false < self.false or loss < self.least / 4)
         self.in_vain = 0 if better and (loss < self.least or loss >= 1) else self.in_vain + 1
         if better:
-            self.reached, self.least = (self.solution, words), loss
-            doubts = (m.largest for m in self.measures if m.falsifies_cost and m.sentences())
-            self.doubt = max(doubts, default=0.0)
-        return words
+            self.kept, self.false, self.unmet, self.least = self.solution, false, unmet, loss
+            self.doubt = max((m.largest for m in self.measures if m.falsifies_cost and m.sentences()), default=0.0)
 
     def _is_better(self, loss: float) -> bool:
         """Return True if the last solution is better than the best one so far.
@@ -195,39 +277,85 @@ class _Refinement:
         By what is lost, unless the costs differ by far more than that, as those of two optima do, or all may be lost.
         What inputs and switches lose is not missing in the cost of a motion: one that costs more is then no better.
         """
-        if self.reached is None:
-            return True
-        one, other = self.solution, self.reached[0]
+        one, other = self.solution, self.kept
         gain, size = other.cost - one.cost, min(cost_size(one), cost_size(other))
-        if abs(gain) > UNCERTAIN * (loss if gain > 0 else self.doubt) * size + self.tolerance * size:
+        if abs(gain) > UNCERTAIN * (loss if gain > 0 else self.doubt) * size + self.demand.tolerance * size:
             return gain > 0
         return gain >= 0 if loss >= 1 else loss <= self.least
 
+    def _is_settled(self) -> bool:
+        """Return True if the cost did not change in the last pass, beyond the tolerance and that of the solver."""
+        if len(self.passes) < 2:
+            return False
+        now, before = self.passes[-1].cost, self.passes[-2].cost
+        size = self.solution.program.cost_scale / self.raised
+        return abs(now - before) <= self.demand.tolerance * abs(now) + SOLVER_TOLERANCE * size
+
+    # --- the next mesh ----------------------------------------------------------------------------
+    def _pass(self) -> str:
+        """Solve on the next mesh, and return why there is none that is solved; an empty text if there is one."""
+        near = self.error <= 1.0
+        is_vain = near and self.in_vain >= PATIENCE and self._work() > WORK / 2
+        meshes = None if is_vain else self._meshes()
+        if meshes is None or (not near and all(map(Mesh.is_same, meshes, self.solution.meshes))):
+            return "the errors do not fall any further"
+        if near and not self.gains and self._work() > WORK:
+            return f"the passes took {self._work():.0f} times the work of the first solve"
+        if interval_count(meshes) > INTERVALS:
+            return f"the next mesh would have {interval_count(meshes)} intervals"
+        if self._solve(meshes):
+            return ""
+        others = self._other_meshes(meshes)
+        return "" if others is not None and self._solve(others) else "the solver fails on the next mesh"
+
+    def _work(self) -> float:
+        """Work of all passes but the first one, as a multiple of that."""
+        first, *others = self.passes
+        work = sum(max(one.iterations, 1) * one.intervals for one in others)
+        return work / (max(first.iterations, USUAL_ITERATIONS) * first.intervals)
+
     def _meshes(self) -> list[Mesh] | None:
         """Meshes of the next pass; None if there is none that is better."""
-        at_jumps = meshes_at_jumps(self.solution, self.tolerance)
+        at_jumps = meshes_at_jumps(self.solution, self.demand.tolerance) if self.demand.further else None
         if at_jumps is not None:
-            self._begin_anew()
+            self._forget()
             return at_jumps
-        return self._adapted() if self.error > self.tolerance else self._moved() or self._split()
+        return self._split_for_motion() if self.error > 1.0 else self._moved() or self._split()
 
-    def _adapted(self) -> list[Mesh] | None:
-        """Meshes with intervals split and merged by their local errors; None if these do not fall any further.
+    def _other_meshes(self, meshes: list[Mesh]) -> list[Mesh] | None:
+        """Meshes in place of those on which the solver failed; None if there are no others.
+
+        Mesh points that do not move well move no more. A motion that is not found on the mesh that was split is found
+        on one of halved intervals.
+        """
+        if self.error > 1.0:
+            others = [mesh.split(2) for mesh in self.solution.meshes] if _can_halve(self.solution) else None
+        else:
+            moved, self.moves = self.moves > 0, 0
+            others = self._meshes() if moved else None
+            if others is None or all(map(Mesh.is_same, others, meshes)):
+                others = [mesh.without_free() for mesh in meshes]
+        return None if others is None or all(map(Mesh.is_same, others, meshes)) else others
+
+    def _split_for_motion(self) -> list[Mesh] | None:
+        """Meshes with intervals split by the errors of the motion, or halved; None if these do not fall any further.
 
         At a kink, as of smoothed friction, an error stays as it is until the stretch is short enough. An error may move
         on to the next interval, too, which was just below the tolerance or is coarse for a fast motion: all are halved.
         """
-        *earlier, now = self.history[-3:]
-        falls = any(last <= max(before) / 2 for last, *before in zip(now, *earlier, strict=True)) if earlier else True
-        if len(earlier) == 2 and not falls and not self.merging:
-            if interval_count(self.solution.meshes) > HALVED_INTERVALS:
-                return None
-            self._begin_anew()
+        if self.stalls and not self._tends_to_lock() and _can_halve(self.solution):
             return [mesh.split(2) for mesh in self.solution.meshes]
-        self.merging = self.merging and self.error <= min((error for error, _ in earlier), default=np.inf) / 2
-        order = self.solution.phases[0].program.scheme.order
-        adapt = partial(adapted, tolerance=self.tolerance, order=order, merging=self.merging)
-        return [adapt(mesh, errors) for mesh, errors in zip(self.solution.meshes, self.local.errors, strict=True)]
+        return None if self.stalls > 1 else [split(part, self.motion) for part in self.solution.phases]
+
+    def _tends_to_lock(self) -> bool:
+        """True if dimensions are free and the linkage is close to a singular pose where the mesh is coarsest.
+
+        No mesh resolves that.
+        """
+        if not self.solution.problem.free_parameters:
+            return False
+        part, worst = max(self.motion, key=lambda measure: measure.largest).worst
+        return bool(close_to_singular(part, worst))
 
     def _moved(self) -> list[Mesh] | None:
         """Meshes with points that move; None if none do, or moving these does not change the cost any more."""
@@ -241,10 +369,10 @@ class _Refinement:
         self.steps |= steps
         self.shorter |= {kind: step / 2 for kind, step in steps.items()}
         self.spread = np.inf
-        self._begin_anew()
+        self._forget()
         # while a switch lies within an interval, further points at which a limit holds there are mostly of no use
         needed = any(measure.needs_limits for measure in self.measures)
-        self.limit_tolerance = self.tolerance if needed else LIMIT_TOLERANCE
+        self.limit_tolerance = self.demand.tolerance if needed else LIMIT_TOLERANCE
         return moved
 
     def _placed(self, part: PhaseSolution) -> Mesh:
@@ -260,84 +388,56 @@ class _Refinement:
         limits = self.shortest | self.shorter
         return [m for m in self.measures if not m.step > limits.get(type(m), np.inf)]
 
-    def _begin_anew(self) -> None:
-        """Forget the local errors of other meshes, of which nothing follows for the next ones."""
-        self.history, self.merging = [], False
-
     def _split(self) -> list[Mesh] | None:
-        """Meshes with intervals split as the measures need it; None if that did not help in the last pass."""
-        self.limit_tolerance = self.tolerance
+        """Meshes with intervals split as further measures need it; None if that did not help in the last pass."""
+        self.limit_tolerance = self.demand.tolerance
         self.shorter = {}
         before, spread = self.spread, max(measure.spread for measure in self.measures)
         if np.isinf(before):  # mesh points that moved in vain say nothing about finer meshes
             self.in_vain = 0
         self.spread = spread or np.inf
-        self._begin_anew()
-        stays = spread > max(0.8 * before, SMALL_SPREAD * self.tolerance * self.solution.duration)
+        self._forget()
+        stays = spread > max(0.8 * before, SMALL_SPREAD * self.demand.tolerance * self.solution.duration)
         finer = [split(part, self.measures) for part in self.solution.phases]
         keeps = self.solution.settings.control == "constant" and all(map(Mesh.is_same, finer, self.solution.meshes))
         return None if stays or keeps else finer
 
-    def _is_settled(self) -> bool:
-        """Return True if the cost did not change in the last pass, beyond the tolerance and that of the solver."""
-        if len(self.passes) < 2:
-            return False
-        now, before = self.passes[-1].cost, self.passes[-2].cost
-        size = self.solution.program.cost_scale / self.raised
-        return abs(now - before) <= self.tolerance * abs(now) + SOLVER_TOLERANCE * size
+    def _forget(self) -> None:
+        """Forget the errors of the motion on other meshes, of which nothing follows for the next ones."""
+        self.before, self.stalls = None, 0
 
+    # --- one solve --------------------------------------------------------------------------------
     def _solve(self, meshes: list[Mesh]) -> bool:
-        """Solve on other meshes from the last solution, and return True if that succeeds.
-
-        Raises
-        ------
-        OptimizationError
-            If it does not, and no solution has small local errors yet.
-        """
-        solver, guess, near = self.solver, self.solution.as_guess(self.solver.problem), self.error <= self.tolerance
+        """Solve on other meshes from the last solution, and return True if that leads to a motion."""
+        solution, solver = self.solution, self.solver
         solver.best.new_stage()
-        structures = [mesh.structure for mesh in self.solution.meshes]
-        self.resolves = near and structures != [mesh.structure for mesh in meshes]
+        structures = [mesh.structure for mesh in solution.meshes]
+        self.resolves = self.error <= 1.0 and structures != [mesh.structure for mesh in meshes]
+        guess, slack = solution.as_guess(solver.problem), self.limit_tolerance
         try:
-            limit = self._iterations(meshes) if near else None
-            self.solution = solver.solve(meshes, guess, warm=True, limit=limit, limit_tolerance=self.limit_tolerance)
-            return True
-        except OptimizationError:
-            if near:  # mesh points that do not move well move no more
-                moved, self.moves = self.moves > 0, 0
-                again = self._meshes() if moved else None
-                if again is None or all(map(Mesh.is_same, again, meshes)):
-                    again = [mesh.without_free() for mesh in meshes]
-                return not all(map(Mesh.is_same, again, meshes)) and self._solve(again)
-        try:  # a guess that is near on one mesh may be far on another
-            self.solution = solver.solve(meshes, guess, limit_tolerance=self.limit_tolerance)
-            return True
+            found = solver.solve(meshes, guess, warm=True, limit=BUDGETS.finer, limit_tolerance=slack)
         except OptimizationError as failure:
-            if self.reached is not None:
-                return False
-            failure.reached = self.solution
-            raise
-
-    def _given_up(self, reason: str) -> Solution:
-        """The last solution with small local errors, with a warning of what it does not meet."""
-        if self.reached is not None:
-            solution, missed = self.reached
-            solution.statistics = replace(solution.statistics, passes=list(self.passes))
-            warn(f"the local errors meet the tolerance {self.tolerance:g}, but not {missed}: {reason}")
-            return solution
-        (missed,) = self.local.sentences()
-        raise OptimizationError(
-            f"the mesh was refined to {interval_count(self.solution.meshes)} intervals and {missed}, above the "
-            f"tolerance {self.tolerance:g}: {reason}; the last solution is in .partial",
-            partial=self.solution,
-        )
+            self.failure = failure
+            return False
+        self.failure = None
+        if is_lost(found) and Coarseness(found).largest > ASTRAY * Coarseness(solution).largest:
+            return False
+        if not self.demand.is_listed:
+            found.statistics = found.statistics.after(solution.statistics)
+        self.solution = found
+        return True
 
 
-def _local_errors(solution: Solution, tolerance: float) -> LocalErrors:
-    """Local errors of the intervals; Ctrl-C in compiled code comes as what it is."""
+def _can_halve(solution: Solution) -> bool:
+    """True if all intervals of a mesh may be halved."""
+    return interval_count(solution.meshes) <= HALVED_INTERVALS
+
+
+def _measured(solution: Solution, kinds: tuple[type[Measure], ...], tolerance: float) -> list[Measure]:
+    """Measures of a solution; Ctrl-C in compiled code comes as what it is."""
     with interruptible() as interruption:
         try:
-            return LocalErrors(solution, tolerance)
+            return [measure(solution, tolerance) for measure in kinds]
         except RuntimeError:
             if interruption.requested:
                 raise KeyboardInterrupt from None
@@ -359,32 +459,3 @@ def _refuse_not_integrated(solution: Solution) -> None:
                 partial=solution,
                 time=float(begin),
             ) from None
-
-
-def adapted(mesh: Mesh, errors: np.ndarray, tolerance: float, order: int, *, merging: bool = True) -> Mesh:
-    """Return the mesh with intervals split or merged by their local errors.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Present mesh.
-    errors : numpy.ndarray
-        Local errors (N,).
-    tolerance : float
-        Value that they should stay below.
-    order : int
-        Order of the scheme: local errors go with the power ``order + 1`` of the length.
-    merging : bool
-        True if intervals may be merged: not after a pass that did not bring the error down.
-    """
-    pieces = pieces_of(errors, tolerance, order + 1)
-    merge = np.zeros(errors.size, bool)
-    k = 0
-    while merging and k + 1 < errors.size:
-        together = (mesh.length[k] + mesh.length[k + 1]) / np.minimum(mesh.length[k], mesh.length[k + 1])
-        foreseen = max(errors[k], errors[k + 1]) * together ** (order + 1)
-        if mesh.piece[k] == mesh.piece[k + 1] and foreseen <= MERGING_SHARE * tolerance:
-            merge[k] = True
-            k += 1
-        k += 1
-    return mesh.refined(pieces, merge)

@@ -17,8 +17,8 @@ from ..program.statistics import Attempt
 from ..solution import SAME_COST, Solution, same_cost
 from ..solve.problem_solver import ProblemSolver
 from ..transcription.mesh import Mesh
-from .coarse_mesh import is_lost, refine_if_coarse
 from .proposal import Outcome
+from .refine import is_lost, refine_if_coarse
 from .starts import Starts
 
 

@@ -131,22 +131,18 @@ class Mesh:
         positions = np.r_[positions, self.positions[-1]]
         return Mesh.through(positions, positions[list(self.moving)], positions[list(self.pinned)])
 
-    def refined(self, pieces: np.ndarray, merge: np.ndarray) -> Mesh:
-        """Mesh with intervals split into so many pieces (N,), or merged with the next one of their piece (N,)."""
+    def refined(self, pieces: np.ndarray) -> Mesh:
+        """Mesh with intervals split into so many pieces (N,)."""
         if not self.count:
             return self
-        points, begin = [self.positions[:1]], 0.0
-        for k, end in enumerate(self.positions[1:]):
-            if merge[k] and k + 1 not in self.knots:
-                continue
-            points.append(np.linspace(begin, end, pieces[k] + 1)[1:])
-            begin = end
+        ends = zip(self.positions[:-1], self.positions[1:], pieces, strict=True)
+        points = [self.positions[:1], *(np.linspace(begin, end, count + 1)[1:] for begin, end, count in ends)]
         knots = (self.positions[list(places)] for places in (self.moving, self.pinned))
         return Mesh.through(np.concatenate(points), *knots)
 
     def split(self, pieces: int) -> Mesh:
         """Mesh with every interval split into as many pieces."""
-        return self.refined(np.full(self.count, pieces), np.zeros(self.count, bool))
+        return self.refined(np.full(self.count, pieces))
 
     def resized(self, share: float) -> Mesh:
         """Mesh of equal intervals in each segment, a `share` of the present number and at least one."""
