@@ -20,6 +20,8 @@ from concurrent.futures import Executor
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from ..errors import ModelError
 from ..model.symbols import number
 from ..numerics.console import keyboard_interrupts
@@ -36,7 +38,7 @@ from .problem import OptimalControlProblem
 from .program.setup import Settings
 from .search.parameter_continuation import read_continuation
 from .search.saddle import warn_of_saddle
-from .search.search import Search
+from .search.search import Search, Several
 from .search.strategies import STRATEGIES, read_strategies
 from .search.strategy import Strategy
 from .search.undecided import warn_of_undecided
@@ -171,15 +173,15 @@ def optimize(
     best = BestSoFar()
     try:
         with LOCK, keyboard_interrupts("optimize"):
-            accuracy = _tolerance(tolerance)
+            accuracy, several = _tolerance(tolerance), _starts(starts, guess)
             settings = Settings.read(transcription, degree, control, options, progress)
             settings = replace(settings, known=read_known_inputs(problem, inputs))
             run = Search(problem, intervals, initial, settings, best, executor, read_strategies(search))
             if continuation is None:
-                solution = run.solve(parameters, guess, starts, accuracy)
+                solution = run.solve(parameters, guess, several, accuracy)
             else:
                 steps = read_continuation(problem, continuation, parameters)
-                solution = run.solve_in_turn(steps, parameters, guess, starts, accuracy)
+                solution = run.solve_in_turn(steps, parameters, guess, several, accuracy)
             if accuracy is None and not run.is_known(guess):
                 warn_of_coarse_mesh(solution)
                 warn_of_false_cost(solution)
@@ -194,6 +196,23 @@ def optimize(
     except KeyboardInterrupt:
         raise best.interrupted() from None
     return solution
+
+
+def _starts(starts: Any, guess: Any) -> Several:
+    """The number of starts, or the list of guesses."""
+    if starts is None or (isinstance(starts, int | np.integer) and not isinstance(starts, bool)):
+        if starts is not None and starts < 1:
+            raise ModelError(f"optimize: starts must be at least 1, got {starts}")
+        return None if starts is None else int(starts)
+    try:
+        several = list(starts)
+    except TypeError:
+        raise ModelError(f"optimize: starts= takes a number or a list of guesses, got {starts!r}") from None
+    if not several:
+        raise ModelError("optimize: starts= is an empty list")
+    if guess is not None:
+        raise ModelError("optimize: starts= is a list of guesses; put that of guess= into it, and leave guess= out")
+    return several
 
 
 def _check_executor(executor: Any, starts: Any) -> None:

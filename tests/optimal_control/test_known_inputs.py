@@ -170,6 +170,18 @@ def test_a_known_input_goes_through_phases():
     assert found.inputs[w](np.array([0.2, 0.8])) == pytest.approx([0.6, 2.4])
 
 
+def test_an_input_with_limits_is_known_after_it_was_free():
+    """In the same problem: sizes of its limits are those of the free one."""
+    problem, u, block = rest_to_rest(lower=-20, upper=20)
+    free = mbd.optimize(problem, intervals=10)
+    known = problem.replace(final=[])
+    mbd.optimize(known, intervals=10)
+    found = mbd.optimize(known, intervals=10, inputs={u: free.inputs[u]})
+    assert found.cost == pytest.approx(12, rel=1e-8) and found.trajectory.final[block.x] == pytest.approx(1, abs=1e-9)
+    with pytest.raises(mbd.OptimizationError, match="final: block.x == 1"):
+        mbd.optimize(problem, intervals=10, inputs={u: 0.0})
+
+
 def test_wrong_courses():
     """Named with the input and the remedy."""
     problem, _, w, _u = moved_block(0.0)

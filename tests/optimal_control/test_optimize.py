@@ -180,3 +180,19 @@ def test_a_wrong_problem_is_refused_when_it_is_made(changes, words):
     good = mbd.OptimalControlProblem(mechanism, duration=1.0, initial=[block.x == 0], running_cost=u**2)
     with pytest.raises(mbd.MechanismError, match=words):
         good.replace(**changes)
+
+
+def test_numbers_and_lists_of_starts():
+    """Any integer is a number; a list takes the place of `guess`, and is not given beside it."""
+    problem, *_ = rest_to_rest()
+    first = mbd.optimize(problem, intervals=5, starts=np.int64(2))
+    assert len(first.statistics.starts) == 2
+    wrong = {
+        "starts must be at least 1, got 0": {"starts": 0},
+        "a number or a list of guesses, got 2.5": {"starts": 2.5},
+        "starts= is an empty list": {"starts": []},
+        "put that of guess= into it": {"starts": [None], "guess": first},
+    }
+    for message, arguments in wrong.items():
+        with pytest.raises(mbd.ModelError, match=message):
+            mbd.optimize(problem, intervals=5, **arguments)

@@ -229,7 +229,7 @@ class PhaseProgram:
         """Typical sizes of the conditions of the phase."""
         waypoints = [c for w in self.phase.waypoints for c in w.conditions]
         start = [c for c in self.initial or () if not c.depends_on("impulse")]
-        conditions = [*start, *self.final, *self.phase.path, *waypoints, *self.limit_owners]
+        conditions = [*start, *self.final, *self.phase.path, *waypoints, *own_limits(self.phase.mechanism)]
         limits = [c for c in conditions if not c.equality]
         equalities = [c for c in conditions if c.equality]
 

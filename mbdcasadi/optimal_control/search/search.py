@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from ...arguments.values import pairs_of
-from ...errors import ModelError, OptimizationError
+from ...errors import OptimizationError
 from ...numerics.symbolic import numeric_work, symbolic
 from ..measures.branch import branch_jump, refuse_branch_jump
 from ..motion.guess import Guess
@@ -62,6 +62,9 @@ RESUMABLE = (
 
 Found = TypeVar("Found")
 
+#: Number of starts, or guesses of each; None for the usual ones.
+Several = int | list[Any] | None
+
 
 @dataclass(frozen=True)
 class Search:
@@ -98,7 +101,7 @@ class Search:
         return isinstance(guess, Shifted) or (isinstance(guess, Solution) and guess.problem is self.problem)
 
     def solve_in_turn(
-        self, steps: list[dict[Any, float]], parameters: Any, guess: Any, starts: Any, tolerance: float | None
+        self, steps: list[dict[Any, float]], parameters: Any, guess: Any, starts: Several, tolerance: float | None
     ) -> Solution:
         """Solve for the values of a continuation, and refine the last mesh if a tolerance is given."""
 
@@ -110,7 +113,7 @@ class Search:
         return by_continuation(steps, solve, guess)
 
     def solve(
-        self, parameters: Any, guess: Any, starts: Any, tolerance: float | None, *, goes_on: bool = True
+        self, parameters: Any, guess: Any, starts: Several, tolerance: float | None, *, goes_on: bool = True
     ) -> Solution:
         """Solve from one or several guesses, and refine the mesh if a tolerance is given.
 
@@ -127,7 +130,9 @@ class Search:
         return solution if tolerance is None else refine(solver, solution, tolerance)
 
     # --- what a search begins with ----------------------------------------------------------------
-    def _trials(self, parameters: Any, guess: Any, starts: Any, tolerance: float | None, *, goes_on: bool) -> Trials:
+    def _trials(
+        self, parameters: Any, guess: Any, starts: Several, tolerance: float | None, *, goes_on: bool
+    ) -> Trials:
         near = guess.solution if isinstance(guess, Shifted) else guess
         is_known = self.is_known(guess)
         first, *others = self._settings(near, starts, tolerance)
@@ -141,7 +146,7 @@ class Search:
             meshes,
             guesses,
             starts=starts if isinstance(starts, int) else None,
-            are_given=guess is not None or _are_listed(starts),
+            are_given=guess is not None or isinstance(starts, list),
             is_warm=isinstance(near, Solution) and starts is None,
             refines=is_automatic(self.intervals) and not is_known,
             is_known=is_known,
@@ -149,21 +154,23 @@ class Search:
             tolerance=tolerance,
         )
 
-    def _first(self, settings: Settings, parameters: Any, guess: Any, starts: Any) -> tuple[ProblemSolver, list[Guess]]:
+    def _first(
+        self, settings: Settings, parameters: Any, guess: Any, starts: Several
+    ) -> tuple[ProblemSolver, list[Guess]]:
         """Solver and first guesses."""
         near = guess.solution if isinstance(guess, Shifted) else guess
         setup = near.phases[0].program.setup if self.is_known(guess) and len(near.phases) == 1 else None
         solver = ProblemSolver(self.problem, settings, parameters, self.initial, self.best, setup)
         return solver, _guesses(solver, starts, guess)
 
-    def _settings(self, near: Any, starts: Any, tolerance: float | None) -> list[Settings]:
+    def _settings(self, near: Any, starts: Several, tolerance: float | None) -> list[Settings]:
         """Settings that are tried in turn: an open chain in its angles, and then in all coordinates."""
         settings = self.settings
         if tolerance is not None:
             settings = replace(settings, options=sharp_options(tolerance) | settings.options)
         if isinstance(near, Solution) and starts is None:
             return [replace(settings, angles=near.settings.angles)]
-        if near is None and not _are_listed(starts) and has_open_chains(self.problem):
+        if near is None and not isinstance(starts, list) and has_open_chains(self.problem):
             return [replace(settings, angles=True), settings]
         return [settings]
 
@@ -337,20 +344,12 @@ def _stage(outcome: Outcome) -> Attempt:
     return attempt if jump is None else replace(attempt, description=f"{attempt.description}, {jump.title}")
 
 
-def _guesses(solver: ProblemSolver, starts: Any, guess: Any) -> list[Guess]:
+def _guesses(solver: ProblemSolver, starts: Several, guess: Any) -> list[Guess]:
     """The guesses that are given, or the usual ones."""
-    if starts is None or (isinstance(starts, int) and not isinstance(starts, bool)):
-        if starts is not None and starts < 1:
-            raise ModelError(f"optimize: starts must be at least 1, got {starts}")
-        first = usual_guesses(solver) if guess is None else [read_guess(solver, guess)]
-        return first[:starts]
-    try:
-        several = list(starts)
-    except TypeError:
-        raise ModelError(f"optimize: starts= takes a number or a list of guesses, got {starts!r}") from None
-    if not several:
-        raise ModelError("optimize: starts= is an empty list")
-    return [usual_guesses(solver)[0] if one is None else read_guess(solver, one) for one in several]
+    if isinstance(starts, list):
+        return [usual_guesses(solver)[0] if one is None else read_guess(solver, one) for one in starts]
+    first = usual_guesses(solver) if guess is None else [read_guess(solver, guess)]
+    return first[:starts]
 
 
 def usual_guesses(solver: ProblemSolver) -> list[Guess]:
@@ -363,7 +362,3 @@ def usual_guesses(solver: ProblemSolver) -> list[Guess]:
     usual = starts.usual()
     is_chain = solver.setups[0].scheme.eom.is_chain
     return [usual, starts.at_rest()] if is_chain and not starts.stays_at_rest() else [usual]
-
-
-def _are_listed(starts: Any) -> bool:
-    return starts is not None and not isinstance(starts, int)
