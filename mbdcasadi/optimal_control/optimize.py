@@ -101,7 +101,7 @@ def optimize(
         {expression: values}}``, by phase or its name, is over a phase, else values are over the whole motion.
         Default is a kinematic motion, by continuation through the conditions.
     starts : int or sequence, optional
-        Number of starts of different kinds, durations and ends, or a list of guesses; the best solution is returned,
+        Number of starts of different kinds, durations and ends, or a list in place of `guess`; the best is returned,
         and ``statistics.starts`` has all, with the number of those of the same cost.
     executor : concurrent.futures.Executor, optional
         Threads or processes on which the solver runs from several starts at a time, without `progress`.
