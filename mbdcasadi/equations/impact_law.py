@@ -31,7 +31,7 @@ class Jump:
     left_over : numpy.ndarray
         Amounts ``J v⁺ - b`` by which the rows are missed (k,): rounding, unless rows contradict each other.
     contradiction : numpy.ndarray
-        The same with the misses spread over all rows that contradict each other (k,).
+        Amounts with the misses spread over all rows that contradict each other (k,).
     dependent : tuple of int
         Rows that others imply.
     """

@@ -94,7 +94,7 @@ class ReducedEquations:
     Attributes
     ----------
     whole : Equations
-        Those.
+        Equations in all coordinates.
     independent : list of int
         Coordinates that are left.
     rows, explicit : list of int

@@ -84,7 +84,7 @@ class Plane:
 
     @property
     def normal(self) -> np.ndarray:
-        """Its normal (3,)."""
+        """Normal (3,)."""
         return self.axes[2]
 
     def place(self, point: np.ndarray) -> np.ndarray:

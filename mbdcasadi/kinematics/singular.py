@@ -26,7 +26,7 @@ class SingularPose:
     rows : tuple of str
         Rows that depend on each other there, the strongest first.
     text : str
-        The same in words.
+        Kind and rows in words.
     """
 
     kind: str

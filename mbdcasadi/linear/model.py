@@ -205,7 +205,7 @@ class Mode:
     shape : numpy.ndarray
         Over q (n,), complex; the largest entry is 1.
     vector : numpy.ndarray
-        The same over the states of the model.
+        Shape over the states of the model.
     model : LinearModel
         Model to which it belongs.
     """

@@ -48,7 +48,7 @@ class Body(Immutable, HoldsSymbols, HasQuantities):
     x, y, phi, vx, vy, omega, ax, ay, alpha : casadi.SX
         Its coordinates and their rates, in the global frame (m, rad, s).
     q, v, a : casadi.SX
-        The same as vectors (3,).
+        Coordinates and their rates as vectors (3,).
     pose_estimate, velocity_estimate : numpy.ndarray
         The estimates, of the centre of mass.
 

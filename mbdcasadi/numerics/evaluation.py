@@ -31,7 +31,7 @@ class Evaluator:
     Attributes
     ----------
     function : casadi.Function
-        The same, for many points at once.
+        Function that is evaluated at many points at once.
     """
 
     def __init__(self, function: ca.Function):

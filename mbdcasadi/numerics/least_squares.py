@@ -117,7 +117,7 @@ def _sparse_step(
     damping: float,
     scale: np.ndarray,
 ) -> np.ndarray:
-    """The same of a large Jacobian with few entries, by a sparse factorisation."""
+    """Damped step for a large Jacobian with few entries, by a sparse factorisation."""
     m, n = jacobian.shape
     rows, columns = places
     values = jacobian[rows, columns] * scale[rows]

@@ -208,7 +208,7 @@ def project_with_inequalities(
     pushes : callable
         ``(x, active) -> multipliers`` of those that are held; negative if one pulls instead of pushing.
     active : sequence of int, optional
-        Those that are held at first.
+        Inequalities that are held at first.
 
     Returns
     -------

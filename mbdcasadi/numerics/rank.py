@@ -90,7 +90,7 @@ def inverse_of_independent(square: np.ndarray) -> np.ndarray | None:
 
 
 def surely_independent_sparse(matrix: ca.DM) -> bool:
-    """The same of a large sparse matrix, by its factors and inverse iteration: an estimate, with a wide margin."""
+    """True if the rows of a large sparse matrix are independent, by an estimate with a wide margin."""
     m, n = matrix.shape
     if m > n:
         return False

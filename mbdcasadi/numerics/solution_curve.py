@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -71,22 +71,6 @@ def closed_curve(
         Unknowns of which whole turns, 2 pi, lead back to the same point (n,).
     """
     return _Curve(equations, sizes, turning).closed_from(start / sizes)
-
-
-def points_along(
-    equations: Equations, start: np.ndarray, sizes: np.ndarray, sense: int
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield the points of the curve through a solution, that one first, with their directions.
-
-    The curve is followed in one of its two senses, 1 or -1, on and on; it ends before a point that is nearly singular,
-    and is empty if the first one is. Other arguments are those of :func:`closed_curve`.
-    """
-    curve = _Curve(equations, sizes, np.zeros(sizes.size, bool))
-    first = curve.point(start / sizes, None)
-    if first is not None:
-        first = replace(first, direction=sense * first.direction)
-        for point in itertools.chain([first], curve.after(first)):
-            yield point.y * sizes, sense * point.direction * sizes
 
 
 class _Curve:

@@ -52,7 +52,7 @@ class State(HoldsSymbols):
         Impulses of constraints at the instant, by their rows: of a state just after an impact. The name of a
         constraint may take its place if the mechanism does not have it, as read from a file.
     whole : State, optional
-        The same state as one of all mechanisms of a motion, for quantities that the mechanism does not have.
+        The state as one of all mechanisms of a motion, for quantities that the mechanism does not have.
 
     Examples
     --------
@@ -94,7 +94,7 @@ class State(HoldsSymbols):
 
     @property
     def whole(self) -> State:
-        """The same as a state of all mechanisms of its motion; itself if there is one mechanism."""
+        """State of all mechanisms of its motion; itself if there is one mechanism."""
         return self if self._whole is None else self._whole
 
     @property

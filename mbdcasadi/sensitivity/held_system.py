@@ -104,7 +104,7 @@ class HeldSystem:
     Attributes
     ----------
     numeric, signals, integrands
-        The same with the switches held; the sides are the last parameters.
+        Equations, inputs and integrands with the switches held; the sides are the last parameters.
     switches : tuple of Switch
         Switches that are held.
     whole : numpy.ndarray of bool

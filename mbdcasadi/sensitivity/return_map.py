@@ -51,7 +51,7 @@ def warn_of_a_clock(mechanisms: Iterable[Mechanism], rows: Iterable[ca.SX], endi
     Parameters
     ----------
     mechanisms : iterable of Mechanism
-        Those of the phases.
+        Mechanisms of the phases.
     rows : iterable of casadi.SX
         What is to contain no time besides.
     ending : str

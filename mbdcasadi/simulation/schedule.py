@@ -40,7 +40,7 @@ class Piece:
     ends_at_jump : bool
         True if the equations jump at its end, and belong to its inside up to there.
     starts_at_jump : bool
-        The same of its start.
+        True if the equations jump at its start, and belong to its inside from there.
     """
 
     start: float
@@ -52,7 +52,7 @@ class Piece:
 
     @property
     def length(self) -> float:
-        """Its duration, s."""
+        """Duration, s."""
         return float(self.times[-1] - self.start)
 
     @cached_property

@@ -292,7 +292,7 @@ class Follower:
         return tangent if before is None or tangent @ before >= 0 else -tangent
 
     def _advanced(self, point: _Point, step: float, sign: float) -> _Point | None:
-        """The same as :meth:`advance`, at the last value if the step leads across it."""
+        """Point by :meth:`advance`, at the last value if the step leads across it."""
         following = self.advance(point, step)
         if following is None or not (self.last - point.x[-1]) * sign > 0 > (self.last - following.x[-1]) * sign:
             return following

@@ -218,7 +218,7 @@ class Statics:
         return values, jacobian
 
     def _at_rest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same rows with the rates themselves."""
+        """Rows and Jacobian with the rates themselves."""
         values, jacobian = self._rows(x, self.t, self.numeric.p[self._known_p])
         return values.full().ravel(), jacobian.full()
 
@@ -284,7 +284,7 @@ class Statics:
         return bool(np.any(load[: self.n]) or np.any(others))
 
     def without_reactions(self, x: np.ndarray) -> np.ndarray:
-        """The same with multipliers of zero."""
+        """Unknowns with multipliers of zero."""
         q, z, lam, y = self.split(x)
         return self.join(q, z, np.zeros(lam.size), y)
 
@@ -320,7 +320,7 @@ class Statics:
 
     # --- free directions --------------------------------------------------------------------
     def follow(self, x: np.ndarray) -> np.ndarray:
-        """The same pose with the multipliers and first-order states that balance the loads as far as they can."""
+        """Return the pose with the multipliers and first-order states that balance the loads as far as they can."""
         c, basis = self._free(x)
         x = x.copy()
         for _ in range(3):

@@ -38,9 +38,9 @@ class JumpingPart:
     nodes, continuous : frozenset of int
         Operations that jump, and those of them over which the expressions are continuous nevertheless.
     smooth : frozenset of int
-        Those over which nothing need be held: the same, or those over which slopes and curvatures are continuous too.
+        Switches over which nothing need be held: these, or those over which slopes and curvatures are continuous too.
     roots : frozenset of int
-        Those of them over which nothing can be held, as powers of a penetration have no value beyond.
+        Switches over which nothing can be held, as powers of a penetration have no value beyond.
     bends : bool
         True if slopes and curvatures count.
     """

@@ -32,7 +32,7 @@ class Switch:
     quantity : casadi.SX
         Expression that passes zero, or whole numbers, with the switches inside it held.
     natural : casadi.SX
-        The same with nothing held.
+        That expression with nothing held.
     whole : bool
         True if whole numbers count.
     description : str

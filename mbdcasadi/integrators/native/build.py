@@ -60,7 +60,7 @@ class Compiler:
 
     @property
     def name(self) -> str:
-        """Its name."""
+        """Name of the command."""
         return Path(self.command[0]).name
 
 

@@ -95,7 +95,7 @@ class CostErrors(Measure):
 
     @property
     def spread(self) -> float:
-        """The same times the duration."""
+        """Loss times the duration."""
         return self.loss * self.solution.duration
 
     def sentences(self) -> list[str]:

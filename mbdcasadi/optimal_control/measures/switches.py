@@ -283,7 +283,7 @@ def _is_kink(part: PhaseSolution, first: int, last: int) -> bool:
 
 
 def _place_around(part: PhaseSolution, first: int, last: int) -> float | None:
-    """The same as :func:`_place`, or by the intervals further away: a jump leads those beside it astray."""
+    """Place by :func:`_place`, or by the intervals further away: a jump leads those beside it astray."""
     place = _place(part, first, last)
     return _place(part, max(first - 1, 1), min(last + 1, part.mesh.count - 1)) if place is None else place
 

@@ -180,7 +180,7 @@ class PhaseSolution:
 
     @property
     def end_errors(self) -> np.ndarray:
-        """The same without signs."""
+        """Sizes of the differences at the ends."""
         return np.abs(self.end_differences)
 
     @cached_property
@@ -228,7 +228,7 @@ class PhaseSolution:
 
     @property
     def state_errors(self) -> np.ndarray:
-        """The same of the first-order states, as shares of their ranges (N, k)."""
+        """Differences of the first-order states at the ends, as shares of their ranges (N, k)."""
         return self.end_errors[:, 2 * self.phase.equations.q.numel() :] / self.state_ranges
 
     @property

@@ -43,7 +43,7 @@ class Verification:
         such as one that ends upright, does not replay by itself, however right it is. Then the defects say whether it
         is a motion; ``optimize(…, tolerance=…)`` makes them smaller, and feedback keeps a mechanism on its way.
     largest_deviation : float
-        The same at any mesh point that was reached.
+        Largest deviation at any mesh point that was reached.
     drift : float
         Largest ``|Phi|`` of the simulated motion.
     defects : numpy.ndarray

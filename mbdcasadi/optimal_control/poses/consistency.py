@@ -256,14 +256,14 @@ def _excess(limits: Iterable[Condition], state: State) -> dict[Condition, tuple[
 
 
 def _broken(values: dict[Condition, tuple[float, float]]) -> dict[Condition, tuple[float, float]]:
-    """Those of the limits with their values and sizes that are not met."""
+    """Limits that are not met, with their values and sizes."""
     return {c: pair for c, pair in values.items() if pair[0] > CONTRADICTION_TOLERANCE * pair[1]}
 
 
 def _broken_everywhere(
     broken: dict[Condition, tuple[float, float]], numeric: NumericEquations, rows: Sequence[Condition], time: float
 ) -> dict[Condition, tuple[float, float]]:
-    """Those of broken limits that are so on all branches that are found from random poses."""
+    """Limits that are broken on all branches that are found from random poses."""
     for near in _random_poses(numeric):
         try:
             there = _broken(_excess(broken, _state_under(numeric, rows, time, near)))

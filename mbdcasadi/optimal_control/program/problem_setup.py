@@ -55,7 +55,7 @@ class ProblemSetup:
     setups : list of PhaseSetup
         What the programs of each phase have in common.
     changes : list of ChangeSetup
-        The same of the changes between them.
+        What the programs of each change between them have in common.
     of_start : Cache
         What follows from the problem, its own start and the parameters that are given, without symbols.
     """

@@ -124,6 +124,6 @@ class Outcome:
 
     @property
     def attempt(self) -> Attempt:
-        """Its entry in the statistics."""
+        """Entry in the statistics."""
         violation = self.violation if isinstance(self.proposal.variant, Violations) else None
         return self.last.as_attempt(self.proposal.description, violation=violation)

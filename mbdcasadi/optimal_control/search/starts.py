@@ -175,7 +175,7 @@ class Starts:
         return self._guess(self._ways(ways), "kinematic", kinematic_guess)
 
     def at_rest(self, ways: Sequence[Way] | None = None) -> Guess:
-        """The same poses without speeds."""
+        """The poses of the places on the way, without speeds."""
         return self._guess(self._ways(ways), "kinematic, at rest", guess_at_rest)
 
     def stays_at_rest(self) -> bool:

@@ -222,7 +222,7 @@ def _wider(limits: Sequence[Violation]) -> str:
 
 
 def _instead_of(failure: OptimizationError, text: str) -> OptimizationError:
-    """The same failure with another message."""
+    """A failure with another message."""
     return OptimizationError(
         text, largest_violations=failure.largest_violations, partial=failure.partial, time=failure.time
     )

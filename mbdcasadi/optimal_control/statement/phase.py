@@ -85,7 +85,7 @@ class _SplitWaypoint(Waypoint):
 
 
 def _without_parts(waypoint: Waypoint) -> Waypoint:
-    """The same waypoint, or one with parameters in place of the parts in its cost."""
+    """A waypoint itself, or one with parameters in place of the parts in its cost."""
     parts = parameter_parts()
     split = _SplitWaypoint(waypoint, parts)
     return split if parts.symbols else waypoint

@@ -343,7 +343,7 @@ class Transcription(ABC):
         return ca.horzcat(ends[0], inner, ends[1])
 
     def expanded(self, at: CollocationPoint, p: ca.SX, *, loads: bool = True) -> CollocationPoint:
-        """The same point with all coordinates of the mechanism and the multipliers of all rows.
+        """Return a point with all coordinates of the mechanism and the multipliers of all rows.
 
         If rows are redundant the multipliers are those of least norm, as in all analyses; `loads` = False spares this.
         """

@@ -132,7 +132,7 @@ class Polynomials:
 
     @cached_property
     def free_inputs(self) -> dict[Any, PiecewisePolynomial]:
-        """Those of them that were found."""
+        """Inputs that were found."""
         places, part = self.scheme.free_inputs, self.scheme.interval_slice("u")
         ends = self.scheme.split_point(self.points.T)["u"].T if self.scheme.inputs.joined else None
         return self._courses(places, self.intervals[:, part], self.scheme.inputs, ends) if places else {}

@@ -320,7 +320,7 @@ class FrictionModes(Modes):
         """True if friction at rest is below its limit, and what starts to slide does so in its sense.
 
         Other frictions that stick may exert any force up to their limits; what is breaking away may not yet accelerate.
-        Those that are `strict` have to be clear of their limits and of rest by more than rounding.
+        Conditions that are `strict` have to be clear of their limits and of rest by more than rounding.
         """
         for i in resting:
             friction, sense = self.frictions[i], mode.senses[i]

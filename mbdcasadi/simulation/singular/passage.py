@@ -347,7 +347,7 @@ class Trail:
 
     @property
     def start(self) -> float:
-        """Its first time, s."""
+        """First time, s."""
         return float(self._parts[0][0][0])
 
     def before(self, time: float) -> tuple[float, np.ndarray]:

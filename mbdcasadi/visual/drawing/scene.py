@@ -174,7 +174,7 @@ class Scene:
         return len(self.frames) - 1
 
     def without(self, group: str) -> Scene:
-        """The same scene without the marks of a group."""
+        """Return the scene without the marks of a group."""
         return replace(self, marks=[mark for mark in self.marks if mark.group != group])
 
     @property

@@ -132,7 +132,7 @@ def _turned_back(vector: ca.SX, body: Any) -> ca.SX:
 
 
 def _inner(points: np.ndarray) -> np.ndarray:
-    """The same between the two cross bars that a spring and a damper share."""
+    """Points of a symbol between the two cross bars that a spring and a damper share."""
     points = points.copy()
     points[:, 1] = 0.06 + 0.88 * points[:, 1]
     return points

@@ -50,7 +50,7 @@ class Contact(Element):
     normal : casadi.SX
         Unit vector (2,) from b to a, at the first place.
     gaps, normal_forces, friction_forces, sliding_speeds : casadi.SX
-        The same for each place (k,): m, N, N, m/s.
+        Distance, forces and sliding speed at each place (k,): m, N, N, m/s.
     power : casadi.SX
         Power of the friction, W.
 
