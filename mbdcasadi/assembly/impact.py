@@ -149,13 +149,13 @@ def _closed(numeric: NumericEquations, law: ImpactLaw, t: float, q: np.ndarray, 
     function = ca.Function("momentary", [eom.t, eom.q, eom.p], [ca.densify(law.momentary)])
     moment = function(t, q, numeric.p).full().ravel()
     limits = np.r_[position_limits(numeric), position_limits(numeric, np.zeros(moment.size, bool))]
-    missed = np.abs(np.r_[phi, moment])
-    if np.any(missed > limits):
-        worst = int(np.argmax(missed / limits))
+    residual = np.abs(np.r_[phi, moment])
+    if np.any(residual > limits):
+        worst = int(np.argmax(residual / limits))
         raise SimulationError(
             f"{what}: the position of '{law.position_names[worst]}' of the new mechanism does not hold, it is off by "
-            f"{missed[worst]:.3g}; a joint closes where its rows vanish, or a parameter in it takes the value of that "
-            "instant",
+            f"{residual[worst]:.3g}; a joint closes where its rows vanish, or a parameter in it takes the value of "
+            "that instant",
             time=t,
         )
     return np.asarray(Recovery(numeric, redundant=False).positions(np.array([t]), q[None, :])[0])

@@ -182,10 +182,10 @@ class NumericEquations:
         """Name of the row that is met worst at a state, at the level of positions or velocities, and by how much."""
         eom = self.eom
         jacobian, nu = self.velocity(t, q)
-        missed = np.r_[self.position(t, q)[0], jacobian @ v - nu]
+        residual = np.r_[self.position(t, q)[0], jacobian @ v - nu]
         names = [*eom.position_names, *(f"the rate of {name}" for name in eom.row_names)]
-        worst = int(np.argmax(np.abs(missed))) if missed.size else 0
-        return (names[worst], float(missed[worst])) if missed.size else ("", 0.0)
+        worst = int(np.argmax(np.abs(residual))) if residual.size else 0
+        return (names[worst], float(residual[worst])) if residual.size else ("", 0.0)
 
     # --- scale and rank ----------------------------------------------------------------
     @cached_property
@@ -391,7 +391,7 @@ class NumericEquations:
             )
         jacobian, gamma = self.acceleration(t, q, v)
         left_over = jacobian @ a - gamma if a.size else np.zeros(0)
-        missed = left_over / self._acceleration_terms(jacobian, gamma, a, lam)
+        residual = left_over / self._acceleration_terms(jacobian, gamma, a, lam)
         broken = [] if finite else self.not_finite(t, q, v, z, u)
         if broken:
             raise SingularityError(
@@ -399,9 +399,9 @@ class NumericEquations:
                 "volume that has become negative)",
                 time=t,
             )
-        if not finite or not np.isfinite(lam).all() or largest(missed) > ACCELERATION_TOLERANCE:
+        if not finite or not np.isfinite(lam).all() or largest(residual) > ACCELERATION_TOLERANCE:
             names = self.eom.row_names
-            worst = np.argsort(-np.abs(np.where(np.isfinite(missed), missed, np.inf)))[:3]
+            worst = np.argsort(-np.abs(np.where(np.isfinite(residual), residual, np.inf)))[:3]
             raise SingularityError(
                 f"no acceleration meets the constraints at t = {t:.6g} s: the pose is singular for the rows "
                 f"{', '.join(names[k] for k in worst)} (if several motions go from it, the velocities must be along "

@@ -43,7 +43,7 @@ class _Placed(NamedTuple):
     v: ca.SX
     a: ca.SX
     #: coordinates if the explicit rows are `error` in place of zero
-    missed: ca.SX
+    displaced: ca.SX
     error: ca.SX
 
 
@@ -128,21 +128,21 @@ class ReducedEquations:
     @cached_property
     def _placed(self) -> _Placed:
         error = ca.SX.sym("e", len(self._solved))
-        missed = _coordinates(self.whole, self._solved, error)
-        q = ca.substitute(missed, error, ca.SX.zeros(error.numel()))
+        displaced = _coordinates(self.whole, self._solved, error)
+        q = ca.substitute(displaced, error, ca.SX.zeros(error.numel()))
         v = ca.jtimes(q, ca.vertcat(self.q, self.t), ca.vertcat(self.v, 1))
         a = ca.jtimes(v, ca.vertcat(self.q, self.v, self.t), ca.vertcat(self.v, self.a, 1))
         q, v, a = (ca.densify(x) for x in (q, v, a))
-        return _Placed(q, v, a, missed, error)
+        return _Placed(q, v, a, displaced, error)
 
     @cached_property
     def _terms(self) -> _Terms:
-        eom, (q, _, a, missed, error) = self.whole, self._placed
+        eom, (q, _, a, displaced, error) = self.whole, self._placed
         rows = eom.Phi_q[self.rows, :]
         load = eom.mass_diagonal * eom.a + rows.T @ self.lam - eom.Q
         right = [eom.Phi[self._places, 0], eom.nu[self.rows, 0], eom.gamma[self.rows, 0]]
         load, rows, phi, nu, gamma, z_rate = self.of(load, rows, *right, eom.z_rate)
-        pull = -ca.densify(ca.substitute(ca.jtimes(missed, error, load, True), error, ca.SX.zeros(error.numel())))
+        pull = -ca.densify(ca.substitute(ca.jtimes(displaced, error, load, True), error, ca.SX.zeros(error.numel())))
         lam = ca.SX(eom.lam)
         if self.explicit:
             lam[self.explicit] = pull

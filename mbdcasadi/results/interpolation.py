@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 
-def _bracket(t: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Index of the interval of each wanted time, its width and the fraction passed, as columns."""
-    k = np.clip(np.searchsorted(t, wanted, side="right") - 1, 0, max(t.size - 2, 0))
+def _bracket(t: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Index of the interval of each of some times, its width and the fraction passed, as columns."""
+    k = np.clip(np.searchsorted(t, times, side="right") - 1, 0, max(t.size - 2, 0))
     if t.size == 1:
-        return k, np.ones((wanted.size, 1)), np.zeros((wanted.size, 1))
+        return k, np.ones((times.size, 1)), np.zeros((times.size, 1))
     h = (t[k + 1] - t[k])[:, None]
-    return k, h, (wanted - t[k])[:, None] / h
+    return k, h, (times - t[k])[:, None] / h
 
 
-def hermite(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, wanted: np.ndarray):
+def hermite(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, times: np.ndarray):
     """Quintic Hermite interpolation of positions, and its derivative."""
-    k, h, s = _bracket(t, wanted)
+    k, h, s = _bracket(t, times)
     if t.size == 1:
         return q[k], v[k]
     return quintic_step(s, h, q[k], v[k], a[k], q[k + 1], v[k + 1], a[k + 1])
@@ -50,17 +50,17 @@ def cubic_step(
     return z0 + s * (r0 + s * (second + s * third)), (r0 + s * (2 * second + 3 * s * third)) / h
 
 
-def cubic(t: np.ndarray, values: np.ndarray, rates: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def cubic(t: np.ndarray, values: np.ndarray, rates: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cubic Hermite interpolation of values with their rates, by row, and its derivative."""
-    k, h, s = _bracket(t, wanted)
+    k, h, s = _bracket(t, times)
     if t.size == 1 or values.shape[1] == 0:
         return values[k], rates[k]
     return cubic_step(s, h, values[k], rates[k], values[k + 1], rates[k + 1])
 
 
-def linear(t: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+def linear(t: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Linear interpolation of values by row."""
-    k, _, s = _bracket(t, wanted)
+    k, _, s = _bracket(t, times)
     if t.size == 1 or values.shape[1] == 0:
         return values[k]
     return values[k] + s * (values[k + 1] - values[k])

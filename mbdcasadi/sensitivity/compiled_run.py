@@ -22,7 +22,7 @@ from ..numerics.lazy import cached_property
 from ..results.state import State
 from ..results.trajectory import Trajectory
 from ..simulation.changes.modes import SingleMode
-from ..simulation.checks.accuracy import range_near_rounding, ranges, tolerance_for, unresolved_range
+from ..simulation.checks.accuracy import range_near_rounding, ranges_of, tolerance_for, unresolved_range
 from ..simulation.path import Path
 from ..simulation.simulate import chosen_integrator, suited_to_friction
 from ..simulation.singular.regularity import Regularity, folding_pose, turns_far
@@ -133,7 +133,7 @@ class MotionSetup(Setup):
             If the tolerance was given, and does not resolve the smallest one.
         """
         abstol = self.integrator.abstol
-        known = [(q, tolerance_for(ranges(q), abstol)) for q in motions if len(q) and np.all(np.isfinite(q))]
+        known = [(q, tolerance_for(ranges_of(q), abstol)) for q in motions if len(q) and np.all(np.isfinite(q))]
         small = [(finer, q) for q, finer in known if finer is not None]
         if not small:
             return False

@@ -121,7 +121,7 @@ class _Walk:
         interval = np.clip(np.searchsorted(self._grid, piece.begins, side="right") - 1, 0, self._grid.size - 2)
         columns = self._columns_of(interval.tolist())
         states = self._integrated(start, length, columns, length, fractions, piece.stops)
-        self.columns.append(states[:, np.flatnonzero(piece.wanted).tolist()])
+        self.columns.append(states[:, np.flatnonzero(piece.requested).tolist()])
         self._x, self._begin, self._on_constraints = states[:, -1], float(piece.times[-1]), False
 
     def _moving(self, interval: int, end: Any) -> None:

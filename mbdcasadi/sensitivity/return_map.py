@@ -68,13 +68,13 @@ def warn_of_a_clock(mechanisms: Iterable[Mechanism], rows: Iterable[ca.SX], endi
 def next_start(left: np.ndarray, right: np.ndarray, remedy: str) -> Stability:
     """Return the return map for ``left x_next = right x``, in coordinates of the start."""
     matrix, _, rank, _ = np.linalg.lstsq(left, right, rcond=1e-9)
-    missed = np.max(np.abs(left @ matrix - right), initial=0.0)
+    residual = np.max(np.abs(left @ matrix - right), initial=0.0)
     if rank < left.shape[1]:
         raise ModelError(
             f"stability: the boundary conditions decide {rank} of {left.shape[1]} quantities of the next start; "
             f"relate each of the others to the end, or {remedy}"
         )
-    if missed > CLOSURE_TOLERANCE * max(1.0, float(np.max(np.abs(right), initial=0.0))):
+    if residual > CLOSURE_TOLERANCE * max(1.0, float(np.max(np.abs(right), initial=0.0))):
         raise ModelError(
             "stability: a disturbed motion does not meet the boundary conditions any more: they hold more than "
             "the next start (for instance a length or a duration, which inputs would have to keep)"

@@ -139,9 +139,9 @@ def _stability_of_simulation(
     for relation in boundary:
         if not relation.equality:
             raise ModelError(f"stability: boundary= takes equalities, got {relation.label}")
-        by_start, by_end, missed = _slopes(relation, start, end)
-        if abs(missed) > PERIODIC_TOLERANCE * (1 + largest(end.q) + largest(end.v)):
-            warn(f"stability: the motion is not periodic: {relation.label} is missed by {missed:.3g}")
+        by_start, by_end, residual = _slopes(relation, start, end)
+        if abs(residual) > PERIODIC_TOLERANCE * (1 + largest(end.q) + largest(end.v)):
+            warn(f"stability: the motion is not periodic: {relation.label} is missed by {residual:.3g}")
         left.append(by_start @ tangent)
         right.append(-by_end @ variation.end)
     return next_start(np.array(left), np.array(right), "state it in boundary=")

@@ -387,8 +387,8 @@ class BorderPassage:
         n = numeric.eom.q.numel()
         q, v = self._x[:n], self._x[n : 2 * n]
         jacobian, nu = (part.full() for part in numeric.velocity_function(self._time, q, np.r_[self._p, sides]))
-        missed = np.max(np.abs(jacobian @ v - nu.ravel()), initial=0.0)
-        if missed <= NO_IMPULSE * (1 + self._speed):
+        residual = np.max(np.abs(jacobian @ v - nu.ravel()), initial=0.0)
+        if residual <= NO_IMPULSE * (1 + self._speed):
             return False
         self._x = np.r_[q, jump(numeric, jacobian, nu.ravel(), v).v, self._x[2 * n :]]
         return True

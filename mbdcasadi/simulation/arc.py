@@ -110,7 +110,7 @@ class Arc:
         self.resolution, self.unseen_loads = Resolution(self.stepper), UnseenLoads(self.stepper)
         self.policies = (AcrossFolds(self.passage_from), UpToTouches(self.resolution), MeetLoads(self.unseen_loads))
         self.passage = SingularPassage(regularity, self.stepper.outputs)
-        self._projection = PieceProjection(self.stepper, only_wanted=not self.watch.events)
+        self._projection = PieceProjection(self.stepper, only_requested=not self.watch.events)
         self.trail = Trail()
 
     def is_own(self, event: Event) -> bool:

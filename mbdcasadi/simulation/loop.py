@@ -382,7 +382,7 @@ class Run:
         arc, deciding = self._arc, found.deciding
         times, x, usual = found.path.times[1:], found.path.x[1:], arc.outputs(passage)
         at_events = [usual if passage else arc.outputs_before(found.path, c) for c in found.crossings]
-        before, wanted, count = usual, found.piece.wanted[: times.size], times.size
+        before, requested, count = usual, found.piece.requested[: times.size], times.size
         at_end = np.zeros(count, bool)
         if deciding:
             time, before = deciding[0].time, at_events[found.crossings.index(deciding[0])]
@@ -390,7 +390,7 @@ class Run:
             count = int(np.searchsorted(times, time + self.instant, side="right"))
             x = np.where((times > time)[:, None], deciding[0].x, x)
             at_end = times >= time - self.instant
-        for some, made_by in ((wanted & ~at_end, usual), (wanted & at_end, before)):
+        for some, made_by in ((requested & ~at_end, usual), (requested & at_end, before)):
             kept = slice(count) if some[:count].all() else some[:count].nonzero()[0]
             self._keep(times[kept], x[kept], found.piece.begins[kept], made_by)
         for crossing, outputs in zip(found.crossings, at_events, strict=True):

@@ -33,7 +33,7 @@ class Piece:
         Time at which it starts, s.
     times : numpy.ndarray
         Outputs of the integrator, the last one its end.
-    wanted : numpy.ndarray of bool
+    requested : numpy.ndarray of bool
         True for those that are outputs of the user.
     stops : numpy.ndarray of bool
         Over which of them no step may go.
@@ -45,7 +45,7 @@ class Piece:
 
     start: float
     times: np.ndarray
-    wanted: np.ndarray
+    requested: np.ndarray
     stops: np.ndarray
     ends_at_jump: bool = False
     starts_at_jump: bool = False
@@ -95,8 +95,8 @@ class Piece:
         place = np.minimum(self.times.searchsorted(times), self.times.size - 1)
         known = self.times[place] == times
         ends_at_jump = self.ends_at_jump and bool(times[-1] == self.times[-1])
-        wanted, stops = known & self.wanted[place], known & self.stops[place]
-        return Piece(self.start, times, wanted, stops, ends_at_jump, self.starts_at_jump)
+        requested, stops = known & self.requested[place], known & self.stops[place]
+        return Piece(self.start, times, requested, stops, ends_at_jump, self.starts_at_jump)
 
     def through(self, stops: np.ndarray) -> Piece:
         """The beginning of it up to the last of some further stops; all of it if they are not inside."""
@@ -156,7 +156,7 @@ class Schedule:
             owner = np.repeat(np.arange(pieces.size), pieces - 1)
             place = np.arange(owner.size) - (np.cumsum(pieces - 1) - (pieces - 1))[owner] + 1
             watch = grid[owner] + place * (np.diff(grid) / pieces)[owner]
-        self.times, self.wanted = self._merged(grid[1:], [jumps, samples, stops, watch])
+        self.times, self.requested = self._merged(grid[1:], [jumps, samples, stops, watch])
         self._stops, self._jumps, self._samples = [self._marked(extra) for extra in (stops, jumps, samples)]
         self._breaks = self._jumps | self._samples
         self._starts_at_jump = self._near(jumps, self.start)
@@ -250,7 +250,7 @@ class Schedule:
         return Piece(
             start,
             self.times[chosen],
-            self.wanted[chosen],
+            self.requested[chosen],
             self._stops[chosen],
             ends_at_jump=bool(self._jumps[last]),
             starts_at_jump=from_jump,
@@ -268,8 +268,8 @@ def samples_of(grid: np.ndarray, period: float) -> np.ndarray:
     return np.minimum(start + period * np.arange(1, count + 1), end)
 
 
-def _nearest(times: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+def _nearest(times: np.ndarray, requested: np.ndarray) -> np.ndarray:
     """Index of the time (of an increasing list) that is nearest to each of others."""
-    after = np.clip(np.searchsorted(times, wanted), 0, times.size - 1)
+    after = np.clip(np.searchsorted(times, requested), 0, times.size - 1)
     before = np.maximum(after - 1, 0)
-    return np.where(np.abs(times[before] - wanted) < np.abs(times[after] - wanted), before, after)
+    return np.where(np.abs(times[before] - requested) < np.abs(times[after] - requested), before, after)

@@ -28,7 +28,7 @@ from .changes.modes import Modes, SingleMode
 from .checks.accuracy import (
     grown_error,
     notes_on_range,
-    ranges,
+    ranges_of,
     small_motions,
     tolerance_for,
     unresolved_range,
@@ -155,13 +155,13 @@ def simulate(
                 'method="bdf" is faster for many contacts of bodies that no joint holds'
             )
         may_repeat = abstol is None and asked is not method and setup.signals.controller is None
-        trajectories.append(_checked(*_resolved(run, trajectories[-1], may_repeat=may_repeat, progress=progress)))
+        trajectories.append(_annotated(*_resolved(run, trajectories[-1], may_repeat=may_repeat, progress=progress)))
     return trajectories[-1]
 
 
-def _checked(run: Run, motion: Trajectory, moved: np.ndarray) -> Trajectory:
-    """A motion with notes on its tolerances and its ranges, after warnings of what it passed."""
-    motion.statistics.notes += notes_on_range(motion, moved, run.integrator.abstol)
+def _annotated(run: Run, motion: Trajectory, ranges: np.ndarray) -> Trajectory:
+    """Add notes on accuracy to a motion, and warn of limits that it exceeds."""
+    motion.statistics.notes += notes_on_range(motion, ranges, run.integrator.abstol)
     motion.statistics.notes += grown_error(motion)
     _report_exceeded_limits(run.setup.mechanism, motion)
     report_validity(motion, run.unresolved())
@@ -181,7 +181,7 @@ def _through_phases(
     motion = run.run()
     notes = motion.statistics.notes
     for part in motion.phases:
-        notes += [note for note in small_motions(part, ranges(part.q), run.integrator.abstol) if note not in notes]
+        notes += [note for note in small_motions(part, ranges_of(part.q), run.integrator.abstol) if note not in notes]
     for part in motion.phases:
         _report_exceeded_limits(part.mechanism, part)
         report_validity(part, run.unresolved() if part is motion.phases[0] else ())
@@ -191,10 +191,10 @@ def _through_phases(
 
 def _resolved(run: Run, motion: Trajectory, *, may_repeat: bool, progress: bool) -> tuple[Run, Trajectory, np.ndarray]:
     """A run whose absolute tolerance resolves the ranges of its motion, and these, or a note that it does not."""
-    abstol, moved = run.integrator.abstol, ranges(motion.q)
-    finer = tolerance_for(moved, abstol)
+    abstol, ranges = run.integrator.abstol, ranges_of(motion.q)
+    finer = tolerance_for(ranges, abstol)
     if finer is None:
-        return run, motion, moved
+        return run, motion, ranges
     if may_repeat:
         again = Run(
             run.setup,
@@ -209,9 +209,9 @@ def _resolved(run: Run, motion: Trajectory, *, may_repeat: bool, progress: bool)
             pass
         else:
             repeated.statistics.notes.append(f"abstol = {finer:.1e}, as the motion stays within a small range")
-            return again, repeated, ranges(repeated.q)
+            return again, repeated, ranges_of(repeated.q)
     motion.statistics.notes.append(unresolved_range(motion.q, abstol))
-    return run, motion, moved
+    return run, motion, ranges
 
 
 def _modes(setup: Setup, events: Sequence[Event]) -> Modes:

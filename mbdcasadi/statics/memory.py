@@ -86,16 +86,16 @@ class Memory:
         directions: np.ndarray = np.linalg.qr(found)[0] if len(rates) else np.zeros((k, 0))
         return directions
 
-    def missed(
+    def residual(
         self, q: np.ndarray, z: np.ndarray, lam: np.ndarray, p: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What the states are off from what the way to a pose makes of them (k,), and its slopes by pose and states."""
         w = self.directions
-        missed = w @ (w.T @ z - self._along([self._q, q], z, lam, p))
+        residual = w @ (w.T @ z - self._along([self._q, q], z, lam, p))
         poses = self._poses(self._q, q)
         end = np.zeros(q.size) if poses is None else poses @ self._slope[-1]
         slope = self._by_velocity(self._t, q, end, z, lam, p).full()
-        return missed, -w @ (w.T @ slope), w @ w.T
+        return residual, -w @ (w.T @ slope), w @ w.T
 
     def by_the_way(self, q: np.ndarray, z: np.ndarray, lam: np.ndarray, p: np.ndarray, free: np.ndarray) -> np.ndarray:
         """True for states that another way to a pose, over displacements that are `free`, or another speed changes."""

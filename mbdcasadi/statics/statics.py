@@ -211,8 +211,8 @@ class Statics:
         values, jacobian = self._at_rest(x)
         if self.memory.directions.size:
             q, z, lam, _ = self.split(x)
-            missed, by_pose, by_state = self.memory.missed(q, z, lam, self.parameters(x))
-            values[self.rates] += missed
+            residual, by_pose, by_state = self.memory.residual(q, z, lam, self.parameters(x))
+            values[self.rates] += residual
             jacobian[self.rates, : self.n] += by_pose
             jacobian[self.rates, self.n : self.n + self.k] += by_state
         return values, jacobian

@@ -147,7 +147,7 @@ def times_of(setup: MotionSetup, p: np.ndarray, load_step: float | None = None) 
     schedule = Schedule(grid, stops=np.r_[signals.breaks, dependence.stops, dependence.jumps], watch_points=0)
     piece = schedule.piece(float(grid[0]), 0, schedule.size - 1)
     columns = signals.columns_from(piece.begins)
-    return Times((piece.times, piece.wanted, piece.stops, columns, np.array([longest])))
+    return Times((piece.times, piece.requested, piece.stops, columns, np.array([longest])))
 
 
 class WholeParcel:
@@ -185,11 +185,11 @@ class WholeParcel:
         self._cache, self._free, self._stopped = cache, Lending(), threading.Event()
         self._running: list[ExplicitRunner] = []
         #: code that ran the last cases, in words
-        self.said = ""
+        self.note = ""
 
     def __getstate__(self) -> dict[str, Any]:
         # functions travel; compiled code is found again in the user's folder
-        own = ("_cache", "_free", "_stopped", "_running", "said")
+        own = ("_cache", "_free", "_stopped", "_running", "note")
         return {name: value for name, value in self.__dict__.items() if name not in own}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -211,8 +211,10 @@ class WholeParcel:
         if not len(starts):
             return Results(np.full((0, self.size), np.nan), [], np.zeros(0, bool))
         # what all cases share has a stride of zero
-        times, wanted, stops, columns, max_step = (part[:1] if part.strides[0] == 0 else part for part in course)
-        cases = Cases(starts, parameters, levels, times, wanted, stops, columns, max_step.ravel(), self._needs_dynamics)
+        times, requested, stops, columns, max_step = (part[:1] if part.strides[0] == 0 else part for part in course)
+        cases = Cases(
+            starts, parameters, levels, times, requested, stops, columns, max_step.ravel(), self._needs_dynamics
+        )
         runner = self._free.borrow("runner", self._runner)
         self._running.append(runner)
         if self._stopped.is_set():  # while this thread was still waiting for its runner
@@ -234,7 +236,7 @@ class WholeParcel:
         count = len(cases.starts)
         values = np.full((count, self._count, self._outputs.numel_out(0)), np.nan)
         status, reached = runner.run_cases(cases, self._first(cases), self._outputs, values)
-        self.said = runner.said
+        self.note = runner.note
         failed = status != Status.DONE
         values[failed] = np.nan
         reasons = [""] * count

@@ -29,7 +29,7 @@ class Parcel:
         True if the mechanism has poses in which it could fold: near them a run may stop.
     """
 
-    said = ""
+    note = ""
 
     def __init__(self, function: ca.Function, path: StartPath, span: float, *, may_fold: bool):
         self.run, self.path, self.span, self.may_fold = Packed(function), path, span, may_fold
@@ -105,7 +105,7 @@ def run_batch(
     for k, reason in zip(chosen, results.reasons, strict=True):
         if reason:
             reasons[k] = f"the integrator stopped: {reason}; simulate with the values of this case says where and why"
-    return BatchOutcome(values, reasons, folds, reached, parcel.said)
+    return BatchOutcome(values, reasons, folds, reached, parcel.note)
 
 
 def _evaluated(function: ca.Function, case: tuple[Any, ...]) -> tuple[np.ndarray, float, float]:

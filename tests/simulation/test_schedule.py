@@ -18,7 +18,7 @@ def test_watch_points_are_spread_evenly_over_the_time(grid):
     lengths = np.diff(np.r_[schedule.start, schedule.times])
     assert np.max(lengths) <= (grid[-1] - grid[0]) / 400 * (1 + 1e-6)
     assert schedule.size <= 400 + grid.size
-    np.testing.assert_array_equal(schedule.times[schedule.wanted], grid[1:])
+    np.testing.assert_array_equal(schedule.times[schedule.requested], grid[1:])
 
 
 @pytest.mark.parametrize("last", [2.0, 2.5])
@@ -26,7 +26,7 @@ def test_an_output_at_the_last_further_stop_stays_one(last):
     """A piece up to stops about a load, the last of which may be an output."""
     schedule = Schedule(np.arange(5.0))
     piece = schedule.piece(0.0, 0, schedule.size - 1).through(np.array([1.5, last]))
-    np.testing.assert_array_equal(piece.times[piece.wanted], [1, 2])
+    np.testing.assert_array_equal(piece.times[piece.requested], [1, 2])
     np.testing.assert_array_equal(piece.times[piece.stops], [1.5, last])
 
 
@@ -46,8 +46,8 @@ def test_every_output_is_there_though_a_force_switches_all_the_time(method):
 def test_a_piece_that_ends_at_a_stop_keeps_the_output_there(stops):
     piece = Piece(0.0, np.array([0.1, 0.2, 0.3]), np.array([True, True, False]), np.zeros(3, bool))
     shorter = piece.through(np.array(stops))
-    kept = piece.times[piece.wanted & (piece.times <= shorter.times[-1])]
-    assert shorter.times[shorter.wanted].tolist() == kept.tolist()
+    kept = piece.times[piece.requested & (piece.times <= shorter.times[-1])]
+    assert shorter.times[shorter.requested].tolist() == kept.tolist()
     assert np.all(np.diff(shorter.times) > 0)
 
 

@@ -76,11 +76,11 @@ def no_compiler() -> str:
 
 
 @cache
-def _compiler(wanted: str, path: str) -> Compiler | None:
+def _compiler(command: str, path: str) -> Compiler | None:
     try:
-        named = tuple(shlex.split(wanted))
+        named = tuple(shlex.split(command))
     except ValueError:  # a quote that is not closed
-        named = (wanted,)
+        named = (command,)
     candidates = [named] if named else [(name,) for name in COMPILERS]
     for command in candidates:
         place = shutil.which(command[0], path=path or None)
@@ -257,9 +257,9 @@ def _run(using: Compiler, options: Sequence[str], folder: str) -> None:
         raise CompilationError(f"the compiler {using.name} failed: {_reason(done.stderr or done.stdout)}")
 
 
-def _reason(said: str) -> str:
+def _reason(output: str) -> str:
     """First error in the output of a compiler, else its first line."""
-    lines = said.strip().splitlines()
+    lines = output.strip().splitlines()
     return next((line for line in lines if "error" in line), lines[0] if lines else "it gives no reason")
 
 

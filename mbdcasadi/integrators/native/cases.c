@@ -26,7 +26,7 @@ void mbd_run_cases(run_t* run, const stretch_t* common, const cases_t* cases, in
     task.stops = cases->stops + shift;
     task.channels = cases->channels + shift * task.channel;
     task.max_step = cases->stride ? cases->max_step[c] : cases->max_step[0];
-    const int* wanted = cases->wanted + shift;
+    const int* requested = cases->requested + shift;
     cases->status[c] = mbd_advance(run, &task);
     cases->reached[c] = task.time;
     if (task.status == HALTED) {
@@ -39,7 +39,7 @@ void mbd_run_cases(run_t* run, const stretch_t* common, const cases_t* cases, in
     int whole = write_outputs(run, cases, task.start, task.x, task.channels, values);
     for (integer r = 0; whole && r < task.recorded; ++r) {
       const integer k = task.out_index[r];
-      if (k < 0 || !wanted[k]) continue;
+      if (k < 0 || !requested[k]) continue;
       values += cases->outputs;
       whole = write_outputs(run, cases, task.out_times[r], task.out_x + r * run->n_x,
                             task.channels + k * task.channel, values);

@@ -78,7 +78,7 @@ class Code:
         The compiled functions.
     spent : float
         Time that interpreting them has taken so far, s.
-    said : str
+    note : str
         Compiler and time, or the reason for which they are not compiled, in words.
     """
 
@@ -88,7 +88,7 @@ class Code:
         self.functions = [f if f.name() in self._bodies else simplified(f) for f in functions]
         self.library: ctypes.CDLL | None = None
         self.spent = 0.0
-        self.said = ""
+        self.note = ""
         self._given_up = False
         self._looked_for: tuple[build.Compiler, str] | None = None
         self._lock = threading.Lock()
@@ -131,7 +131,7 @@ class Code:
             self._looked_for = place
             self.library = build.find(self._key(using))
             if self.library is not None:
-                self.said = "compiled equations, kept from before"
+                self.note = "compiled equations, kept from before"
 
     def pays(self, coming: float) -> bool:
         """Return True if compiling pays before interpreting them for so many seconds more."""
@@ -147,9 +147,9 @@ class Code:
             try:
                 self.library = build.build(self._key(using), self._source(), OPTIMISATION, using)
             except build.CompilationError as error:
-                self._given_up, self.said = True, f"interpreted equations: {error}"
+                self._given_up, self.note = True, f"interpreted equations: {error}"
                 return
-            self.said = f"equations compiled by {using.name} in {time.perf_counter() - began:.2g} s"
+            self.note = f"equations compiled by {using.name} in {time.perf_counter() - began:.2g} s"
 
     def _source(self) -> str:
         parts = ["#include <math.h>\n", "" if self._written is None else self._written.shared]

@@ -50,9 +50,9 @@ class NativeIntegrator(CompiledIntegrator):
         self.restart_counting()
 
     @property
-    def said(self) -> str:
+    def note(self) -> str:
         """Code that runs, in words."""
-        return self._runner.said
+        return self._runner.note
 
     @property
     def tolerances(self) -> tuple[float, float]:
@@ -68,14 +68,14 @@ class NativeIntegrator(CompiledIntegrator):
         while len(rows) < times.size:
             stretch = self._stretch(problem, start, x, slice(len(rows), None))
             reached = self._runner.advance(stretch, progress)
-            wanted = reached.index >= 0
+            requested = reached.index >= 0
             self.steps += reached.steps
             self.all_steps += reached.steps
-            since_output = reached.steps if np.any(wanted) else since_output + reached.steps
+            since_output = reached.steps if np.any(requested) else since_output + reached.steps
             if reached.status.is_failure or (reached.status == Status.PAUSED and since_output > steps):
                 return FLAGS[reached.status]
-            rows = np.vstack([rows, reached.x[wanted]])
-            integrals = np.vstack([integrals, integral + reached.integrals[wanted]])
+            rows = np.vstack([rows, reached.x[requested]])
+            integrals = np.vstack([integrals, integral + reached.integrals[requested]])
             start, x, integral = float(reached.times[-1]), reached.x[-1], integral + reached.integrals[-1]
         self.integrals = integrals
         return rows, np.zeros((times.size, 0))

@@ -298,7 +298,7 @@ class NativeRun:
             levels_of=arrays.doubles(cases.levels),
             stride=count if len(cases.times) > 1 else 0,
             stops=arrays.ints(cases.stops),
-            wanted=arrays.ints(cases.wanted),
+            requested=arrays.ints(cases.requested),
             **{name: array.ctypes.data for name, array in written.items()},
         )
         self.library.mbd_run_cases(self._run, ctypes.addressof(self._task), ctypes.addressof(asked), 0, number)

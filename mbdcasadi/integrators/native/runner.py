@@ -44,7 +44,7 @@ class Runner(ABC):
         Name of the method, and the argument of those to take where there is no C.
     run : NativeRun
         What runs it now: another one once compiled code is there.
-    said : str
+    note : str
         Code that runs, and the reason, in words.
 
     Raises
@@ -60,7 +60,7 @@ class Runner(ABC):
         self.system, self.watched = system, watched
         self._cache, self._compiles = cache, compiles
         self._codes: tuple[Code, ...] = ()
-        self.said = ""
+        self.note = ""
         using = build.compiler()
         if using is None:
             raise self._refusal(
@@ -139,7 +139,7 @@ class Runner(ABC):
                     written.opened(code.library._name)
                 return code
             if self.system.slopes is not None:
-                raise build.CompilationError(code.said)
+                raise build.CompilationError(code.note)
         return self._cache.get_or_create(("code", *functions), partial(Code, functions))
 
     def _compile(self, coming: float) -> None:
@@ -150,10 +150,10 @@ class Runner(ABC):
                 code.compile(self._using)
 
     def _describe(self) -> None:
-        said = self._codes[0].said
-        if self._codes[0].library is None and not said:
-            said = f"interpreted equations: compiling them, about {self._codes[0].price:.2g} s, would not have paid"
-        self.said = f"{self.method} ran in C, {said}"
+        note = self._codes[0].note
+        if self._codes[0].library is None and not note:
+            note = f"interpreted equations: compiling them, about {self._codes[0].price:.2g} s, would not have paid"
+        self.note = f"{self.method} ran in C, {note}"
 
     # --- running ------------------------------------------------------------------------------
     @property

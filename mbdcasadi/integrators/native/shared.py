@@ -136,7 +136,7 @@ CASES = Shared(
     ("integer", "stride", "0, or the number of times of a case"),
     ("const double*", "times max_step", ""),
     ("const double*", "channels", "what holds by interval"),
-    ("const int*", "stops wanted", ""),
+    ("const int*", "stops requested", ""),
     ("double*", "values", "(case, rows, outputs)"),
     ("int*", "status", ""),
     ("double*", "reached", "times up to which they came"),

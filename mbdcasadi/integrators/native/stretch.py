@@ -262,7 +262,7 @@ class Cases:
         Starts on the constraints, parameters, levels of the inputs, by case (k, …).
     times : numpy.ndarray
         Increasing, later than the start (k, n), s; (1, n) if all cases share them, as all that follows.
-    wanted, stops : numpy.ndarray of bool
+    requested, stops : numpy.ndarray of bool
         Times that are outputs, and times that no step may cross.
     channels : numpy.ndarray
         Values in the interval that ends at each of the times (k, n, n_channel).
@@ -276,7 +276,7 @@ class Cases:
     p: np.ndarray
     levels: np.ndarray
     times: np.ndarray
-    wanted: np.ndarray
+    requested: np.ndarray
     stops: np.ndarray
     channels: np.ndarray
     max_step: np.ndarray

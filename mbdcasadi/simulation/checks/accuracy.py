@@ -25,7 +25,7 @@ NO_POWER = 1e-9
 WORTH_REPORTING = 1e-2
 
 
-def ranges(q: np.ndarray, share: float = RANGE_TOLERANCE) -> np.ndarray:
+def ranges_of(q: np.ndarray, share: float = RANGE_TOLERANCE) -> np.ndarray:
     """Range over which each coordinate moves (n,); 0 if that is less than a share of its size.
 
     Parameters
@@ -41,59 +41,59 @@ def ranges(q: np.ndarray, share: float = RANGE_TOLERANCE) -> np.ndarray:
     return np.where(all_ranges > share * (1 + np.maximum(most, -least)), all_ranges, 0.0)
 
 
-def tolerance_for(moved: np.ndarray, abstol: float) -> float | None:
-    """Absolute tolerance that resolves a motion of small :func:`ranges`; None if the one it was made with does."""
-    size = largest(moved)
+def tolerance_for(ranges: np.ndarray, abstol: float) -> float | None:
+    """Absolute tolerance that resolves a motion of small :func:`ranges_of`; None if the one it was made with does."""
+    size = largest(ranges)
     return max(ABSTOL_SHARE * size, SMALLEST_ABSTOL) if 0 < size < RESOLVED * abstol else None
 
 
 def unresolved_range(q: np.ndarray, abstol: float) -> str:
     """Sentence on a motion whose range the tolerance does not resolve."""
     return (
-        f"the motion stays within {largest(ranges(q)):.2g} (m or rad), which abstol = {abstol:.1e} does not "
+        f"the motion stays within {largest(ranges_of(q)):.2g} (m or rad), which abstol = {abstol:.1e} does not "
         "resolve; lower it"
     )
 
 
 def range_near_rounding(q: np.ndarray) -> list[str]:
     """Sentence on a motion whose range is little more than the rounding of its coordinates."""
-    if largest(ranges(q)) > 0:
+    if largest(ranges_of(q)) > 0:
         return []
-    moved = ranges(q, REST_TOLERANCE)
-    if not largest(moved):
+    ranges = ranges_of(q, REST_TOLERANCE)
+    if not largest(ranges):
         return []
-    size = float(np.max(np.abs(q[:, moved > 0])))
+    size = float(np.max(np.abs(q[:, ranges > 0])))
     return [
-        f"the motion stays within {largest(moved):.2g} (m or rad) at coordinates of up to {size:.3g}, near their "
+        f"the motion stays within {largest(ranges):.2g} (m or rad) at coordinates of up to {size:.3g}, near their "
         "rounding, and is not resolved; take an origin nearer to it"
     ]
 
 
-def notes_on_range(motion: Trajectory, moved: np.ndarray, abstol: float) -> list[str]:
+def notes_on_range(motion: Trajectory, ranges: np.ndarray, abstol: float) -> list[str]:
     """Sentences on a motion, or on coordinates in it, that the tolerance or rounding does not resolve.
 
     Parameters
     ----------
-    moved : numpy.ndarray
-        Its :func:`ranges` (n,).
+    ranges : numpy.ndarray
+        Its :func:`ranges_of` (n,).
     """
-    return small_motions(motion, moved, abstol) if largest(moved) else range_near_rounding(motion.q)
+    return small_motions(motion, ranges, abstol) if largest(ranges) else range_near_rounding(motion.q)
 
 
-def small_motions(motion: Trajectory, moved: np.ndarray, abstol: float) -> list[str]:
+def small_motions(motion: Trajectory, ranges: np.ndarray, abstol: float) -> list[str]:
     """Sentences on coordinates that move so little, beside others, that the tolerance does not resolve them.
 
     Parameters
     ----------
-    moved : numpy.ndarray
-        Their :func:`ranges` (n,).
+    ranges : numpy.ndarray
+        Their :func:`ranges_of` (n,).
     """
-    if largest(moved) < RESOLVED * abstol:
+    if largest(ranges) < RESOLVED * abstol:
         return []
-    few = ((moved > 10 * abstol) & (moved < 1e-2 * RESOLVED * abstol)).nonzero()[0]
+    few = ((ranges > 10 * abstol) & (ranges < 1e-2 * RESOLVED * abstol)).nonzero()[0]
     if not few.size:
         return []
-    names, smallest = motion.equations.coordinate_names, float(moved[few].min())
+    names, smallest = motion.equations.coordinate_names, float(ranges[few].min())
     return [
         f"{', '.join(names[k] for k in few[:6])}{' and others' if few.size > 6 else ''} move by as little as "
         f"{smallest:.2g} (m or "

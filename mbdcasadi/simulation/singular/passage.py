@@ -268,19 +268,19 @@ class SingularPassage:
         numeric, eom = self._numeric, self._numeric.eom
         times = start + (end - start) * (np.arange(CHECKS) + 0.5) / CHECKS
         x, size = course.states(times), numeric.scale.coordinates
-        wanted = course.accelerations(times)
+        predicted = course.accelerations(times)
         t, q, v, a, z, lam, u = self._outputs.block(times, x)
         regular = self._regularity.at(times, q) > REGULAR * ENTRY * self._largest
         speed = largest(v / size)
-        missed = np.abs((a - wanted) / size)[regular]
-        if not missed.max(initial=0.0) <= CHECKED * (largest((a / size)[regular]) + speed**2):
+        residual = np.abs((a - predicted) / size)[regular]
+        if not residual.max(initial=0.0) <= CHECKED * (largest((a / size)[regular]) + speed**2):
             return False
         if eom.Q_depends_on_lam or largest(numeric.velocity(float(times[0]), q[0])[1]):
             return bool(np.mean(regular) > 0.5)
         zero = np.zeros_like(lam.T)
-        forces = eom.function(eom.Q)(t[None, :], q.T, v.T, wanted.T, z.T, zero, u.T, numeric.p).full().T
-        terms = np.abs(v) * (np.abs(numeric.mass * wanted) + np.abs(forces) + numeric.mass * size * speed**2)
-        power = np.abs(np.sum(v * (numeric.mass * wanted - forces), axis=1))
+        forces = eom.function(eom.Q)(t[None, :], q.T, v.T, predicted.T, z.T, zero, u.T, numeric.p).full().T
+        terms = np.abs(v) * (np.abs(numeric.mass * predicted) + np.abs(forces) + numeric.mass * size * speed**2)
+        power = np.abs(np.sum(v * (numeric.mass * predicted - forces), axis=1))
         return bool(np.all(power <= CHECKED * np.max(np.sum(terms, axis=1))))
 
     def _error(self, time: float, length: float, x: np.ndarray, ahead: np.ndarray, course: _Course) -> float | None:
@@ -293,10 +293,10 @@ class SingularPassage:
             return None
         a = self._outputs.block(np.array([time]), x[None, :])[3][0]
         speed = largest(x[n : 2 * n] / size)
-        missed = largest((a - course.accelerations(np.array([time]))[0]) / size)
-        if not np.isfinite(missed) or missed > PASSAGE_ACCELERATION_TOLERANCE * (largest(a / size) + speed**2):
+        residual = largest((a - course.accelerations(np.array([time]))[0]) / size)
+        if not np.isfinite(residual) or residual > PASSAGE_ACCELERATION_TOLERANCE * (largest(a / size) + speed**2):
             return None
-        return missed * length / speed if speed else None
+        return residual * length / speed if speed else None
 
 
 class _Course:

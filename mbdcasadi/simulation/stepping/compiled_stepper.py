@@ -72,9 +72,9 @@ class CompiledStepper(Stepper):
 
     @property
     def notes(self) -> list[str]:
-        said = [one.said for one in self._compiled.values() if isinstance(one, NativeIntegrator)]
-        remark = "" if said else compiled_elements(self._terms)[1]
-        return [*said, *([remark] if remark else [])]
+        notes = [one.note for one in self._compiled.values() if isinstance(one, NativeIntegrator)]
+        remark = "" if notes else compiled_elements(self._terms)[1]
+        return [*notes, *([remark] if remark else [])]
 
     @property
     def counts(self) -> Counts:

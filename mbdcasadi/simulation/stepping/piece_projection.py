@@ -26,12 +26,12 @@ class PieceProjection:
 
     Parameters
     ----------
-    only_wanted : bool
+    only_requested : bool
         True if only the outputs that are kept, and the last state, are projected: no event is looked for.
     """
 
-    def __init__(self, stepper: Stepper, *, only_wanted: bool):
-        self._stepper, self._only_wanted = stepper, only_wanted
+    def __init__(self, stepper: Stepper, *, only_requested: bool):
+        self._stepper, self._only_requested = stepper, only_requested
 
     def states(
         self, piece: Piece, path: Path, outputs: Outputs, *, across: bool
@@ -49,8 +49,8 @@ class PieceProjection:
         """
         times, x = path.times[1:], path.x[1:]
         rows = np.ones(times.size, bool)
-        if self._only_wanted:
-            rows[:-1] = piece.wanted[: times.size][:-1]
+        if self._only_requested:
+            rows[:-1] = piece.requested[: times.size][:-1]
         for chosen in (rows, np.ones(times.size, bool)):
             if not times.size:
                 break

@@ -129,7 +129,7 @@ class WholeStepper(Stepper):
             'stability and not accuracy limited most steps of dop853: the motion is stiff, and method="idas" may be '
             "faster"
         ]
-        return [self._runner.said, *(stiff if self._is_stiff else [])]
+        return [self._runner.note, *(stiff if self._is_stiff else [])]
 
     def _borrowed(self, system: ExplicitSystem, watched: Watched | None) -> Runner:
         """What runs a system: kept for the mechanism and lent to this run alone; a new one if there are events."""
