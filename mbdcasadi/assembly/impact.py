@@ -19,11 +19,9 @@ from ..model.mechanism import Mechanism
 from ..numerics.console import keyboard_interrupts
 from ..numerics.least_squares import largest
 from ..numerics.newton import solve
+from ..numerics.tolerances import NEGLIGIBLE
 from ..results.state import State
 from .consistent_start import carried_by, complete_state, position_limits
-
-#: Share of the velocities by which the rows of an impact may be missed.
-IMPACT_TOLERANCE = 1e-9
 
 
 @keyboard_interrupts("impact")
@@ -106,7 +104,7 @@ def pose_and_jump(numeric: NumericEquations, law: ImpactLaw, before: State, what
     q, v = _carried(numeric, before, what)
     q = _closed(numeric, law, before.t, q, what)
     jump = law.solve(numeric, before.t, q, v)
-    if largest(jump.left_over) > IMPACT_TOLERANCE * (1 + largest(jump.v) + largest(v)):
+    if largest(jump.left_over) > NEGLIGIBLE * (1 + largest(jump.v) + largest(v)):
         worst = law.row_names[int(np.argmax(np.abs(jump.contradiction)))]
         raise SimulationError(
             f"{what}: no velocities meet all rows of the new mechanism; {worst} would be missed by "

@@ -14,10 +14,8 @@ from ..model.conditions import Condition
 from ..numerics.least_squares import largest
 from ..numerics.nearest import multipliers_at, nearest, project_with_inequalities
 from ..numerics.newton import Equations, Outcome, solve
+from ..numerics.tolerances import MET
 
-#: Value of an inequality that counts as held, by what a displacement of characteristic size changes it, or such a
-#: displacement in one second.
-HELD_TOLERANCE = 1e-6
 #: Violation of an inequality up to which it counts as met, in the same units.
 INEQUALITY_TOLERANCE = 1e-7
 
@@ -88,7 +86,7 @@ class NearestProblem(ABC):
         start_within = self._optimised(start, estimate)
         if start_within is None:
             raise obstacle or self._limits_missed()
-        near = np.flatnonzero(np.abs(self._relative(self.inequalities, start_within)) <= HELD_TOLERANCE)
+        near = np.flatnonzero(np.abs(self._relative(self.inequalities, start_within)) <= MET)
         try:
             point = self._active_set(start_within, estimate, near.tolist())
         except self.refusal:

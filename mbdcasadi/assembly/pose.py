@@ -21,14 +21,13 @@ from ..numerics.least_squares import largest
 from ..numerics.nearest import nearest_by_ipopt
 from ..numerics.newton import Equations, Outcome, refine_root
 from ..numerics.scattered import scattered
+from ..numerics.tolerances import MET
 from .nearest_problem import NearestProblem, residuals_by_element
 
 #: Largest turn of a body in one step of the continuation, rad.
 LARGEST_TURN = 0.3
 #: Miss of a condition, rad, from which whole turns are made at once, and rounding of rows after them by radian turned.
 MANY_TURNS, TURNED = 1000.0, 1e-12
-#: Residual from which a row counts as open in a message, rad or characteristic lengths.
-GAP_TOLERANCE = 1e-6
 #: Displacement of an estimate out of a singular pose, rad and characteristic lengths.
 SINGULAR_PERTURBATION = 1e-4
 
@@ -212,7 +211,7 @@ class PoseProblem(NearestProblem):
         rows = self.numeric.eom.Phi.numel()
         residuals = self._residuals(outcome.residual[:rows])
         missed = {c.label: abs(float(value)) for c, value in zip(conditions, outcome.residual[rows:], strict=True)}
-        shown = {name: value for name, value in missed.items() if value > GAP_TOLERANCE}
+        shown = {name: value for name, value in missed.items() if value > MET}
         shown |= self.open_parts(outcome.residual[:rows])
         if not shown:  # conditions that contradict each other by little
             shown = dict([max(missed.items(), key=lambda item: item[1])])
@@ -235,7 +234,7 @@ class PoseProblem(NearestProblem):
     def open_parts(self, values: np.ndarray) -> dict[str, float]:
         """Residuals of the elements that stay open, largest first."""
         angular, length = self.numeric.eom.position_angular_rows, self.numeric.scale.length
-        closed = np.abs(values) <= GAP_TOLERANCE * np.where(angular, 1.0, length)
+        closed = np.abs(values) <= MET * np.where(angular, 1.0, length)
         return {name: value for name, value in self._residuals(np.where(closed, 0.0, values)).items() if value > 0}
 
     def _residuals(self, values: np.ndarray) -> dict[str, float]:

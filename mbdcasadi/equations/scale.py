@@ -14,16 +14,13 @@ import casadi as ca
 import numpy as np
 
 from ..numerics.scattered import scattered
+from ..numerics.tolerances import NEGLIGIBLE
 from .derivation import Equations
 
 #: Poses with scattered angles and parameters of curves in which levers are looked at, beside the estimate.
 POSES = 3
-#: Levers below this share of the size of the mechanism are rounding.
-LEVER_TOLERANCE = 1e-9
 #: Lengths below this are rounding, m.
 SHORTEST = 1e-12
-#: A row that is shorter than this share of its usual length has vanished.
-VANISHED = 1e-9
 #: Length from which absolute tolerances are the usual ones, m, and the smallest share of these.
 SMALL, SMALLEST_SHARE = 1e-2, 1e-7
 
@@ -69,7 +66,7 @@ class Scale:
 
     def known_size(self, size: np.ndarray) -> np.ndarray:
         """Lengths of rows (m,), with the usual length for one that has vanished."""
-        return np.where(size > VANISHED * self.usual_rows, size, self.usual_rows)
+        return np.where(size > NEGLIGIBLE * self.usual_rows, size, self.usual_rows)
 
     def scaled(self, jacobian: np.ndarray) -> np.ndarray:
         """``Phi_q`` with columns that compare and rows of length one."""
@@ -123,7 +120,7 @@ def _scale(eom: Equations, p: np.ndarray, mass: np.ndarray) -> Scale:
     for k in np.flatnonzero(~of_body):
         slopes = largest_of_rows(np.arange(n) == k)
         lever = float(np.max(slopes[held] / moved[held], initial=0.0))
-        scaled[k] = 1 / lever if lever > LEVER_TOLERANCE * length else 1.0
+        scaled[k] = 1 / lever if lever > NEGLIGIBLE * length else 1.0
     squares = np.zeros((len(values), m))
     np.add.at(squares.T, rows, ((values * scaled[columns]) ** 2).T)
     usual = np.sqrt(np.max(squares, axis=0)) if len(values) else np.ones(m)
@@ -132,7 +129,7 @@ def _scale(eom: Equations, p: np.ndarray, mass: np.ndarray) -> Scale:
 
 def _length(lever: float, extent: float, gyration: float) -> float:
     """Characteristic length of a mechanism with these levers, extent and radius of gyration, m."""
-    if lever > max(LEVER_TOLERANCE * max(extent, gyration), SHORTEST):
+    if lever > max(NEGLIGIBLE * max(extent, gyration), SHORTEST):
         return lever
     return next((length for length in (extent, gyration) if length > SHORTEST), 1.0)
 

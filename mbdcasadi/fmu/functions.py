@@ -22,14 +22,12 @@ from ..model.validity import ValidityCondition
 from ..numerics.c_code import Tape, UnsupportedOperation, simplified, tape_of
 from ..numerics.lazy import cached_property
 from ..numerics.rank import analyse_rank
+from ..numerics.tolerances import MET
 from ..results.state import State
 from ..results.validity import validity_conditions
 from ..simulation.contact.compiled_elements import repeated_elements
 from ..simulation.contact.watched_terms import WatchedTerms, least_gap, watched_terms
 from ..simulation.stepping.explicit_system import compared_quantities, dynamics_of, projection_of, switching_of
-
-#: Value of a limit at the start, relative to its range, that counts as held.
-HELD = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +79,7 @@ class Model:
     @cached_property
     def levels(self) -> tuple[list[Condition], list[Condition], list[Condition]]:
         """Conditions on positions, velocities and states that hold as equalities at the start."""
-        held = [c for c in self.conditions if c.equality or abs(float(self.start[c.expression])) <= HELD]
+        held = [c for c in self.conditions if c.equality or abs(float(self.start[c.expression])) <= MET]
         return levels_of(self.numeric, tuple(held))
 
     # --- the equations -------------------------------------------------------------------

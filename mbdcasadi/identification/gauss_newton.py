@@ -12,6 +12,7 @@ from ..errors import MechanismError
 from ..numerics.console import quiet
 from ..numerics.least_squares import largest
 from ..numerics.newton import backtrack
+from ..numerics.tolerances import NEGLIGIBLE
 from .data import range_of
 from .loss import LINEAR, Loss
 from .shooting import Shooting
@@ -24,8 +25,6 @@ STALLED = 1e-5
 DAMPING = 1e-12
 #: Rounds in which the noise of each measured quantity is estimated, and the change of it that ends them.
 ROUNDS, SAME_NOISE = 6, 0.01
-#: Noise that is rounding, relative to the range of the samples.
-NOISE_TOLERANCE = 1e-9
 
 
 @dataclass
@@ -177,7 +176,7 @@ class GaussNewton:
         noise = []
         for e, r in residuals:
             rows = [spread(row[there]) for row, there in zip(r, e.measured, strict=True)]
-            least = NOISE_TOLERANCE * range_of(e)
+            least = NEGLIGIBLE * range_of(e)
             noise.append(np.full(len(rows), max(factor, 1e-300)) if e.weighted else np.maximum(rows, least))
         return noise
 

@@ -22,6 +22,7 @@ import numpy as np
 from ..errors import SimulationError
 from ..numerics.console import Interruption, quiet
 from ..numerics.evaluation import Evaluator, by_buffers
+from ..numerics.tolerances import MET
 from .base import Integrator
 from .failures import flag_of, last_line
 from .native.stretch import ExplicitSystem
@@ -37,8 +38,6 @@ SMALLEST_PART = 2.0**-16
 QUADRATURE_SIZE = 1e-9
 #: Compiled functions, one for each pattern of outputs, that an integrator keeps.
 KEPT = 24
-#: Difference of the clock from the time of an output, in lengths of the piece, from which the integrator has stopped.
-CLOCK_TOLERANCE = 1e-6
 #: Distance from consistent unknowns at which the search of IDAS for them begins, relative and absolute. Its tolerance
 #: is relative to where it begins: from zeros it takes rounding for a failure, and so it does from the unknowns
 #: themselves, whose error no step reduces. Under friction that is close to holding it failed from 1e-6, not from 1e-5
@@ -411,7 +410,7 @@ class CompiledIntegrator:
             return flag_of(error)
         self.steps = int(stats.get("nsteps", stats.get("n_steps", 0)))
         self.all_steps += self.steps
-        on_time = np.abs(states[:, -1] - fractions) <= CLOCK_TOLERANCE
+        on_time = np.abs(states[:, -1] - fractions) <= MET
         if not np.all(on_time) or not np.all(np.isfinite(states)):
             return "the step size became too small, or a value was not finite"
         self.integrals = integrals / self._quad_scale

@@ -12,11 +12,10 @@ from ..errors import SimulationError
 from ..model.cache import Cache
 from ..numerics.evaluation import Evaluator
 from ..numerics.lazy import cached_property
+from ..numerics.tolerances import NEGLIGIBLE
 from .base import Integrator
 from .compiled import TOO_MANY_STEPS, CompiledIntegrator, Forms, InitialValueProblem
 
-#: Share of a step by which times of a method may differ from those that were asked for, by rounding.
-ROUNDING = 1e-9
 #: Points and weights on a step from 0 to 1 for integrals along it: exact to degree seven, as dense output is at most.
 POINTS, WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(4))
 
@@ -240,13 +239,13 @@ class SteppedIntegrator(CompiledIntegrator):
         """
         start = t
         for step in self.integrator.steps(self._equations, t, y, end):
-            allowed = ROUNDING * (end - start)
+            allowed = NEGLIGIBLE * (end - start)
             if not (abs(step.t0 - t) <= allowed and t < step.t1 <= end + allowed):
                 raise SimulationError(
                     f"the step from t = {step.t0:.9g} to {step.t1:.9g} s does not lead on from t = {t:.9g} towards "
                     f"{end:.9g} s"
                 )
-            if step.t1 - step.t0 > self._equations.max_step * (1 + ROUNDING):
+            if step.t1 - step.t0 > self._equations.max_step * (1 + NEGLIGIBLE):
                 raise SimulationError(
                     f"the step from t = {step.t0:.9g} to {step.t1:.9g} s is longer than max_step, "
                     f"{self._equations.max_step:.6g} s"

@@ -12,11 +12,9 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..errors import MechanismError, SingularityError
-from ..numerics.tolerances import DEPENDENT, RANK
+from ..numerics.tolerances import DEPENDENT, MET, RANK
 from ..results.trajectory import Trajectory
 
-#: An equation of motion counts as out of balance from this share of the loads on.
-BALANCE_TOLERANCE = 1e-6
 #: Steps of Newton's method, halvings of a step, and the relative step that is rounding.
 NEWTON_STEPS, HALVINGS, NO_STEP = 60, 12, 1e-13
 
@@ -131,7 +129,7 @@ class EffortProblem:
         size = 1e-12 + np.max(np.abs(right), axis=1, initial=0.0) + np.max(np.abs(unknowns), axis=1, initial=0.0)
         worst = np.max(left_over, axis=1) / size
         k = int(np.argmax(worst))
-        if worst[k] > BALANCE_TOLERANCE:
+        if worst[k] > MET:
             name = self.numeric.eom.coordinate_names[int(np.argmax(left_over[k]))]
             raise MechanismError(
                 f"the efforts cannot make the motion at t = {times[k]:.6g} s: the equation of motion of {name} is left "

@@ -23,15 +23,13 @@ from ..model.quantities import entries, yes_or_no
 from ..model.symbols import Numbers, place_of, positive
 from ..model.symbols import t as time
 from ..numerics.console import call_each, keyboard_interrupts
+from ..numerics.tolerances import MET
 from ..results.state import Arrays
 from ..results.steps import Direct
 from ..results.trajectory import Statistics, Trajectory
 from ..results.validity import report_validity
 from ..simulation.simulate import simulate
 from .efforts import EffortProblem
-
-#: Largest violation of a constraint by a motion given from outside (m, rad and their rates), relative to its size.
-MOTION_TOLERANCE = 1e-6
 
 
 def inverse_dynamics(
@@ -43,7 +41,7 @@ def inverse_dynamics(
     efforts: Sequence[Any] = (),
     inputs: Any = None,
     parameters: Mapping[Any, Any] | None = None,
-    tolerance: float = MOTION_TOLERANCE,
+    tolerance: float = MET,
     progress: bool = False,
 ) -> Trajectory:
     """Find the reactions in the joints and the efforts that a motion takes.

@@ -23,13 +23,12 @@ from ..numerics.lazy import cached_property
 from ..numerics.least_squares import largest
 from ..numerics.newton import solve
 from ..numerics.solution_curve import STEP, closed_curve
+from ..numerics.tolerances import MET
 
 #: Miss of a condition, in typical sizes, from which it counts as not met, and of one that is not an equality.
 MISSED, LIMIT_MISSED = 1e-3, STEP
 #: Distance, in steps of the curve, within which a root of the conditions belongs to a point.
 NEAR = 3.0
-#: Change of the values of a condition by a period of the curve that is rounding, in typical sizes.
-SAME_CHANGE = 1e-6
 #: Periods for which the curve is looked at on both sides of the start for what cuts it off.
 PERIODS = 3
 
@@ -191,9 +190,9 @@ class _Conditions:
         values = self._values(points)
         change = self._values(points + period) - values
         drift = change[0]
-        if np.max(np.abs(change - drift)) > SAME_CHANGE * (1 + np.max(np.abs(values))):
+        if np.max(np.abs(change - drift)) > MET * (1 + np.max(np.abs(values))):
             return None  # turns change a condition otherwise than by an angle
-        drift = np.where(np.abs(drift) > SAME_CHANGE, drift, 0.0)
+        drift = np.where(np.abs(drift) > MET, drift, 0.0)
         lead = int(np.argmax(np.abs(drift) * self._equality))
         unbounded = ~self._equality & (drift != 0)  # met after turns enough
         best: tuple[float, np.ndarray] | None = None

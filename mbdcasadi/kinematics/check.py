@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..assembly.consistent_start import refuse_inconsistent
-from ..assembly.pose import GAP_TOLERANCE, PoseProblem
+from ..assembly.pose import PoseProblem
 from ..assembly.setup import Setup
 from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError, ModelError
@@ -18,6 +18,7 @@ from ..model.mechanism import Mechanism
 from ..numerics.console import keyboard_interrupts
 from ..numerics.newton import solve
 from ..numerics.rank import dependent_rows, rows_taking_part
+from ..numerics.tolerances import MET
 from ..results.notebook import html_table
 from ..results.state import State
 from ..results.validity import broken_at_pose, changing_quantities
@@ -213,9 +214,7 @@ def _contradictory(
         wanted = numeric.velocity(t, q)[1]
     wanted = wanted / numeric.row_size(t, q)
     shares = [np.abs(combination * wanted).sum() for combination in null_rows]
-    broken = [
-        c for c, share in zip(null_rows, shares, strict=True) if abs(c @ wanted) > GAP_TOLERANCE * max(1.0, share)
-    ]
+    broken = [c for c, share in zip(null_rows, shares, strict=True) if abs(c @ wanted) > MET * max(1.0, share)]
     return tuple(eom.row_names[k] for k in rows_taking_part(np.array(broken).reshape(len(broken), null_rows.shape[1])))
 
 

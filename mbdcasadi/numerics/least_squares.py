@@ -5,14 +5,12 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from .tolerances import DEPENDENT, EPSILON
+from .tolerances import DEPENDENT, EPSILON, NEGLIGIBLE
 
 #: Entries of a matrix, and share of them that are not zero, from which a sparse factorisation is quicker.
 LARGE, SPARSE = 40_000, 0.05
 #: Smallest damping of a step, for rows of unit size: rows may depend on each other.
 SMALLEST_DAMPING = 1e-13
-#: Size of a row, relative to the largest one, below which it has no scale of its own.
-FLAT = 1e-9
 
 
 def largest(values: np.ndarray) -> float:
@@ -84,7 +82,7 @@ def row_scale(jacobian: np.ndarray, weights: np.ndarray, sizes: np.ndarray | flo
     if most**2 < np.finfo(float).tiny / EPSILON:
         return np.zeros(size.size)  # no row has a slope: no step is better than another
     slope = size if sizes is None or np.ndim(sizes) == 0 else np.sqrt(squares @ np.square(sizes))
-    return 1 / np.where(slope > FLAT * largest(slope), size, most)
+    return 1 / np.where(slope > NEGLIGIBLE * largest(slope), size, most)
 
 
 def least_norm_step(

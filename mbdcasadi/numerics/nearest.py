@@ -11,7 +11,7 @@ from .console import quiet
 from .least_squares import largest, least_norm, row_scale
 from .newton import Equations, backtrack, refine_root, solve
 from .rank import inverse_of_independent
-from .tolerances import EPSILON
+from .tolerances import EPSILON, NEGLIGIBLE
 
 #: Newton steps, and products with the Hessian in each.
 STEPS, PRODUCTS = 100, 50
@@ -29,8 +29,6 @@ SHORTEST_SLIDE = 1e-3
 INEQUALITY_TOLERANCE = 1e-10
 #: Singular values of ``W^-1/2 J^T`` below this share are left out when multipliers are found.
 MULTIPLIERS = 1e-10
-#: Multiplier, relative to the distance from the target, below which one that pulls is rounding.
-PULL_TOLERANCE = 1e-9
 
 
 class _Tangent:
@@ -225,7 +223,7 @@ def project_with_inequalities(
         seen.add(frozenset(held))
         x = meet(held)
         push = pushes(x, held)
-        if held and np.min(push) < -PULL_TOLERANCE * (1 + largest(push)):
+        if held and np.min(push) < -NEGLIGIBLE * (1 + largest(push)):
             del held[int(np.argmin(push))]
             continue
         broken = values(x)

@@ -10,6 +10,7 @@ import numpy as np
 
 from .homotopy import StepControl
 from .newton import Equations, solve
+from .tolerances import NEGLIGIBLE
 
 #: Longest step, in sizes of the unknowns, and as a share of the smallest singular value: singular points are noticed.
 STEP, SHARE = 0.1, 0.5
@@ -20,8 +21,6 @@ NEARLY_SINGULAR = 3e-3
 #: Cosine of the angle between the directions of two points that follow each other, and share of a step by which it may
 #: be corrected.
 STRAIGHT, CORRECTION = 0.95, 0.2
-#: Change of the equations by whole turns that is rounding, as a share of what a size of an unknown changes.
-ROUNDING = 1e-9
 #: Iterations of a correction.
 ITERATIONS = 12
 
@@ -155,4 +154,4 @@ class _Curve:
     def _repeats(self, y: np.ndarray, period: np.ndarray) -> bool:
         """True if turns lead to the same solution: with gears of unequal teeth they may lead only near to it."""
         change = self._scaled(y + period)[0] - self._scaled(y)[0]
-        return bool(np.all(np.abs(change) <= ROUNDING * (1 + np.max(np.abs(period))) * self._lengths))
+        return bool(np.all(np.abs(change) <= NEGLIGIBLE * (1 + np.max(np.abs(period))) * self._lengths))

@@ -22,5 +22,11 @@ NEARLY_SINGULAR = 1e-6
 DEPENDENT = 1e-11
 #: Value of an expression, relative to the coordinates, and its rate, relative to the velocities, that count as zero.
 ZERO_VALUE, AT_REST = 1e-12, 1e-9
+#: A number counts as zero, and two as equal, below this share of what they are compared with: what remains of a
+#: difference by the rounding of a whole computation.
+NEGLIGIBLE = 1e-9
+#: A condition counts as met, and two results as the same, up to this share of the sizes in them: errors of integrators,
+#: of solvers and of events that were located are below it.
+MET = 1e-6
 #: Smallest share of a step that a line search tries.
 SMALLEST_SHARE = 1e-4

@@ -14,6 +14,7 @@ from ..errors import ConditionError, MechanismError, ModelError
 from ..model.symbols import number
 from ..numerics.lazy import cached_property
 from ..numerics.symbolic import symbolic
+from ..numerics.tolerances import MET
 from ..results.notebook import html_table
 from ..results.state import State
 from ..results.trajectory import Trajectory
@@ -31,8 +32,6 @@ from .transcription.mesh import interval_count
 
 #: Relative difference of costs below which solutions are the same.
 SAME_COST = 1e-6
-#: Miss of a constraint from which the first state of a solution does not belong to a mechanism with other parameters.
-STATE_TOLERANCE = 1e-6
 
 
 def same_cost(one: float, other: float) -> bool:
@@ -138,7 +137,7 @@ class Solution(SolvedMotion):
             initial = self.trajectory.initial
             numeric = NumericEquations(eom, parameter_vector(eom, values))
             name, missed = numeric.largest_miss(0.0, initial.q, initial.v)
-            if abs(missed) > STATE_TOLERANCE:
+            if abs(missed) > MET:
                 raise ConditionError(
                     f"simulate: with these parameters the first state of the solution does not meet {name}, by "
                     f"{missed:.3g}; give initial= as conditions, such as those of the problem"

@@ -12,9 +12,8 @@ import casadi as ca
 import numpy as np
 
 from ..equations import Equations
+from ..numerics.tolerances import MET
 
-#: Difference, relative to the largest value of a quantity, up to which two values are the same.
-SAME = 1e-6
 #: Size of the steps from the states of the motion to states beside them, in q (m, rad) and v (m/s, rad/s).
 STEP = 1e-2, 1.0
 
@@ -51,7 +50,7 @@ def difference(eom: Equations, there: np.ndarray, here: np.ndarray) -> str:
         start += column.numel()
         size = np.max(np.abs(np.nan_to_num([a, b], posinf=0.0, neginf=0.0)), initial=0.0)
         with np.errstate(invalid="ignore"):
-            differs = ~(np.abs(a - b) <= SAME * size) & ~((a == b) | (np.isnan(a) & np.isnan(b)))
+            differs = ~(np.abs(a - b) <= MET * size) & ~((a == b) | (np.isnan(a) & np.isnan(b)))
         if differs.any():
             row, k = np.argwhere(differs)[0]
             return f"{quantity} '{names[k]}' ({a[row, k]:.6g} there, {b[row, k]:.6g} here)"

@@ -11,13 +11,12 @@ from ..equations.numeric import NumericEquations
 from ..errors import warn
 from ..model.mechanism import Mechanism
 from ..model.validity import ValidityCondition
+from ..numerics.tolerances import MET
 from .columns import has_multipliers
 from .trajectory import Trajectory
 
 #: Findings that are warned of one by one; more are one warning.
 MOST_WARNINGS = 3
-#: Share of a quantity's size below zero that still counts as zero: an event is located to about that.
-VALIDITY_TOLERANCE = 1e-6
 
 
 def validity_conditions(mechanism: Mechanism) -> tuple[ValidityCondition, ...]:
@@ -37,7 +36,7 @@ def broken_at_pose(numeric: NumericEquations, t: float, q: np.ndarray) -> tuple[
         if ca.depends_on(condition.expression, others):
             continue
         value, shown = _at_pose(numeric, ca.vertcat(condition.expression, condition.reported), t, q).ravel()
-        if value < -VALIDITY_TOLERANCE * (1 + abs(value)):
+        if value < -MET * (1 + abs(value)):
             unit = f" ({shown:.6g} {condition.unit} at t = {t:.6g} s)" if condition.unit else ""
             messages.append(condition.message + unit)
     return tuple(messages)
@@ -50,7 +49,7 @@ def changing_quantities(numeric: NumericEquations, t: float, q: np.ndarray, free
     for condition in validity_conditions(eom.mechanism):
         if condition.fixed is not None and free.size:
             rates = _at_pose(numeric, ca.jacobian(condition.fixed, eom.q), t, q) @ free
-            if np.max(np.abs(rates)) > VALIDITY_TOLERANCE * np.max(np.abs(free[2::3]), initial=1.0):
+            if np.max(np.abs(rates)) > MET * np.max(np.abs(free[2::3]), initial=1.0):
                 messages.append(condition.message)
     return tuple(messages)
 
@@ -86,7 +85,7 @@ def _broken_at_outputs(motion: Trajectory) -> list[str]:
     values = motion[ca.vertcat(*[c.expression for c in conditions])].reshape(motion.t.size, -1)
     shown = motion[ca.vertcat(*[c.reported for c in conditions])].reshape(motion.t.size, -1)
     for condition, course, size in zip(conditions, values.T, shown.T, strict=True):
-        bad = course < -VALIDITY_TOLERANCE * (1 + np.max(np.abs(course), initial=0.0))
+        bad = course < -MET * (1 + np.max(np.abs(course), initial=0.0))
         if np.any(bad) and not any(note.startswith(condition.message) for note in motion.statistics.notes):
             first, worst = float(motion.t[np.argmax(bad)]), float(size[np.argmin(np.where(bad, course, np.inf))])
             unit = f" {condition.unit}" if condition.unit else ""

@@ -13,9 +13,7 @@ from ..equations.switching.explicit_time import explicit_time
 from ..errors import ModelError, warn
 from ..model.mechanism import Mechanism
 from ..model.symbols import t as time
-
-#: Share of the largest slope by which the next start may miss the boundary conditions.
-CLOSURE_TOLERANCE = 1e-6
+from ..numerics.tolerances import MET
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,7 @@ def next_start(left: np.ndarray, right: np.ndarray, remedy: str) -> Stability:
             f"stability: the boundary conditions decide {rank} of {left.shape[1]} quantities of the next start; "
             f"relate each of the others to the end, or {remedy}"
         )
-    if residual > CLOSURE_TOLERANCE * max(1.0, float(np.max(np.abs(right), initial=0.0))):
+    if residual > MET * max(1.0, float(np.max(np.abs(right), initial=0.0))):
         raise ModelError(
             "stability: a disturbed motion does not meet the boundary conditions any more: they hold more than "
             "the next start (for instance a length or a duration, which inputs would have to keep)"

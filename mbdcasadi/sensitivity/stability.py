@@ -17,15 +17,13 @@ from ..model.symbols import as_sx
 from ..model.symbols import t as time
 from ..numerics.console import keyboard_interrupts
 from ..numerics.least_squares import largest
+from ..numerics.tolerances import MET
 from ..results.state import State
 from ..results.trajectory import Trajectory
 from ..simulation.changes.events import read_events
 from .phase_flow import Directions, VariedMotion
 from .phased_variation import phased_variation, start_directions
 from .return_map import Stability, next_start, warn_of_a_clock
-
-#: Amount by which a simulated motion may miss the boundary conditions without a warning.
-PERIODIC_TOLERANCE = 1e-6
 
 
 @runtime_checkable
@@ -140,7 +138,7 @@ def _stability_of_simulation(
         if not relation.equality:
             raise ModelError(f"stability: boundary= takes equalities, got {relation.label}")
         by_start, by_end, residual = _slopes(relation, start, end)
-        if abs(residual) > PERIODIC_TOLERANCE * (1 + largest(end.q) + largest(end.v)):
+        if abs(residual) > MET * (1 + largest(end.q) + largest(end.v)):
             warn(f"stability: the motion is not periodic: {relation.label} is missed by {residual:.3g}")
         left.append(by_start @ tangent)
         right.append(-by_end @ variation.end)

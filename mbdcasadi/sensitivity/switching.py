@@ -19,7 +19,7 @@ from ..errors import SimulationError, warn
 from ..integrators.compiled import InitialValueProblem, IntegrationFailure
 from ..numerics.console import interruptible
 from ..numerics.roots import bracketed_root
-from ..numerics.tolerances import AT_REST, ZERO_VALUE
+from ..numerics.tolerances import AT_REST, MET, NEGLIGIBLE, ZERO_VALUE
 from ..results.interpolation import cubic
 from ..simulation.changes.impacts import instant_of
 from ..simulation.path import StatesAt, states_from_start
@@ -28,8 +28,6 @@ from .held_system import HeldMotion
 
 #: Rate at which a quantity passes its border, relative to its largest one, below which it touches rather than passes.
 GRAZING = 1e-4
-#: Rate, relative to the largest one, that counts as zero: nothing passes, and the instant has no derivative.
-STANDSTILL = 1e-9
 #: States of a motion that are looked at, at least.
 FEWEST_POINTS = 16
 #: Switches in one motion, at most.
@@ -43,15 +41,9 @@ NEAR_BORDER = 0.1
 AHEAD = 4.0
 #: Distance of a quantity in time from its border that is rounding.
 NEAR_IN_TIME = 1e-9
-#: Jump of velocities, relative to their size, that is rounding.
-NO_IMPULSE = 1e-9
 #: Share of a motion before its end in which a switch may pass its border at the event that ends it: by the errors of
 #: two integrations.
 AT_END = 1e-4
-#: Share of its largest jump that is none.
-NO_JUMP = 1e-9
-#: Difference of the derivatives of two instants, relative to their size, that is rounding.
-SAME_DERIVATIVE = 1e-6
 
 
 class BorderPassage:
@@ -254,7 +246,7 @@ class BorderPassage:
             return
         if w[k] == 0 and rate == 0:
             raise self._resting(k, self._time)
-        if abs(rate) <= STANDSTILL * fastest:
+        if abs(rate) <= NEGLIGIBLE * fastest:
             raise SimulationError(
                 f"{self._name(k)} jumps at t = {self._time:.6g} s, where the motion only touches the border of the "
                 "jump: that instant has no derivative",
@@ -272,7 +264,7 @@ class BorderPassage:
     def _jumps(self, switches: Sequence[int]) -> bool:
         """True if some of the switches jump at the present state."""
         shares = self._call(self._system.shares, np.array([self._time]), self._x[None, :], self.sides)[0][:, 0]
-        return bool(np.any(np.abs(shares[list(switches)]) > NO_JUMP))
+        return bool(np.any(np.abs(shares[list(switches)]) > NEGLIGIBLE))
 
     def _rests(self, w: np.ndarray, rates: np.ndarray, sides: np.ndarray) -> np.ndarray:
         """True for switches on the side of positive quantities whose own is zero, and stays so."""
@@ -314,7 +306,7 @@ class BorderPassage:
     def _refuse_to_stay(self, k: int, rate: float, after: np.ndarray) -> None:
         """Raise if both sides drive the motion back to the border: it would stay there."""
         beyond = 0.0 if self._system.bends[k] else self._switching(after)[1][k]
-        if beyond * rate < 0 and abs(beyond) > STANDSTILL * abs(rate):
+        if beyond * rate < 0 and abs(beyond) > NEGLIGIBLE * abs(rate):
             raise SimulationError(
                 f"{self._name(k)} jumps at t = {self._time:.6g} s and holds the motion at the border of the jump, as "
                 "the sign of a velocity does if a body comes to rest: such a motion cannot be differentiated; take a "
@@ -388,7 +380,7 @@ class BorderPassage:
         q, v = self._x[:n], self._x[n : 2 * n]
         jacobian, nu = (part.full() for part in numeric.velocity_function(self._time, q, np.r_[self._p, sides]))
         residual = np.max(np.abs(jacobian @ v - nu.ravel()), initial=0.0)
-        if residual <= NO_IMPULSE * (1 + self._speed):
+        if residual <= NEGLIGIBLE * (1 + self._speed):
             return False
         self._x = np.r_[q, jump(numeric, jacobian, nu.ravel(), v).v, self._x[2 * n :]]
         return True
@@ -500,4 +492,4 @@ def _same_derivative(one: np.ndarray, one_rate: float, other: np.ndarray, other_
     if one_rate == 0 or other_rate == 0:
         return False
     a, b = one / one_rate, other / other_rate
-    return bool(np.max(np.abs(a - b)) <= SAME_DERIVATIVE * np.max(np.abs(b)))
+    return bool(np.max(np.abs(a - b)) <= MET * np.max(np.abs(b)))

@@ -21,11 +21,11 @@ from ..model.events import Event
 from ..model.mechanism import Mechanism
 from ..model.symbols import StateVariable, place_of
 from ..numerics.least_squares import largest
+from ..numerics.tolerances import NEGLIGIBLE
 from ..results.phases import PhasedTrajectory, in_whole, union_of
 from ..results.state import EventOccurrence, State
 from ..results.trajectory import Statistics, Trajectory
 from .changes.events import Accumulation, EventWatch
-from .changes.impacts import RESET_TOLERANCE
 from .changes.modes import Modes
 from .loop import Run
 
@@ -294,7 +294,7 @@ class PhasedRun:
         law = ImpactLaw(numeric.eom, {joint: e for event in chain for joint, e in event.restitution.items()})
         q, jump = pose_and_jump(numeric, law, before, f"event {names} at t = {before.t:.6g} s")
         numeric.refuse_missing_mass(before.t, q)
-        if jump.dependent and largest(jump.impulses) > RESET_TOLERANCE:
+        if jump.dependent and largest(jump.impulses) > NEGLIGIBLE:
             rows = ", ".join(law.row_names[k] for k in jump.dependent)
             self._notes.append(f"event {names}: rows of the impact are redundant; {rows} bear no impulse")
         z = np.array([self._state_value(symbol, before, chain) for symbol in mechanism.states])

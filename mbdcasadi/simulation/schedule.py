@@ -10,13 +10,12 @@ import numpy as np
 
 from ..numerics.lazy import cached_property
 from ..numerics.real import distinct
+from ..numerics.tolerances import NEGLIGIBLE
 
 #: Pieces of a run: each start of an integrator costs, and progress, cancelling and partial results need some.
 PIECES = 20
 #: Points at which a run looks for singular poses and for events, at least.
 WATCH_POINTS = 400
-#: Times nearer to each other than this fraction of a run are one.
-SAME_TIME = 1e-9
 #: A multistep method starts with some hundred small steps of low order: pieces that take fewer steps than this are
 #: joined (measured: twenty pieces of 140 steps take three times as long as one; of a four-bar pieces of 1000 steps take
 #: a quarter longer than of 3000, at equal error, as each costs some milliseconds beside its steps).
@@ -146,7 +145,7 @@ class Schedule:
         self.start, self.end = float(grid[0]), float(grid[-1])
         span = self.end - self.start
         #: times nearer to each other are one, s
-        self.tolerance = max(SAME_TIME * span, 2 * math.ulp(max(abs(self.start), abs(self.end))))
+        self.tolerance = max(NEGLIGIBLE * span, 2 * math.ulp(max(abs(self.start), abs(self.end))))
         none = np.zeros(0)
         stops, jumps = (none if extra is None else np.asarray(extra, float) for extra in (stops, jumps))
         samples = none if period is None else samples_of(grid, period)

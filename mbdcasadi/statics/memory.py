@@ -20,6 +20,7 @@ from ..arguments.inputs import Signals
 from ..equations.numeric import NumericEquations
 from ..numerics.least_squares import largest
 from ..numerics.newton import solve
+from ..numerics.tolerances import MET
 
 #: Poses of a way, at the points of Chebyshev: polynomials through them are exact to rounding for turns of a radian.
 POSES = 17
@@ -27,8 +28,6 @@ POSES = 17
 STEPS = 30
 #: Random values at which rates at rest are looked at, and the share of the largest one that is none.
 SAMPLES, NO_RATE = 12, 1e-11
-#: Difference between two ways to a pose, relative to the change along them, from which the way matters.
-SAME = 1e-6
 
 
 class Memory:
@@ -108,8 +107,8 @@ class Memory:
             self._along([self._q, q], z, lam, p, speed=0.1),
         ]
         change = np.abs(straight - self.directions.T @ self._z)
-        differ = np.max(np.abs(np.array(others) - straight), axis=0) > SAME * np.maximum(change, size)
-        changed: np.ndarray = np.any(np.abs(self.directions[:, differ]) > SAME, axis=1)
+        differ = np.max(np.abs(np.array(others) - straight), axis=0) > MET * np.maximum(change, size)
+        changed: np.ndarray = np.any(np.abs(self.directions[:, differ]) > MET, axis=1)
         return changed
 
     def _along(

@@ -18,6 +18,7 @@ from ..numerics.homotopy import StepControl
 from ..numerics.least_squares import largest
 from ..numerics.newton import newton
 from ..numerics.roots import bracketed_root
+from ..numerics.tolerances import RANK
 from ..results.state import Conditions
 from .equilibrium import Equilibrium, EquilibriumError, equilibrium_of
 from .statics import NEUTRAL, Statics
@@ -30,8 +31,6 @@ SMALLEST_STEP = 1e-6
 PATH_TURN, STRAIGHT = 0.2, 0.7
 #: The same of a step after which the next one may be twice as long.
 EASY_TURN, EASILY_STRAIGHT = PATH_TURN / 2, 0.9
-#: Singular values below this share vanish at a critical point: by rounding they would throw a step off the path.
-SINGULAR = 1e-9
 #: Accuracy to which a critical value is found, relative to the range.
 ACCURACY = 1e-11
 
@@ -328,7 +327,7 @@ class Follower:
             ahead = row @ (x - origin) - advance
             return np.append(values, ahead), np.vstack([slope, row])
 
-        return newton(with_advance, guess, weights, iterations=iterations, smallest=SINGULAR)
+        return newton(with_advance, guess, weights, iterations=iterations, smallest=RANK)
 
     # --- critical points -------------------------------------------------------------------
     def _critical_between(self, low: _Point, high: _Point) -> list[CriticalState]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from ...numerics.tolerances import NEGLIGIBLE
 from .switches import Switch, sides_of
 
 #: Random lines, points of each, points of a border that are looked at, and starts of Newton's method towards one.
@@ -29,8 +30,6 @@ SAME_VALUE, NOISE, GROWN = 1e-9, 1e-13, 1e-4
 OFFSET = 1e-7
 #: Points of a border without which nothing is concluded.
 FEWEST_HITS = 4
-#: Difference from one of the cosine between gradients that are parallel: two borders are then copies of each other.
-PARALLEL = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +257,7 @@ class _Trial:
             with np.errstate(invalid="ignore", divide="ignore"):
                 slopes /= np.linalg.norm(slopes, axis=2, keepdims=True)
             cosines = np.abs(np.einsum("jck,ck->jc", slopes[unseen], slopes[k]))
-            unseen = unseen[~np.all(cosines > 1 - PARALLEL, axis=1)]
+            unseen = unseen[~np.all(cosines > 1 - NEGLIGIBLE, axis=1)]
         owner = np.full(points.shape[1], k)
         for other in unseen:
             moved = before.copy(), after.copy()

@@ -76,11 +76,11 @@ def no_compiler() -> str:
 
 
 @cache
-def _compiler(command: str, path: str) -> Compiler | None:
+def _compiler(stated: str, path: str) -> Compiler | None:
     try:
-        named = tuple(shlex.split(command))
+        named = tuple(shlex.split(stated))
     except ValueError:  # a quote that is not closed
-        named = (command,)
+        named = (stated,)
     candidates = [named] if named else [(name,) for name in COMPILERS]
     for command in candidates:
         place = shutil.which(command[0], path=path or None)

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ...errors import ModelError
+from ...numerics.tolerances import MET
 from ..bodies import Body, Marker, as_body
 from ..element import Element, cross
 from ..geometry.quadrature import quadrature
@@ -54,10 +55,6 @@ class _Weight(Element):
         self.virtual_work = tuple((body.position, body.mass * gravity.acceleration) for body in loaded)
         self.potential = -sum((ca.dot(force, r) for r, force in self.virtual_work), ca.SX(0))
         self.__dict__["bodies"] = bodies
-
-
-#: Relative tolerance of mass properties against those of the shape.
-_SPREAD = 1e-6
 
 
 class FieldForce(Element):
@@ -132,13 +129,13 @@ class FieldForce(Element):
         _, centroid, square = body.shape.mass_properties(mass=1.0)  # type: ignore[union-attr]
         radius = np.sqrt(square)
         apart = np.hypot(*(centroid + body.shape_frame))
-        if apart > _SPREAD * radius:
+        if apart > MET * radius:
             raise ModelError(
                 f"{self.description}: the centre of mass of body '{body.name}' is {apart:.4g} m from the centroid of "
                 "its shape: its mass is not spread evenly; make it by Body.from_shape"
             )
         mass, inertia = known_value(body.mass), known_value(body.inertia)
-        if mass is not None and inertia is not None and abs(inertia - mass * square) > _SPREAD * mass * square:
+        if mass is not None and inertia is not None and abs(inertia - mass * square) > MET * mass * square:
             raise ModelError(
                 f"{self.description}: the inertia of body '{body.name}' is {inertia:.6g} kg m², and of its mass spread "
                 f"evenly over its shape it would be {mass * square:.6g}; make it by Body.from_shape"

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...errors import FileError
 from ...numerics.reading import content_of
+from ...numerics.tolerances import MET
 from .chains import Branching, closed_chains, strung
 from .nesting import crossing_of, sides_of
 
@@ -21,8 +22,6 @@ from .nesting import crossing_of, sides_of
 TOLERANCE = 1e-4
 #: Metres in a pixel of CSS.
 PIXEL = 0.0254 / 96
-#: Distance below which two ends are joined, relative to the size of the drawing.
-JOINED = 1e-6
 #: Halvings of a curve, at most.
 _MOST_HALVINGS = 12
 
@@ -62,7 +61,7 @@ def loops_of_svg(path: str | Path, scale: float | None, tolerance: float | None)
         points = _points_of(part, move, allowed)
         if len(points) < 2:
             continue
-        is_closed = np.linalg.norm(points[0] - points[-1]) <= JOINED * size
+        is_closed = np.linalg.norm(points[0] - points[-1]) <= MET * size
         if is_closed or _paints(shape, "fill"):  # what is filled is closed by that
             points = points[:-1] if is_closed else points
             for clip in clips:
@@ -108,8 +107,8 @@ def _check_clip(points: Loop, clipped: Any, drawing: Any, document: Any, library
         for shape in (library.Path(each) for each in clip if isinstance(each, library.Shape)):
             shape.transform = shape.transform * ~there * here
             for part in shape.as_subpaths():
-                around = _points_of(list(part), _transform(shape), JOINED)
-                touching = JOINED * float(np.max(np.ptp(around, axis=0)))
+                around = _points_of(list(part), _transform(shape), MET)
+                touching = MET * float(np.max(np.ptp(around, axis=0)))
                 if len(around) > 2 and not sides_of(points, around, touching)[1]:
                     return
     label = clipped.values.get("id") or type(clipped).__name__.lower()
@@ -142,7 +141,7 @@ def loops_of_dxf(
         for lines in groups
     ]
     try:
-        return _by_depth([loop * factor for loop in closed_chains(pieces, JOINED * size)], path)
+        return _by_depth([loop * factor for loop in closed_chains(pieces, MET * size)], path)
     except Branching as branching:
         raise FileError(f"{path}: {branching} in the drawing; select the layer of the outlines by layer=") from None
 
@@ -292,7 +291,7 @@ def _points_of(part: Sequence[Any], move: Callable[[np.ndarray], np.ndarray], al
 def _by_depth(loops: Sequence[Loop], path: Any) -> list[tuple[Loop, int]]:
     """Outlines with the number of others that they are inside of, in ascending order; at least one."""
     loops = sorted([loop for loop in loops if len(loop) > 2 and not _is_line(loop)], key=_area, reverse=True)
-    touching = JOINED * float(np.max(np.ptp(np.vstack(loops), axis=0))) if loops else 0.0
+    touching = MET * float(np.max(np.ptp(np.vstack(loops), axis=0))) if loops else 0.0
     crossing = crossing_of(loops, touching) if loops else None
     if crossing is not None:
         raise _overlap(path, "outlines cross at", crossing)
@@ -308,7 +307,7 @@ def _is_line(loop: Loop) -> bool:
     away = loop - loop[0]
     farthest = away[np.argmax(np.sum(away**2, axis=1))]
     across = np.abs(away @ [-farthest[1], farthest[0]])
-    return bool(np.max(across) <= JOINED * float(farthest @ farthest))
+    return bool(np.max(across) <= MET * float(farthest @ farthest))
 
 
 def _area(loop: Loop) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from ...equations.switching.explicit_time import explicit_time
 from ...numerics.scattered import scattered
 from ...numerics.symbolic import symbolic
+from ...numerics.tolerances import NEGLIGIBLE
 from ..motion.phase_solution import PhaseSolution
 from ..motion.solved_motion import SolvedMotion
 from ..program.phase_program import SHORTEST_SWITCH
@@ -21,8 +22,6 @@ from .measure import Measure
 
 #: Largest number of these times in a phase; of more, as the knots of a table, those with jumps alone count.
 MOST_TIMES = 100
-#: Share of the duration within which a mesh point lies at one of these times.
-AT = 1e-9
 #: Share of the typical duration between two mesh points around a jump, if the scheme has points at the ends of
 #: intervals, or inputs are continuous there.
 AROUND = 2e-6
@@ -62,7 +61,7 @@ class TimeJumps(Measure):
         """Infinite in intervals with such a time, zero in others (N,)."""
         errors = np.zeros(part.mesh.count)
         times = _mesh_points(part, timed=part.program.time_count > 0)
-        missing = times[_distances(part, times) > AT * part.duration]
+        missing = times[_distances(part, times) > NEGLIGIBLE * part.duration]
         errors[np.clip(np.searchsorted(part.mesh_times, missing) - 1, 0, part.mesh.count - 1)] = np.inf
         return errors
 
@@ -87,7 +86,7 @@ class TimeJumps(Measure):
             return mesh
         near = np.argmin(np.abs(part.mesh_times - times[:, None]), axis=1)
         there = np.interp(times, part.mesh_times, part.mesh.positions)
-        known = np.abs(part.mesh_times[near] - times) <= AT * part.duration
+        known = np.abs(part.mesh_times[near] - times) <= NEGLIGIBLE * part.duration
         positions = np.where(known, part.mesh.positions[near], there)
         moving = mesh.positions[list(mesh.free)]
         if timed:
@@ -108,7 +107,7 @@ def points_at_jumps(part: PhaseSolution) -> list[int]:
     """Mesh points of a phase at times of jumps."""
     times = _mesh_points(part, timed=part.program.time_count > 0)
     near = np.argmin(np.abs(part.mesh_times - times[:, None]), axis=1)
-    return sorted(set(near[_distances(part, times) <= AT * part.duration].tolist()))
+    return sorted(set(near[_distances(part, times) <= NEGLIGIBLE * part.duration].tolist()))
 
 
 def _distances(part: PhaseSolution, times: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...arguments.piecewise_polynomial import PiecewisePolynomial
 from ...errors import FileError, ModelError
+from ...numerics.tolerances import MET
 from ...results.archives import Archive, read_arrays, write_arrays
 from ..problem import OptimalControlProblem
 from ..program.collocation_program import CollocationProgram
@@ -23,8 +24,6 @@ from ..transcription.mesh import Mesh
 from .solved_motion import SolvedMotion
 
 _FORMAT = "mbdcasadi solution 4"
-#: Relative difference of costs, and difference of scaled rows, up to which two problems count as the same.
-SAME_TOLERANCE = 1e-6
 
 
 def save(solution: SolvedMotion, path: str | Path) -> None:
@@ -186,14 +185,14 @@ def _check_values(
     """Refuse a solution whose cost or rows are others in this problem."""
     low, high = np.sum([phase.span for phase in problem.phases], axis=0).tolist()
     duration = float(times[-1][-1])
-    if not low * (1 - SAME_TOLERANCE) <= duration <= high * (1 + SAME_TOLERANCE):
+    if not low * (1 - MET) <= duration <= high * (1 + MET):
         raise FileError(f"{content.path}: the solution takes {duration:g} s, the problem {low:g} … {high:g} s")
     x, theirs = content.numbers("x", program.size), float(content.numbers("cost"))
     cost, rows = program.nlp.evaluate(x / program.scale, data)
     off = abs(float(cost) * program.cost_scale - theirs)
-    if not off <= SAME_TOLERANCE * (abs(theirs) + program.cost_scale):
+    if not off <= MET * (abs(theirs) + program.cost_scale):
         raise _another(content, f"its cost there would differ by {off:.3g}")
     difference = np.abs(rows.full().ravel() - content.numbers("rows", len(program.rows)))
     worst = int(np.argmax(difference))
-    if difference[worst] > SAME_TOLERANCE:
+    if difference[worst] > MET:
         raise _another(content, f"it differs in: {program.rows[worst].label}")

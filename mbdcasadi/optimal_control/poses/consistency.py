@@ -23,14 +23,13 @@ from ...model.symbols import Symbol, symbols_of
 from ...numerics.console import without_warnings
 from ...numerics.evaluation import Evaluator
 from ...numerics.newton import solve
+from ...numerics.tolerances import MET
 from ...results.state import State
 from ..statement.condition_rank import ranks_of
 from ..statement.phase import Phase, contains_any, on_positions, on_states
 from ..statement.statement import ProblemStatement
 from .free_poses import PosedPlace, free_poses
 
-#: Violation of a limit from which conditions contradict it, relative to its values.
-CONTRADICTION_TOLERANCE = 1e-6
 #: Random poses from which other branches of a linkage are looked for.
 BRANCHES = 48
 
@@ -257,7 +256,7 @@ def _excess(limits: Iterable[Condition], state: State) -> dict[Condition, tuple[
 
 def _broken(values: dict[Condition, tuple[float, float]]) -> dict[Condition, tuple[float, float]]:
     """Limits that are not met, with their values and sizes."""
-    return {c: pair for c, pair in values.items() if pair[0] > CONTRADICTION_TOLERANCE * pair[1]}
+    return {c: pair for c, pair in values.items() if pair[0] > MET * pair[1]}
 
 
 def _broken_everywhere(

@@ -18,13 +18,11 @@ from ...model.symbols import Parameter
 from ...numerics.least_squares import largest
 from ...numerics.nearest import nearest_by_ipopt
 from ...numerics.newton import solve
+from ...numerics.tolerances import MET
 from ...results.state import State
 from ..statement.phase import Phase, on_positions
 from ..statement.statement import ProblemStatement
 from .pose_system import Place, PoseSystem, newton_rows
-
-#: Excess of a limit up to which it counts as met.
-LIMIT_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -112,7 +110,7 @@ class _PlaceSystem(PoseSystem):
         x = nearest_by_ipopt(self.unknowns, self.equalities, limits, estimate, weights)
         outcome = solve(newton_rows(ca.vertcat(*self.equalities), self.unknowns), x, weights, iterations=20)
         excess = ca.Function("limits", [self.unknowns], [ca.vertcat(ca.SX(0, 1), *limits)])
-        passed = np.max(excess(outcome.x).full(), initial=0.0) > LIMIT_TOLERANCE
+        passed = np.max(excess(outcome.x).full(), initial=0.0) > MET
         if not outcome.converged or passed or not largest(outcome.x) < np.inf:
             return None
         values = self.within_limits(outcome.x[near.size :])

@@ -24,6 +24,7 @@ from ...model.symbols import Parameter
 from ...numerics.console import without_warnings
 from ...numerics.least_squares import largest, least_norm
 from ...numerics.newton import solve
+from ...numerics.tolerances import MET
 from ...results.state import State
 from ..statement.phase import BEYOND_STATES, Phase, contains_any, with_parameters
 from ..statement.state_conditions import pose_conditions
@@ -32,8 +33,6 @@ from .linear_conditions import straight_path
 
 #: Largest number of steps from place to place, and of parts of a step at high speed.
 STEPS, SUBSTEPS = 40, 20
-#: Value of a condition up to which it counts as met at the end of a way, in its own unit.
-MET = 1e-6
 
 
 @dataclass(frozen=True)

@@ -13,16 +13,13 @@ from ...equations.numeric import NumericEquations
 from ...errors import AssemblyError, ConditionError
 from ...model.conditions import Condition
 from ...numerics.least_squares import largest
+from ...numerics.tolerances import MET
 from ...results.state import State
 from ..problem import OptimalControlProblem
 from ..statement.phase import Phase, contains_any, on_states, with_parameters, with_rates
 from .consistency import refuse_beyond_limits
 from .free_poses import FreePoses
 from .linear_conditions import state_by_linear_conditions
-
-#: Miss of a constraint, or of a path condition that prescribes the motion, up to which a state given as the start
-#: is accepted, m, rad or per s.
-START_TOLERANCE = 1e-6
 
 
 def first_state(
@@ -63,7 +60,7 @@ def check_start(problem: OptimalControlProblem, phase: Phase, numeric: NumericEq
     """Refuse a state given as the start that is off the prescribed motion or beyond limits, or of another linkage."""
     eom = phase.equations
     name, missed = numeric.largest_miss(0.0, start.q, start.v)
-    if abs(missed) > START_TOLERANCE * (1 + largest(start.q) + largest(start.v)):
+    if abs(missed) > MET * (1 + largest(start.q) + largest(start.v)):
         raise ConditionError(
             f"the initial state does not meet {name}: it is off by {missed:.3g}; "
             "assemble it with the parameters of this problem, and for its start at t = 0"
@@ -71,13 +68,13 @@ def check_start(problem: OptimalControlProblem, phase: Phase, numeric: NumericEq
     rows = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu) if problem.free_parameters else ca.SX(0, 1)
     for parameter in problem.free_parameters:
         slopes = ca.jacobian(rows, parameter)
-        if ca.depends_on(rows, parameter) and np.any(np.abs(start[slopes]) > START_TOLERANCE):
+        if ca.depends_on(rows, parameter) and np.any(np.abs(start[slopes]) > MET):
             raise ConditionError(
                 f"the initial state meets the constraints at one value of the free parameter '{parameter.label}' "
                 "alone; state conditions in its place"
             )
     for condition in with_rates(problem.differentiated_path_constraints(phase)):
         amount = float(start[condition.expression])
-        if abs(amount) > START_TOLERANCE:
+        if abs(amount) > MET:
             raise ConditionError(f"the initial state does not meet {condition.label}: it is off by {amount:.3g}")
     refuse_beyond_limits(problem, phase, numeric, "initial", start)

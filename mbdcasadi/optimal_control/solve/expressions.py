@@ -14,6 +14,7 @@ from ...model.placeholders import placeholders_in
 from ...model.texts import text_of
 from ...numerics.graph import operands, operations
 from ...numerics.operations import BENDING, JUMPING, border_of
+from ...numerics.tolerances import NEGLIGIBLE
 from ..motion.phase_solution import PhaseSolution
 from ..problem import OptimalControlProblem
 from ..solution import Solution
@@ -25,8 +26,6 @@ _LONGEST = 60
 _TAUS = np.linspace(0, 1, 5)
 #: Share of the largest value of what passes a border below which it is at that.
 AT_BORDER = 1e-8
-#: Share of values on both sides of a border below which a jump is rounding.
-ROUNDED_JUMP = 1e-9
 
 
 def kinks_in(expression: ca.SX, decided: Collection[int] = ()) -> list[str]:
@@ -88,7 +87,7 @@ def jump_on_the_way(solution: Solution) -> str:
             if not passed.size:
                 continue
             one, other = part.by_polynomials(_on_both_sides(jumping, switch), k[passed], tau[passed])
-            jumps = np.any(np.abs(one - other) > ROUNDED_JUMP * (np.abs(one) + np.abs(other)), axis=0)
+            jumps = np.any(np.abs(one - other) > NEGLIGIBLE * (np.abs(one) + np.abs(other)), axis=0)
             if np.any(jumps):
                 first = passed[np.argmax(jumps)]
                 time, place = part.time_at(int(k[first]), float(tau[first])), _text(switch.natural)

@@ -21,6 +21,7 @@ from ...numerics.lazy import cached_property
 from ...numerics.least_squares import project_velocity
 from ...numerics.newton import solve
 from ...numerics.rank import analyse_rank, unit_rows
+from ...numerics.tolerances import NEGLIGIBLE
 from .phase import Phase
 from .statement import ProblemStatement
 
@@ -33,8 +34,6 @@ STATES, ATTEMPTS = 3, 12
 DEPENDENCE_TOLERANCE = 1e-7
 #: Rest of a unit row at one state below which a condition counts as met at a singular pose.
 SINGULARITY_TOLERANCE = 1e-4
-#: Relative variation of an expression from state to state up to which it counts as constant.
-CONSTANCY_TOLERANCE = 1e-9
 #: Results that are kept: conditions at the start may change from solve to solve.
 RECENT = 300
 
@@ -177,10 +176,10 @@ def _value_under(places: Sequence[tuple[float, np.ndarray, np.ndarray, np.ndarra
     for value, slope, row_values, slopes in places:
         k = int(np.argmax(np.abs(unit_rows(slopes) @ slope)))
         factors.append(float(slopes[k] @ slope / max(slopes[k] @ slopes[k], np.finfo(float).tiny)))
-        if np.max(np.abs(slope - factors[-1] * slopes[k])) > CONSTANCY_TOLERANCE * np.max(np.abs(slope)):
+        if np.max(np.abs(slope - factors[-1] * slopes[k])) > NEGLIGIBLE * np.max(np.abs(slope)):
             return None
         constants.append(value - factors[-1] * row_values[k])
-    constant = all(np.ptp(x) <= CONSTANCY_TOLERANCE * (1 + np.max(np.abs(x))) for x in (constants, factors) if x)
+    constant = all(np.ptp(x) <= NEGLIGIBLE * (1 + np.max(np.abs(x))) for x in (constants, factors) if x)
     return float(constants[0]) if constants and constant else None
 
 

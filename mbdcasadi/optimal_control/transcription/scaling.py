@@ -15,11 +15,10 @@ import numpy as np
 from ...equations.numeric import NumericEquations
 from ...equations.scale import marker_points
 from ...model.symbols import Parameter
+from ...numerics.tolerances import NEGLIGIBLE
 
 #: Smallest size of a limited quantity, as a share of its changes.
 SMALLEST_SHARE = 1e-3
-#: Share of the size of a mechanism, and of the coordinates of its places, below which distances are rounding.
-ROUNDING = 1e-9
 #: Number of states at which the size of an expression is sampled.
 SAMPLES = 7
 #: Ratio of mean and median of the samples from which an expression is mostly small: a cost in a window of time.
@@ -93,7 +92,7 @@ def _length(numeric: NumericEquations, poses: np.ndarray) -> float:
     places = np.vstack([points[fixed], poses[:, : 3 * bodies].reshape(-1, 3)[:, :2]])
     spread = np.ptp(places, axis=0) / 2
     length = float(np.max(np.r_[levers, spread], initial=0.0))
-    rounding = ROUNDING * max(numeric.scale.length, float(np.max(np.abs(places), initial=0.0)))
+    rounding = NEGLIGIBLE * max(numeric.scale.length, float(np.max(np.abs(places), initial=0.0)))
     return length if length > rounding else numeric.scale.length
 
 

@@ -21,17 +21,10 @@ from ...model.quantities import listed_by_name
 from ...model.rates import time_derivative
 from ...numerics.evaluation import Evaluator
 from ...numerics.least_squares import largest
-from ...numerics.tolerances import AT_REST, ZERO_VALUE
+from ...numerics.tolerances import AT_REST, MET, NEGLIGIBLE, ZERO_VALUE
 from ...results.state import State
 from ..outputs import Outputs
 
-#: Change of an expression, relative to the coordinates and velocities, by which an event at rest leaves its place.
-AWAY = 1e-9
-#: Expression, relative to the coordinates, below which an event that was located counts as at its zero: short
-#: integrations that end at other times differ by the error of the integrator.
-LOCATED = 1e-6
-#: Acceleration through the zero of an event, relative to the accelerations, that counts as none.
-NO_PRESSURE = 1e-9
 #: Change of an expression, relative to the velocities or reactions, that may be rounding.
 ROUNDING = 1e-11
 _NONE = np.zeros(0)
@@ -210,7 +203,7 @@ class EventWatch:
 
     def away(self, x: np.ndarray) -> float:
         """Change of an expression by which an event that rests leaves its place, at some states."""
-        return AWAY * self._fineness * (1 + largest(x))
+        return NEGLIGIBLE * self._fineness * (1 + largest(x))
 
     # --- values ------------------------------------------------------------------------------
     def values(self, outputs: Outputs, times: np.ndarray, x: np.ndarray, since: np.ndarray | None) -> np.ndarray:
@@ -251,7 +244,7 @@ class EventWatch:
         if not self.events:
             return
         self._fineness = _fineness(state)
-        close = LOCATED * self._fineness * (1 + largest(state.q))
+        close = MET * self._fineness * (1 + largest(state.q))
         near = [k for k, e in enumerate(self.events) if e in located and abs(float(state[e.expression])) <= close]
         rests = self.rests(state)
         for index in dict.fromkeys([*self.at_zero(state), *near]):
@@ -276,7 +269,7 @@ class EventWatch:
         rate, second = self._derivatives(state)[:, index]
         if abs(rate) > at_rest(state):
             return float(rate * self.instant)
-        if abs(second) > NO_PRESSURE * self._fineness * (1 + largest(state.a)):
+        if abs(second) > NEGLIGIBLE * self._fineness * (1 + largest(state.a)):
             return float(second * self.instant**2 / 2)
         return 0.0
 
@@ -331,7 +324,7 @@ class EventWatch:
 
     def pressed_through(self, state: State) -> list[Event]:
         """Events at rest at their zeros, through which the accelerations press them."""
-        limit = NO_PRESSURE * _fineness(state) * (1 + largest(state.a))
+        limit = NEGLIGIBLE * _fineness(state) * (1 + largest(state.a))
         pressed = self.rests(state) & (self._directions * self._derivatives(state)[1] > limit)
         return [self.events[k] for k in self.at_zero(state) if pressed[k]]
 

@@ -15,11 +15,10 @@ from ...errors import ExpressionError, SimulationError
 from ...model.events import Event
 from ...model.symbols import StateVariable
 from ...numerics.least_squares import largest
+from ...numerics.tolerances import NEGLIGIBLE
 from ...results.state import State
 from .events import Accumulation, EventWatch
 
-#: Fraction of the velocities by which a reset may miss what it asks for.
-RESET_TOLERANCE = 1e-9
 #: Fraction of a run that counts as one instant: events so near to each other take place together.
 INSTANT = 1e-10
 #: Distance beyond the zero of an event, relative to the coordinates, that a rounded start explains.
@@ -219,7 +218,7 @@ class Impacts:
         targets, values = ca.vertcat(*[t for _, t, _ in moving]), ca.vertcat(*[v for *_, v in moving])
         after = jump_to(self.numeric, state, targets, np.atleast_1d(state[values]))
         left_over = after.left_over
-        if largest(left_over) > RESET_TOLERANCE * (1 + largest(after.v) + largest(state.v)):
+        if largest(left_over) > NEGLIGIBLE * (1 + largest(after.v) + largest(state.v)):
             names = [*self.numeric.eom.row_names, *[str(target) for _, target, _ in moving]]
             misses = np.abs(after.contradiction)
             worst = names[int(np.argmax(misses >= (1 - 1e-9) * np.max(misses)))]  # of equal ones the first
@@ -241,7 +240,7 @@ class Impacts:
                     continue
                 k = next(k for k, own in enumerate(states) if own is target)
                 wanted = float(state[value])
-                if k in resets and abs(resets[k][1] - wanted) > RESET_TOLERANCE * (1 + abs(wanted)):
+                if k in resets and abs(resets[k][1] - wanted) > NEGLIGIBLE * (1 + abs(wanted)):
                     raise SimulationError(
                         f"the events '{resets[k][0].name}' and '{event.name}' take place together at t = "
                         f"{state.t:.6g} s and reset '{states[k].label}' to {resets[k][1]:.6g} and {wanted:.6g}",

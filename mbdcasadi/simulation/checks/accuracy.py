@@ -7,6 +7,7 @@ import numpy as np
 
 from ...equations.derivation import Equations
 from ...numerics.least_squares import largest
+from ...numerics.tolerances import NEGLIGIBLE
 from ...results.trajectory import Trajectory
 
 #: Range of a motion (m or rad), in absolute tolerances, below which the tolerance does not resolve it.
@@ -19,8 +20,6 @@ REST_TOLERANCE = 1e-13
 ABSTOL_SHARE, SMALLEST_ABSTOL = 1e-8, 1e-15
 #: Steps of a run from which its energy is looked at.
 MANY_STEPS = 20_000
-#: Power that no potential explains, relative to the powers of all forces, that is rounding.
-NO_POWER = 1e-9
 #: Estimate of the error of an angle from which it is reported, rad.
 WORTH_REPORTING = 1e-2
 
@@ -109,7 +108,7 @@ def grown_error(motion: Trajectory) -> list[str]:
     values = motion[eom.mechanism.cache.get_or_create("power balance", lambda: _power_balance(eom))]
     rest, kinetic, potential = np.abs(values[:, 0]), values[:, 1], values[:, 2]
     powers, rates = np.split(np.abs(values[:, 3:]), [eom.q.numel()], axis=1)
-    if np.max(rest) > NO_POWER * np.max(np.sum(powers, axis=1)):
+    if np.max(rest) > NEGLIGIBLE * np.max(np.sum(powers, axis=1)):
         return []  # forces without potential: the energy says nothing
     if np.any(rates > 0):
         return []  # drivers do work

@@ -10,13 +10,8 @@ from ...kinematics.mobility import Joints, mobility
 from ...kinematics.singular import describe_singularity
 from ...numerics.least_squares import largest
 from ...numerics.rank import analyse_rank
-from ...numerics.tolerances import NEARLY_SINGULAR
+from ...numerics.tolerances import MET, NEARLY_SINGULAR, NEGLIGIBLE
 from ...results.state import State
-
-#: Work of the loads along an infinitesimal motion, relative to that of each of them, that is rounding.
-NO_WORK = 1e-9
-#: Second-order residual of a direction, relative to its square, up to which a motion goes on along it.
-GOES_ON = 1e-6
 
 
 def refuse_singular_start(numeric: NumericEquations, state: State) -> None:
@@ -60,7 +55,7 @@ def _loads_act_along_blocked_motions(numeric: NumericEquations, state: State) ->
     """True if loads do work along an infinitesimal motion that cannot go on."""
     blocked = Joints(numeric, state.t).blocked(state.q)
     work = blocked * numeric.scale.coordinates * np.atleast_1d(state[numeric.eom.Q])
-    return not np.all(np.abs(np.sum(work, axis=1)) <= NO_WORK * np.sum(np.abs(work), axis=1))
+    return not np.all(np.abs(np.sum(work, axis=1)) <= NEGLIGIBLE * np.sum(np.abs(work), axis=1))
 
 
 def _begins_along_a_motion(numeric: NumericEquations, state: State) -> bool:
@@ -77,4 +72,4 @@ def _begins_along_a_motion(numeric: NumericEquations, state: State) -> bool:
     bent, back, still = (numeric.acceleration(t, q, v)[1] for v in (direction, -direction, 0 * direction))
     combinations = analyse_rank(numeric.scale.scaled(jacobian), NEARLY_SINGULAR).null_rows
     missed = combinations @ (((bent + back) / 2 - still) / numeric.scale.row_size(jacobian))
-    return largest(missed) <= GOES_ON
+    return largest(missed) <= MET

@@ -15,14 +15,13 @@ from ...integrators.native.code import Written
 from ...integrators.native.stretch import ExplicitSystem
 from ...numerics.c_code import SIGNATURE, simplified, tape_of
 from ...numerics.c_interface import constant_table
+from ...numerics.tolerances import NEGLIGIBLE
 from ..checks.unseen_loads import state_quantities
 from ..contact.compiled_elements import RepeatedElements, repeated_elements
 from ..contact.watched_terms import WatchedTerms, has_gap
 
 #: Comparisons at which steps end, at most: more are those of tables, whose pieces join smoothly.
 MOST_COMPARED = 16
-#: Share of a correction of the velocities that rounding may leave, as rows may be nearly dependent.
-LEFT_BY_ROUNDING = 1e-9
 
 
 def dynamics_of(numeric: NumericEquations, *, redundant: bool = False) -> ca.Function:
@@ -97,7 +96,7 @@ def _left_by_turn(eom: Equations, moved: ca.SX, corrected: ca.SX) -> ca.SX:
     if not turning.size or not bent.size:
         return ca.SX(0)
     turn, change = (ca.norm_inf(ca.densify(part)) for part in (moved[turning.tolist()], corrected[bent.tolist()]))
-    return change * (turn + LEFT_BY_ROUNDING)
+    return change * (turn + NEGLIGIBLE)
 
 
 def explicit_system(

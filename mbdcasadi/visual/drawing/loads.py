@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ...model.bodies import Marker
+from ...numerics.tolerances import NEGLIGIBLE
 from . import lines, scene
 from .pen import Pen
 
@@ -18,8 +19,6 @@ from .pen import Pen
 ARROW, COUPLE, COUPLE_UNITS = 0.16, 0.07, 2.0
 #: Arrows of a kind at one point that are drawn each for itself.
 MOST_SEPARATE_LOADS = 3
-#: Loads below this part of the largest are rounding errors.
-NOISE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +67,7 @@ def draw_loads(pen: Pen, loads: Sequence[tuple[Any, Load]]) -> dict[str, float]:
     values[:, ~np.isfinite(values).all(axis=0)] = 0.0  # not known, as forces of a current in kinematics
     scale = {}
     # rounding errors are not loads: a couple is compared with forces at the size of the picture
-    noise = NOISE * float(np.max(values / np.where(couple, diagonal, 1.0)))
+    noise = NEGLIGIBLE * float(np.max(values / np.where(couple, diagonal, 1.0)))
     turning = min(COUPLE, COUPLE_UNITS * pen.unit / diagonal)
     for kind, which, longest in (("N", ~couple, ARROW), ("N m", couple, turning)):
         largest = _usual_largest(values[:, which])
@@ -96,7 +95,7 @@ def draw_velocities(pen: Pen) -> dict[str, float]:
     speeds = pen.over(*[ca.norm_2(body.velocity) for body in bodies])
     diagonal, largest = scene.diagonal_of(pen.box()), _usual_largest(speeds)
     # a mechanism at rest may be set in motion: it then passes its own size in a second
-    scale = (largest if largest > NOISE * diagonal else diagonal) / (ARROW * diagonal)
+    scale = (largest if largest > NEGLIGIBLE * diagonal else diagonal) / (ARROW * diagonal)
     for body in bodies:
         pen.item = pen.item_of(body)
         _arrow(pen, Load(body.at(0, 0), body.velocity, "velocity"), 1 / scale, "m/s", "velocities")

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ...errors import MechanismError, warn
+from ...numerics.tolerances import NEGLIGIBLE
 from ...results.trajectory import Trajectory
 from ..course import Course
 from .packing import Packer
@@ -23,8 +24,6 @@ MORE_KNOTS = 10 ** (1 / 6)
 TOLERANCE = 0.1
 #: Tolerance in units of the noise of a quantity, at least.
 ABOVE_NOISE = 4.0
-#: Numbers below this part of the largest ones of the same unit are rounding errors.
-NOISE = 1e-9
 
 
 @dataclass(eq=False)
@@ -126,7 +125,7 @@ class Columns:
         units: dict[str, float] = {}
         for column, value in zip(columns, largest, strict=True):
             units[column.unit] = max(units.get(column.unit, 0.0), float(value))
-        noise = {unit: NOISE * size for unit, size in units.items()} | self._noise(units)
+        noise = {unit: NEGLIGIBLE * size for unit, size in units.items()} | self._noise(units)
         return np.maximum(largest, [noise[column.unit] for column in columns])
 
     def _noise(self, units: dict[str, float]) -> dict[str, float]:
@@ -135,7 +134,7 @@ class Columns:
         force = max(units.get("N", 0.0), units.get("N m", 0.0) / length)
         speed = max(units.get("m/s", 0.0), units.get("rad/s", 0.0) * length, length / duration)
         sizes = {"m": length, "rad": 1.0, "m/s": speed, "rad/s": speed / length, "N": force, "N m": force * length}
-        return {unit: NOISE * max(size, units.get(unit, 0.0)) for unit, size in sizes.items()}
+        return {unit: NEGLIGIBLE * max(size, units.get(unit, 0.0)) for unit, size in sizes.items()}
 
     def _tolerances(
         self, columns: list[Column], sizes: np.ndarray, noise: np.ndarray, digits: int, picture: float

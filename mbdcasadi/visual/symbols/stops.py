@@ -9,13 +9,12 @@ import numpy as np
 
 from ...model.bodies import Body, ground
 from ...model.forces.stops import EndStop
+from ...numerics.tolerances import NEGLIGIBLE
 from ..drawing import lines, scene
 from ..drawing.pen import Frame, Pen
 from .base import glyph
 from .motions import pivot_of
 
-#: A gap counts as one along a line, or of an angle, if its derivatives are 1 and 0 up to this.
-EXACT = 1e-9
 #: Places of a pad between two bodies beside the line of their motion, in units, until there is no spring.
 BESIDE = (0.0, 3.4, -3.4, 5.0, -5.0, 7.0, -7.0)
 
@@ -33,12 +32,12 @@ def end_stop(element: EndStop, pen: Pen) -> None:
         return
     (body,) = bodies
     slopes = pen.over(ca.jacobian(element.gap, ca.vertcat(body.x, body.y, body.phi)))
-    if np.max(np.ptp(slopes, axis=0)) > EXACT:
+    if np.max(np.ptp(slopes, axis=0)) > NEGLIGIBLE:
         return
     sliding, turning = float(np.hypot(*slopes[0, :2])), abs(float(slopes[0, 2]))
-    if abs(sliding - 1) < EXACT and np.ptp(pen.over(body.phi)) < 1e-6:
+    if abs(sliding - 1) < NEGLIGIBLE and np.ptp(pen.over(body.phi)) < 1e-6:
         pen.later(lambda box: _ahead(pen, body, element, -slopes[0, :2]))
-    elif sliding < EXACT and abs(turning - 1) < EXACT:
+    elif sliding < NEGLIGIBLE and abs(turning - 1) < NEGLIGIBLE:
         pen.later(lambda box: _beside(pen, body, element, -float(np.sign(slopes[0, 2]))))
 
 
@@ -47,7 +46,7 @@ def _meeting(pen: Pen, a: Body, b: Body, element: EndStop) -> None:
     slopes = pen.over(ca.jacobian(element.gap, ca.vertcat(a.x, a.y, b.x, b.y, a.phi, b.phi)))
     still = np.max(np.ptp(np.hstack([slopes, pen.over(a.phi, b.phi)]), axis=0)) < 1e-6
     ahead, back, turning = -slopes[0, :2], slopes[0, 2:4], slopes[0, 4:]
-    if still and abs(np.hypot(*ahead) - 1) < EXACT and np.max(np.abs([*(ahead - back), *turning])) < EXACT:
+    if still and abs(np.hypot(*ahead) - 1) < NEGLIGIBLE and np.max(np.abs([*(ahead - back), *turning])) < NEGLIGIBLE:
         pen.later(lambda box: _on_second(pen, a, b, element, float(np.arctan2(ahead[1], ahead[0]))))
 
 
