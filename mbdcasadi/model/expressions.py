@@ -49,6 +49,7 @@ from casadi import (
 from ..errors import ModelError
 from ..numerics.real import real_array
 from .geometry.splines import spline
+from .geometry.tables import table
 from .symbols import Scalar
 
 __all__ = [
@@ -80,6 +81,7 @@ __all__ = [
     "sqrt",
     "step",
     "sumsqr",
+    "table",
     "tan",
     "tanh",
     "vertcat",

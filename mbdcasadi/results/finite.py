@@ -34,6 +34,7 @@ def refuse_nan(eom: Equations, expression: ca.SX, values: np.ndarray, arguments:
         text = text if len(text) <= 100 else text[:97] + "..."
         raise ExpressionError(
             f"{text} is not finite at t = {t:.6g} s, though all that it depends on is finite: a spline "
-            'with outside="error" is evaluated beyond its data, or a function (sqrt, log, quotient) has no value',
+            'or a table with outside="error" is evaluated beyond its data, or a function (sqrt, log, quotient) has no '
+            "value",
             time=t,
         )

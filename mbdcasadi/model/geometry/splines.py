@@ -21,13 +21,13 @@ from ..symbols import Numbers
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
-_LEAST_POINTS = {"cubic": 4, "monotone": 2, "linear": 2}
+LEAST_POINTS = {"cubic": 4, "monotone": 2, "linear": 2}
 #: Samples that a curve of degree five takes.
 _LEAST_SAMPLES = 6
-_OUTSIDE = ("error", "constant", "linear", "periodic")
+OUTSIDE = ("error", "constant", "linear", "periodic")
 
 #: Part of the data's width by which rounding may carry the argument beyond the data.
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
 
 
 def spline(x: Any, xs: Numbers, ys: Numbers, kind: str = "cubic", outside: str = "error") -> Any:
@@ -80,8 +80,8 @@ def spline(x: Any, xs: Numbers, ys: Numbers, kind: str = "cubic", outside: str =
     >>> spline(0.5, [0, 1], [0, 3], kind="linear")
     1.5
     """
-    one_of(kind, _LEAST_POINTS, "spline", "kind")
-    one_of(outside, _OUTSIDE, "spline", "outside")
+    one_of(kind, LEAST_POINTS, "spline", "kind")
+    one_of(outside, OUTSIDE, "spline", "outside")
     xs, ys = _points(xs, ys, kind, outside)
     if isinstance(x, ca.MX):
         raise ModelError("spline: x is a casadi.MX; the model is written in casadi.SX")
@@ -96,7 +96,7 @@ def spline_integral(x: ca.SX, xs: Any, ys: Any, kind: str = "cubic", outside: st
     xs, ys = _points(xs, ys, kind, outside)
     if outside == "periodic":
         raise ModelError("spline_integral: the integral of periodic data is not periodic")
-    curve = _polynomials(xs, ys, kind, periodic=False).antiderivative()
+    curve = polynomials(xs, ys, kind, periodic=False).antiderivative()
     return piecewise(x, xs, *_with_ends(curve, outside, order=1), outside)
 
 
@@ -152,37 +152,48 @@ def through_samples(x: ca.SX, xs: Any, ys: Any) -> ca.SX:
     return curve
 
 
-def _numbers(values: Any, name: str) -> np.ndarray:
+def numbers_of(values: Any, name: str, what: str, dimensions: int = 1) -> np.ndarray:
+    """Return data as an array of finite numbers; raise an error for anything else."""
+    form = "a sequence of numbers" if dimensions == 1 else "a table of numbers"
     if isinstance(values, ca.DM):
-        values = values.full().ravel()
+        values = values.full() if dimensions == 2 else values.full().ravel()
     try:
         # Python's float() of a symbol is NaN and no error.
         if isinstance(values, ca.SX) or any(isinstance(value, ca.SX) for value in values):
             raise TypeError
         result = real_array(values)
     except (TypeError, ValueError, RuntimeError, NotImplementedError):
-        raise ModelError(f"spline: {name} must be a sequence of numbers, got {values!r}") from None
-    if result.ndim != 1:
-        raise ModelError(f"spline: {name} must be a sequence of numbers, got shape {result.shape}")
+        raise ModelError(f"{what}: {name} must be {form}, got {values!r}") from None
+    if result.ndim != dimensions:
+        raise ModelError(f"{what}: {name} must be {form}, got shape {result.shape}")
     if not np.all(np.isfinite(result)):
-        k = int(np.argmin(np.isfinite(result)))
-        raise ModelError(f"spline: {name} must be finite, got {name}[{k}] = {result[k]}")
+        k = np.unravel_index(int(np.argmin(np.isfinite(result))), result.shape)
+        place = ", ".join(str(i) for i in k)
+        raise ModelError(f"{what}: {name} must be finite, got {name}[{place}] = {result[k]}")
     return result
+
+
+def points_of(values: Any, name: str, kind: str, what: str) -> np.ndarray:
+    """Return the places of data (n,), which increase strictly and are enough for a kind."""
+    xs = numbers_of(values, name, what)
+    if len(xs) < LEAST_POINTS[kind]:
+        raise ModelError(f"{what}: kind '{kind}' takes at least {LEAST_POINTS[kind]} points, got {len(xs)} in {name}")
+    if np.any(np.diff(xs) <= 0):
+        k = int(np.argmax(np.diff(xs) <= 0))
+        raise ModelError(
+            f"{what}: {name} must increase strictly, got {name}[{k}] = {xs[k]} and {name}[{k + 1}] = {xs[k + 1]}"
+        )
+    return xs
 
 
 def _points(xs: Any, ys: Any, kind: str, outside: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the points as arrays (n,), checked."""
-    xs, ys = _numbers(xs, "xs"), _numbers(ys, "ys")
+    xs, ys = points_of(xs, "xs", kind, "spline"), numbers_of(ys, "ys", "spline")
     if len(xs) != len(ys):
         raise ModelError(f"spline: xs and ys must have the same length, got {len(xs)} and {len(ys)}")
-    if len(xs) < _LEAST_POINTS[kind]:
-        raise ModelError(f"spline: kind '{kind}' takes at least {_LEAST_POINTS[kind]} points, got {len(xs)}")
-    if np.any(np.diff(xs) <= 0):
-        k = int(np.argmax(np.diff(xs) <= 0))
-        raise ModelError(f"spline: xs must increase strictly, got xs[{k}] = {xs[k]} and xs[{k + 1}] = {xs[k + 1]}")
     if outside == "periodic":
         # Data such as sin(2 pi) close only up to rounding.
-        if abs(ys[-1] - ys[0]) > _ROUNDING * np.max(np.abs(ys)):
+        if abs(ys[-1] - ys[0]) > ROUNDING * np.max(np.abs(ys)):
             raise ModelError(
                 "spline: periodic data must end with the value they start with, "
                 f"got ys[0] = {ys[0]} and ys[-1] = {ys[-1]}"
@@ -197,7 +208,7 @@ def _values(x: Any, xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) -> 
         numbers = real_array(x.full() if isinstance(x, ca.DM) else x)
     except (TypeError, ValueError):
         raise ModelError(f"spline: x must be an expression or numbers, got {x!r}") from None
-    slack = _ROUNDING * (xs[-1] - xs[0])
+    slack = ROUNDING * (xs[-1] - xs[0])
     if outside == "error" and np.any(bad := (numbers < xs[0] - slack) | (numbers > xs[-1] + slack)):
         raise ModelError(
             f"spline: x = {numbers[bad].flat[0]} is outside the data, {xs[0]} … {xs[-1]}; "
@@ -213,7 +224,7 @@ def _values(x: Any, xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) -> 
 
 def _curve(x: ca.SX, xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) -> ca.SX:
     """Return the curve as an expression in a scalar."""
-    anchors, coefficients = _with_ends(_polynomials(xs, ys, kind, outside == "periodic"), outside)
+    anchors, coefficients = _with_ends(polynomials(xs, ys, kind, outside == "periodic"), outside)
     # met exactly, not up to the rounding of a polynomial's end
     coefficients[0, anchors == xs[-1]] = ys[-1]
     return piecewise(x, xs, anchors, coefficients, outside)
@@ -239,7 +250,7 @@ def piecewise(x: ca.SX, xs: np.ndarray, anchors: np.ndarray, coefficients: np.nd
     anchor, *terms = ca.vertsplit(ca.mtimes(ca.DM(np.vstack([anchors, coefficients])), picked))
     if outside == "error":
         # Added to every coefficient, so that the derivatives are NaN too; inside, 0 changes nothing.
-        slack = _ROUNDING * (xs[-1] - xs[0])
+        slack = ROUNDING * (xs[-1] - xs[0])
         inside = ca.logic_and(x >= xs[0] - slack, x <= xs[-1] + slack)
         terms = [term + ca.if_else(inside, 0, np.nan) for term in terms]
     d = x - anchor
@@ -249,19 +260,19 @@ def piecewise(x: ca.SX, xs: np.ndarray, anchors: np.ndarray, coefficients: np.nd
     return value
 
 
-def _polynomials(xs: np.ndarray, ys: np.ndarray, kind: str, periodic: bool) -> PPoly:
-    """Return the curve as SciPy's piecewise polynomial, one piece from each point but the last."""
+def polynomials(xs: np.ndarray, ys: np.ndarray, kind: str, periodic: bool) -> PPoly:
+    """Return curves through points (n, …) as SciPy's piecewise polynomial, one piece from each point but the last."""
     from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
     if kind == "linear":
-        return PPoly(np.vstack([np.diff(ys) / np.diff(xs), ys[:-1]]), xs)
+        return PPoly(np.stack([(np.diff(ys, axis=0).T / np.diff(xs)).T, ys[:-1]]), xs)
     if kind == "cubic":
         return CubicSpline(xs, ys, bc_type="periodic" if periodic else "not-a-knot")
     if not periodic:
         return PchipInterpolator(xs, ys)
     # the slope at a point follows from its neighbours: one more on either side closes the curve
     around = np.r_[xs[0] - (xs[-1] - xs[-2]), xs, xs[-1] + (xs[1] - xs[0])]
-    curve = PchipInterpolator(around, np.r_[ys[-2], ys, ys[1]])
+    curve = PchipInterpolator(around, np.concatenate([ys[-2:-1], ys, ys[1:2]]))
     return PPoly(curve.c[:, 1:-1], xs)
 
 

@@ -40,10 +40,14 @@ def cause_of_failure(outputs: Outputs, t: float, x: np.ndarray, flag: str, ahead
     eom, n = numeric.eom, numeric.eom.q.numel()
     (q, v, z), said = np.split(x, [n, 2 * n]), in_words(flag)
     remarks = "".join(f"; {sentence}" for sentence in broken_at_pose(numeric, t, q))
-    for time, pose in ((t, q), (t + ahead, q + ahead * v)):
-        u = outputs.inputs_at(time, pose, v, z)
+    rates = _rates(outputs, t, q, v, z)
+    for time, (pose, speed, z_there) in ((t, (q, v, z)), (t + ahead, np.split(x + ahead * rates, [n, 2 * n]))):
+        u = outputs.inputs_at(time, pose, speed, z_there)
         own = [f"input '{i.label}'" for i, value in zip(eom.mechanism.inputs, u, strict=True) if not np.isfinite(value)]
-        broken = own or [*numeric.rows_not_finite(time, pose, v), *numeric.not_finite(time, pose, v, z, u)]
+        broken = own or [
+            *numeric.rows_not_finite(time, pose, speed),
+            *numeric.not_finite(time, pose, speed, z_there, u),
+        ]
         if broken:
             return f"{', '.join(broken)} is not finite there: {NOT_FINITE} ({said}){remarks}"
     bent = numeric.not_finite(t, q, v, z, outputs.inputs_at(t, q, v, z), slopes=True)
@@ -72,6 +76,15 @@ def cause_of_failure(outputs: Outputs, t: float, x: np.ndarray, flag: str, ahead
         f"{said}; a force may jump there, grow without bound or have no slope, as a root at zero (fastest coordinate: "
         f"{eom.coordinate_names[fastest]} at {v[fastest]:.3g} per second); {advice} may help{remarks}"
     )
+
+
+def _rates(outputs: Outputs, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Rates of a state ``(q, v, z)``, and zero for those that are not finite."""
+    numeric, u = outputs.numeric, outputs.inputs_at(t, q, v, z)
+    state = [np.atleast_2d(part) for part in (t, q, v, z, u)]
+    a, lam = (rows[0] for rows in numeric.accelerations_of_rows(*state, redundant=True))
+    z_rate = numeric.eom.function(numeric.eom.z_rate)(t, q, v, a, z, lam, u, numeric.p).full().ravel()
+    return np.nan_to_num(np.concatenate([v, a, z_rate]), posinf=0.0, neginf=0.0)
 
 
 def singular_stop(numeric: NumericEquations, entry: float, time: float, x: np.ndarray) -> SimulationError:
