@@ -1,4 +1,4 @@
-"""Tables in two variables against closed forms and SciPy's splines: values, derivatives, what is outside, in motions."""
+"""Tables in two variables against closed forms and SciPy's splines: values, derivatives, ends, motions."""
 
 import casadi as ca
 import numpy as np
