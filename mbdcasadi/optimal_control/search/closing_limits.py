@@ -6,6 +6,7 @@ from collections.abc import Generator
 
 import numpy as np
 
+from ...numerics.tolerances import MET
 from ..measures.branch import branch_jump
 from ..motion.guess import Guess
 from ..program.variant import WITHOUT_LIMITS
@@ -21,8 +22,6 @@ COST_WEIGHTS, FALLING = (0.1, 0.01, 0.001), 0.9
 #: Sum of scaled violations up to which the problem itself is solved from a motion: a least violation that is not zero
 #: may be a local one, which a solver that may violate the equations of motion on its way gets round.
 NEAR = 1.0
-#: Sum of scaled violations up to which a motion counts as one that meets all demands.
-FEASIBLE = 1e-6
 #: Share up to which sums of violations are the same.
 SAME_VIOLATION = 0.01
 #: Weight of the distance from the guess that leaves a least violation as it is.
@@ -79,10 +78,10 @@ def priced(trials: Trials, guess: Guess, description: str) -> Generator[Proposal
         if total < trials.least:
             trials.least, trials.nearest = total, outcome.last
         guess = trials.solver.motion_of(outcome.last)
-        if total <= FEASIBLE or total > FALLING * before:
+        if total <= MET or total > FALLING * before:
             break
         before = total
-    known = total > FEASIBLE and any(abs(total - other) <= SAME_VIOLATION * other for other in sums)
+    known = total > MET and any(abs(total - other) <= SAME_VIOLATION * other for other in sums)
     sums.append(total)
     if not known and total <= NEAR:  # from the same local minimum the solver would end as it did before
         yield Proposal(guess, "all limits, from a motion near to them", BUDGETS.closing)

@@ -11,13 +11,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Generator, Iterable, Sequence
 
+from ...numerics.tolerances import MET
 from ..measures.branch import branch_jump
 from ..measures.singularity import folding_pose_of
 from ..motion.guess import Guess
 from ..solve.expressions import kinks_in_path
 from ..solve.failure import infeasible
 from .budgets import BUDGETS
-from .closing_limits import FEASIBLE, NEARNESS, SAME_VIOLATION
+from .closing_limits import NEARNESS, SAME_VIOLATION
 from .proposal import Outcome, Proposal, Violations
 from .strategy import Proposals, Strategy
 from .trials import Trials
@@ -62,7 +63,7 @@ class LeastViolation(Strategy):
                 outcome = yield from _least(trials, guess, weights)
                 if branch_jump(outcome.last) is not None:
                     continue  # it is not a motion of the mechanism
-                if outcome.violation <= FEASIBLE:
+                if outcome.violation <= MET:
                     arguable = False
                     motion = solver.motion_of(outcome.last)
                     yield Proposal(motion, "all limits, from a motion that meets them", BUDGETS.closing)
@@ -93,13 +94,13 @@ def _concluded(trials: Trials, conflicting: Sequence[Outcome]) -> Proposals:
         return  # all demands may be met beyond that pose on its other branch
     free = trials.without_limits
     widened = yield from least_limits(trials, least.last if free is None else free)
-    if widened is not None and widened.violation <= FEASIBLE:
+    if widened is not None and widened.violation <= MET:
         motion = trials.solver.motion_of(widened.last)
         yield Proposal(motion, "all limits, from a motion that meets them", BUDGETS.closing)
         return
     reason = f"{LEAST_VIOLATION}, from {agreeing} starts, is not zero"
     found = None if widened is None else (widened.last, widened.slacks)
-    raise infeasible(trials.failures[0], (least.last, least.slacks), found, reason, FEASIBLE) from None
+    raise infeasible(trials.failures[0], (least.last, least.slacks), found, reason, MET) from None
 
 
 def least_limits(trials: Trials, solution) -> Generator[Proposal, Outcome, Outcome | None]:
@@ -115,7 +116,7 @@ def _least(
     text = f"least violation{' of limits alone' if limits_alone else ''}"
     for weight in weights:
         outcome = yield Proposal(near, text, BUDGETS.violation, Violations(weight, limits_alone=limits_alone))
-        if not outcome.succeeded or outcome.violation <= FEASIBLE:
+        if not outcome.succeeded or outcome.violation <= MET:
             break
         near = trials.solver.motion_of(outcome.last)
     return outcome

@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 from ...arguments.values import pairs_of
 from ...errors import OptimizationError
 from ...numerics.symbolic import numeric_work, symbolic
+from ...numerics.tolerances import MET
 from ..measures.branch import branch_jump, refuse_branch_jump
 from ..motion.guess import Guess
 from ..problem import OptimalControlProblem
@@ -34,7 +35,6 @@ from ..solve.solvers.base import Elsewhere
 from ..solve.solvers.ipopt import sharp_options
 from ..transcription.mesh import Mesh, interval_count
 from .budgets import BUDGETS
-from .closing_limits import FEASIBLE
 from .far_off import refined_if_far_off
 from .first_mesh import INTERVALS, first_meshes, is_automatic
 from .given_guess import read_guess
@@ -278,7 +278,7 @@ class Search:
         if trials.without_limits is not None:
             outcome = self._followed(least_limits(trials, trials.without_limits), trials)
             widened = None if outcome is None else (outcome.last, outcome.slacks)
-        return not_found(failures[0], [o.proposal.description for o in trials.outcomes], widened, FEASIBLE)
+        return not_found(failures[0], [o.proposal.description for o in trials.outcomes], widened, MET)
 
 
 def tried(proposal: Proposal, trials: Trials, solver: ProblemSolver, strategy: str) -> Outcome:

@@ -15,6 +15,7 @@ from ...numerics.lazy import cached_property
 from ...numerics.least_squares import largest
 from ...numerics.newton import solve
 from ...numerics.rank import analyse_rank
+from ...numerics.tolerances import MET
 from ...results.state import State
 from ..motion.guess import Guess, PhaseGuess, guess_at_rest, kinematic_guess
 from ..motion.natural_motion import STRETCHES, NaturalMotion
@@ -28,8 +29,8 @@ from .whole_guess import guess_of, start_of
 #: Load, as a share of its typical size, above which a mechanism without inputs does not stay at rest.
 MOVED = 1e-9
 #: Random poses from which other ends are assembled, and difference from which a pose is another one, rad or sizes of
-#: the mechanism; and miss, scaled, up to which conditions hold for an end that is a whole turn away.
-END_STARTS, ANOTHER, MET = 16, 0.2, 1e-6
+#: the mechanism.
+END_STARTS, ANOTHER = 16, 0.2
 #: Largest number of half waves of detours, waves and random inputs, and range of amplitudes, rad or sizes.
 HALF_WAVES, AMPLITUDES = 4, (0.5, 2.0)
 #: Power of the time in which a late motion goes on to its higher end, and turn of an angle that has a direction.
