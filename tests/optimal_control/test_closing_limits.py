@@ -98,7 +98,7 @@ def test_a_weak_motor_swings_a_pendulum_up(search):
     """
     problem, bob, tau = swing_up(2.0, 6.0)
     with pytest.raises(mbd.OptimizationError):
-        mbd.optimize(problem, options={"ipopt.max_iter": 60})  # the user's own end of the search
+        mbd.optimize(problem, options={"ipopt.max_iter": 15})  # the user's own end of the search
     solution = mbd.optimize(problem, search=search)
     assert np.max(np.abs(solution.trajectory.at(np.linspace(0, 6, 500))[tau])) <= 2 + 1e-6
     assert np.ptp(np.sign(solution.trajectory[bob.omega])) == 2  # it swings back

@@ -43,11 +43,11 @@ class NaturalMotions(Strategy):
 
 
 def has_swings(trials: Trials) -> bool:
-    """Return True for a mechanism with fewer inputs than degrees of freedom whose program is not nearly linear.
+    """Return True for a mechanism that may have to swing and whose program is not nearly linear.
 
     It counts as such if the usual guesses led to one cost in few iterations, or all in the same number.
     """
     counts = [outcome.last.statistics.iterations for outcome in trials.solved]
     agree = all(same_cost(outcome.last.cost, trials.solved[0].last.cost) for outcome in trials.solved)
     even = bool(counts) and (max(counts) < NEARLY_LINEAR or (len(counts) > 1 and len(set(counts)) == 1))
-    return trials.motions.is_underactuated and not (even and agree)
+    return trials.motions.swings and not (even and agree)

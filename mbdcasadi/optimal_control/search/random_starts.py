@@ -43,7 +43,7 @@ class RandomStarts(Strategy):
                 yield proposal
             return
         longest = max((outcome.last.statistics.iterations for outcome in trials.solved), default=BUDGETS.first)
-        limit, swings = min(BUDGETS.further, int(PATIENCE * longest)), trials.motions.swings()
+        limit, swings = min(BUDGETS.further, int(PATIENCE * longest)), trials.motions.swinging()
         count = 0 if not trials.solved else MORE if swings else FEW
         random = trials.motions.at_random(trials.meshes, count, are_first=False)
         for guess in itertools.chain(swings, random):

@@ -104,6 +104,28 @@ class Starts:
         return any(natural.is_underactuated and natural.drives for natural in moving)
 
     @property
+    def swings(self) -> bool:
+        """True for a mechanism that may have to swing: with fewer inputs than degrees of freedom, or too weak ones."""
+        return self.is_underactuated or self.is_weak
+
+    @cached_property
+    def is_weak(self) -> bool:
+        """True if a pose on the way needs inputs beyond their limits to be held at rest."""
+        setups = [setup for setup in self._solver.setups if not setup.phase.is_instant]
+        return any(self._passes_limits_at_rest(setup) for setup in setups)
+
+    def _passes_limits_at_rest(self, setup: PhaseSetup) -> bool:
+        """True if inputs pass their limits while they hold the poses of a phase."""
+        low, high = np.array([(u.lower, u.upper) for u in setup.phase.mechanism.inputs]).reshape(-1, 2).T
+        if not np.any(np.isfinite(low) | np.isfinite(high)):
+            return False
+        start, path = start_of(self._solver, setup)
+        still = np.zeros_like(path.poses)
+        inputs = setup.loads.loads(path.times, path.poses, still, still, np.tile(start.z, (path.times.size, 1)))[1]
+        room = MET * setup.scales.u
+        return bool(np.any((inputs < low - room) | (inputs > high + room)))
+
+    @property
     def has_loose_end(self) -> bool:
         """True if conditions at the end and between the ends are fewer than the states."""
         setup, problem = self._solver.setups[-1], self._solver.problem
@@ -250,7 +272,7 @@ class Starts:
         eom = first.scheme.eom
         return not others and bool(eom.is_chain and eom.u.numel() < eom.q.numel())
 
-    def swings(self) -> list[Guess]:
+    def swinging(self) -> list[Guess]:
         """Motions of an open chain along its path, on which its angles swing; none for other mechanisms."""
         if not self.is_open_chain:
             return []
