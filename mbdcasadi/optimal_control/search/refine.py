@@ -24,6 +24,7 @@ from ..program.statistics import Attempt
 from ..solution import Solution
 from ..solve.expressions import jump_on_the_way
 from ..solve.problem_solver import ProblemSolver
+from ..solve.solvers.ipopt import TOLERANCE
 from ..transcription.mesh import Mesh, interval_count
 from .budgets import BUDGETS
 
@@ -46,17 +47,8 @@ UNCERTAIN = 100.0
 WORK = 20
 #: Number of iterations that a first solve counts at least: one of a few is no measure of what a solution is worth.
 USUAL_ITERATIONS = 25
-#: Number of passes with small local errors after which these end if none of them is better than the one before, once
-#: half of that work is done.
-PATIENCE = 3
-#: Multiple of the tolerance, as a share of the duration, below which errors times their stretches may rise for once.
-SMALL_SPREAD = 10
-#: Tolerance of the solver, by which it relaxes limits and may miss the least cost, both scaled.
-SOLVER_TOLERANCE = 1e-8
 #: Local error, in rad or sizes of the mechanism, velocities times the duration, from which a solution is not a motion.
 LOST_ERROR = 3.0
-#: Ratio of these errors, of a solution on a finer mesh and the one from which it came, from which it leads elsewhere.
-ASTRAY = 2.0
 
 
 @dataclass(frozen=True)
@@ -200,8 +192,8 @@ class Refinement:
         self.stalls = 0
         #: share of the cost that the best solution may lack, and that by which it may be wrong
         self.least = self.doubt = np.inf
-        #: number of solutions since then that are not better, and whether the last one is far better
-        self.in_vain, self.gains = 0, True
+        #: True if the last solution is far better than those before
+        self.gains = True
         #: share of its size by which a path limit may be passed between the points at which it is enforced
         self.limit_tolerance = LIMIT_TOLERANCE
         #: passes left in which mesh points are placed
@@ -266,7 +258,6 @@ class Refinement:
         loss = min(sum(measure.loss for measure in [*self.motion, *self.measures]), 1.0)
         better = false < self.false or (false == self.false and self._is_better(loss))
         self.gains = better and (false < self.false or loss < self.least / 4)
-        self.in_vain = 0 if better and (loss < self.least or loss >= 1) else self.in_vain + 1
         if better:
             self.kept, self.false, self.unmet, self.least = self.solution, false, unmet, loss
             self.doubt = max((m.largest for m in self.measures if m.falsifies_cost and m.sentences()), default=0.0)
@@ -289,14 +280,13 @@ class Refinement:
             return False
         now, before = self.passes[-1].cost, self.passes[-2].cost
         size = self.solution.program.cost_scale / self.raised
-        return abs(now - before) <= self.demand.tolerance * abs(now) + SOLVER_TOLERANCE * size
+        return abs(now - before) <= self.demand.tolerance * abs(now) + TOLERANCE * size
 
     # --- the next mesh ----------------------------------------------------------------------------
     def _pass(self) -> str:
         """Solve on the next mesh, and return why there is none that is solved; an empty text if there is one."""
         near = self.error <= 1.0
-        is_vain = near and self.in_vain >= PATIENCE and self._work() > WORK / 2
-        meshes = None if is_vain else self._meshes()
+        meshes = self._meshes()
         if meshes is None or (not near and all(map(Mesh.is_same, meshes, self.solution.meshes))):
             return "the errors do not fall any further"
         if near and not self.gains and self._work() > WORK:
@@ -393,11 +383,9 @@ class Refinement:
         self.limit_tolerance = self.demand.tolerance
         self.shorter = {}
         before, spread = self.spread, max(measure.spread for measure in self.measures)
-        if np.isinf(before):  # mesh points that moved in vain say nothing about finer meshes
-            self.in_vain = 0
         self.spread = spread or np.inf
         self._forget()
-        stays = spread > max(0.8 * before, SMALL_SPREAD * self.demand.tolerance * self.solution.duration)
+        stays = spread > 0.8 * before
         finer = [split(part, self.measures) for part in self.solution.phases]
         keeps = self.solution.settings.control == "constant" and all(map(Mesh.is_same, finer, self.solution.meshes))
         return None if stays or keeps else finer
@@ -420,7 +408,7 @@ class Refinement:
             self.failure = failure
             return False
         self.failure = None
-        if is_lost(found) and Coarseness(found).largest > ASTRAY * Coarseness(solution).largest:
+        if is_lost(found) and not is_lost(solution):
             return False
         if not self.demand.is_listed:
             found.statistics = found.statistics.after(solution.statistics)
