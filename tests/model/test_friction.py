@@ -279,6 +279,62 @@ def test_effort_of_a_driven_slide():
     assert run[block.vx][-1] == pytest.approx(3.0)
 
 
+# --- a pin in a slot -----------------------------------------------------------------------
+def in_slot(kind, law, turned=0.0):
+    """A pin in a straight slot on an incline, held by the line or by a curve."""
+    pin = mbd.Body("pin", mass=1.5, inertia=0.01)
+    frame = mbd.ground.at(0, 0, angle=-np.radians(30))
+    if kind == "line":
+        slot = mbd.PointOnLine("slot", frame, pin.at(0, 0, angle=turned))
+    else:
+        slot = mbd.PointOnCurve("slot", frame, pin.at(0, 0), mbd.Curve(lambda s: (2 * s, 0 * s), -9, 9))
+    rub = mbd.JointFriction("rub", slot, law)
+    return pin, slot, rub, mbd.Mechanism([pin], joints=[slot], forces=[mbd.Gravity(), rub])
+
+
+@pytest.mark.parametrize("kind", ["line", "curve"])
+@pytest.mark.parametrize("law", [mbd.DryFriction(0.2), mbd.Coulomb(0.2, 1e-6)])
+def test_a_pin_slides_in_a_slot(kind, law):
+    """a = g (sin - mu cos); the load is the normal force, and what is lost is the work of the friction."""
+    pin, slot, rub, model = in_slot(kind, law, turned=0.7)
+    run = mbd.simulate(model, np.linspace(0, 1, 101), initial=[pin.vx == 0, pin.omega == 0])
+    a = G * (np.sin(np.radians(30)) - 0.2 * np.cos(np.radians(30)))
+    np.testing.assert_allclose(np.hypot(run[pin.x], run[pin.y]), a * run.t**2 / 2, atol=2e-5)
+    np.testing.assert_allclose(np.abs(run[slot.normal_force]), 1.5 * G * np.cos(np.radians(30)), rtol=1e-6)
+    np.testing.assert_allclose(run[rub.force][1:], -0.2 * 1.5 * G * np.cos(np.radians(30)), rtol=1e-4)
+    lost = np.trapezoid(run[rub.power], run.t)
+    assert lost == pytest.approx(run.energy.total[-1] - run.energy.total[0], rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["line", "curve"])
+def test_a_pin_sticks_in_a_slot_up_to_its_limit(kind):
+    """On an incline below the angle of friction it stays; it breaks away under the force that this asks for."""
+    pin, _, _, model = in_slot(kind, mbd.DryFriction(0.5, static_coefficient=0.7))
+    model = model.replace(forces=[*model.forces, mbd.Force("pull", pin.at(0, 0), (mbd.t, 0))])
+    run = mbd.simulate(model, np.linspace(0, 5, 51), initial=[pin.vx == 0, pin.omega == 0])
+    (event,) = run.events
+    angle, weight = np.radians(30), 1.5 * G
+    # it draws down the slot, and off it
+    pull = weight * (0.7 * np.cos(angle) - np.sin(angle)) / (np.cos(angle) + 0.7 * np.sin(angle))
+    assert event.name == "rub breaks away" and event.t == pytest.approx(pull, abs=1e-7)
+    assert np.ptp(run[pin.x][run.t < event.t]) < 1e-9 and run[pin.vx][-1] > 0
+
+
+@pytest.mark.parametrize("speed", [1.5, -1.5])
+def test_a_bead_on_a_round_wire_slows_down_by_its_own_pull(speed):
+    """Without gravity its speed falls by exp(-mu phi), whichever way it goes."""
+    bead = mbd.Body("bead", mass=0.3, inertia=1e-4, pose=(0.5, 0, 0))
+    ring = mbd.Curve(lambda s: (0.5 * mbd.cos(s), 0.5 * mbd.sin(s)), 0, 2 * np.pi, closed=True)
+    wire = mbd.PointOnCurve("wire", mbd.ground.at(0, 0), bead.at(0, 0), ring)
+    rub = mbd.JointFriction("rub", wire, mbd.DryFriction(0.25))
+    model = mbd.Mechanism([bead], joints=[wire], forces=[rub])
+    run = mbd.simulate(model, np.linspace(0, 2, 41), initial=[bead.vy == speed, bead.omega == 0])
+    now = 1.5 / (1 + 0.25 * 1.5 / 0.5 * run.t)
+    np.testing.assert_allclose(np.hypot(run[bead.vx], run[bead.vy]), now, rtol=1e-6)
+    turned = np.log(1 + 0.25 * 1.5 / 0.5 * run.t) / 0.25
+    np.testing.assert_allclose(np.sign(speed) * run[wire.parameter], turned, atol=1e-6)
+
+
 # --- refusals ----------------------------------------------------------------------------------------
 def test_refuses():
     """What is missing, out of its limits, or of the wrong kind; each by name."""

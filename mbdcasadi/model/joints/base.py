@@ -36,6 +36,8 @@ class Joint(ConstraintElement):
     """
 
     kind = "joint"
+    #: coordinate along which b slides on a, and metres of sliding for its unit; None for what does not slide
+    sliding: Any = None
 
     def __init__(self, name: str, a: Marker, b: Marker, rows: ca.SX, row_labels: tuple[str, ...] = ()):
         self.a, self.b = a, b
@@ -100,3 +102,8 @@ class AlongLine:
     def speed(self) -> ca.SX:
         """Rate of :attr:`displacement`, m/s."""
         return time_derivative(self.displacement)
+
+    @property
+    def sliding(self) -> Any:
+        """The displacement, and 1."""
+        return self.displacement, 1

@@ -5,6 +5,8 @@ The parameter of the contact point on the outline is a coordinate without inerti
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 
 from ...errors import ModelError
@@ -12,6 +14,7 @@ from ...numerics.lazy import cached_property
 from ..bodies import Marker
 from ..element import cross
 from ..events import Event
+from ..expressions import norm
 from ..geometry.cam_outlines import CamOutline
 from ..geometry.curves import Curve
 from ..symbols import Coordinate, Scalar, values_of
@@ -263,6 +266,11 @@ class PointOnCurve(Joint):
             self.validity_conditions = (
                 ValidityCondition(left, f"{self.description}: the point has left the curve at one of its ends"),
             )
+
+    @property
+    def sliding(self) -> Any:
+        """The parameter of the point, and the length of the tangent."""
+        return self.parameter, norm(self.curve.tangent(self.parameter))
 
     @cached_property
     def normal_force(self) -> ca.SX:

@@ -196,6 +196,8 @@ class Rolling(AlongLine, Joint):
     Haug 1989, section 3.4 (rack and pinion, with the distance held).
     """
 
+    sliding = None
+
     def __init__(self, name: str, wheel: Marker, surface: Marker, radius: Scalar):
         a, b = self.pair(name, surface, wheel, ("surface", "wheel"))
         self.radius = self.read(radius, "radius", above=0.0, fixed=True)

@@ -191,3 +191,8 @@ class PointOnLine(AlongLine, Joint):
         self.offset = quantity(offset, self.description, "offset")
         row = ca.dot(a.y_axis, b.position - a.position) - self.offset
         super().__init__(name, a, b, row)
+
+    @property
+    def normal_force(self) -> ca.SX:
+        """Force of the line on the point along a's y axis, N."""
+        return -self.multipliers[0]

@@ -11,7 +11,7 @@ from ...model.forces.applied import Force, Torque
 from ...model.forces.field import FieldForce, Gravity
 from ...model.forces.friction.joint_friction import FrictionInJoint
 from ...model.forces.motors import DCMotor
-from ...model.joints.lower_pairs import Revolute
+from ...model.joints.lower_pairs import Revolute, Translational
 from ..drawing import lines, scene
 from ..drawing.loads import Load
 from .base import Glyph, Hidden
@@ -75,11 +75,12 @@ class FrictionGlyph(Glyph, of=FrictionInJoint):
     def draw(self) -> None:
         """Draw the shoe."""
         pen, joint, u = self.pen, self.element.joint, self.pen.unit
-        frame = pen.on(joint.b if joint.a.body.is_ground else joint.a)
-        if isinstance(joint, Revolute):
+        if not isinstance(joint, Translational):
+            frame = pen.on(joint.b if joint.a.body.is_ground or not isinstance(joint, Revolute) else joint.a)
             inner, outer = (lines.arc(r * u, np.pi / 5, 0.6 * np.pi) for r in (0.7, 1.3))
             frame.area("rubber", np.vstack([outer, inner[::-1]]), layer=scene.PIN)
         else:
+            frame = pen.on(joint.b if joint.a.body.is_ground else joint.a)
             edge = rubbing_edge(pen, joint)
             frame.area("rubber", lines.rectangle((-1.3 * u, edge), (1.3 * u, edge + 0.6 * u)), layer=scene.PIN)
 

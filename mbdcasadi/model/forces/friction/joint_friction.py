@@ -13,6 +13,7 @@ from ...element import ConstraintElement, Element
 from ...expressions import norm
 from ...joints.base import Joint
 from ...joints.lower_pairs import Revolute, Translational
+from ...rates import time_derivative
 from ...switching import Switching
 from ...symbols import Scalar, register
 from ...validity import Smoothing
@@ -20,7 +21,7 @@ from .laws import FrictionLaw, Resistance, as_law
 
 
 class FrictionInJoint(Switching, Element):
-    """Base class of friction in a revolute or translational joint; a subclass defines the load.
+    """Base class of friction in a joint that turns or slides; a subclass defines the load.
 
     The friction acts on the second body of the joint, and its opposite on the first. The law is a function of the
     sliding speed of the surfaces, m/s, and their load, N; `radius`, m, is that of the pin of a revolute joint,
@@ -31,8 +32,11 @@ class FrictionInJoint(Switching, Element):
 
     def __init__(self, name: str, joint: Any, law: FrictionLaw, radius: Any = None, length: Any = None):
         super().__init__(name)
-        if not isinstance(joint, Revolute | Translational):
-            raise ModelError(f"{self.description}: takes a Revolute or a Translational joint, got {joint!r}")
+        if not isinstance(joint, Revolute) and getattr(joint, "sliding", None) is None:
+            raise ModelError(
+                f"{self.description}: takes a PointOnLine, a PointOnCurve, a Revolute or a Translational joint, "
+                f"got {joint!r}"
+            )
         self.joint, self.law = joint, as_law(law, self.description)
         self.markers = (joint.a, joint.b)
         self.limits, self.resolved_laws = (*self.limits, *law.limits), (law,)
@@ -59,9 +63,13 @@ class FrictionInJoint(Switching, Element):
 
     def work_of(self, force: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ...]:
         """Return the virtual work of a force between the surfaces."""
-        if isinstance(self.joint, Revolute):
-            return ((self.joint.angle, self.radius * force),)
-        return ((self.joint.displacement, force),)
+        coordinate, ratio = self._sliding
+        return ((coordinate, ratio * force),)
+
+    @property
+    def _sliding(self) -> tuple[ca.SX, Any]:
+        """Coordinate along which the surfaces slide, and metres of sliding for its unit."""
+        return (self.joint.angle, self.radius) if isinstance(self.joint, Revolute) else self.joint.sliding
 
     def in_mode(self, mode: str) -> Element:
         """Return the element in one mode: a row if it sticks, a force if it slides or is at its limit."""
@@ -81,13 +89,14 @@ class FrictionInJoint(Switching, Element):
                     f"{self.description}: friction in {self.joint.description} needs the radius "
                     "of the pin, radius=, in m"
                 )
-            if length is not None:
-                raise ModelError(
-                    f"{self.description}: length= belongs to a translational joint, and {self.joint.description} turns"
-                )
         elif radius is not None:
             raise ModelError(
                 f"{self.description}: radius= belongs to a revolute joint, and {self.joint.description} slides"
+            )
+        if length is not None and not isinstance(self.joint, Translational):
+            moves = "turns" if isinstance(self.joint, Revolute) else "has no guide"
+            raise ModelError(
+                f"{self.description}: length= belongs to a translational joint, and {self.joint.description} {moves}"
             )
 
     @property
@@ -109,9 +118,8 @@ class FrictionInJoint(Switching, Element):
     @cached_property
     def sliding_speed(self) -> ca.SX:
         """Speed of the second body's surface relative to the first one's, m/s."""
-        if isinstance(self.joint, Revolute):
-            return self.radius * self.joint.angular_velocity
-        return self.joint.speed
+        coordinate, ratio = self._sliding
+        return ratio * time_derivative(coordinate)
 
     @cached_property
     def resistance(self) -> Resistance:
@@ -134,7 +142,7 @@ class FrictionInJoint(Switching, Element):
 
     @property
     def force(self) -> ca.SX:
-        """Force on the second body along the first one's x axis, N; of a translational joint."""
+        """Force on the second body along the line or the curve on the first one, N; of a joint that slides."""
         if isinstance(self.joint, Revolute):
             raise AbsentError(
                 f"{self.description} acts by a couple: use .torque (or .friction_force at the surface of the pin)"
@@ -144,7 +152,7 @@ class FrictionInJoint(Switching, Element):
     @property
     def torque(self) -> ca.SX:
         """Couple on the second body, N m; of a revolute joint."""
-        if isinstance(self.joint, Translational):
+        if not isinstance(self.joint, Revolute):
             raise AbsentError(f"{self.description} acts by a force along the guide: use .force")
         return self.radius * self.resistance.force
 
@@ -172,13 +180,13 @@ class JointFriction(FrictionInJoint):
     The load of a pin is the resultant of its reaction. A guide of length L that carries a
     normal force F and a couple T at the second body's marker, in the middle of the
     block, is loaded at its two ends: ``|F/2 + T/L| + |F/2 - T/L|``; without `length` the
-    block is long, and the couple adds no load.
+    block is long, and the couple adds no load. A point on a line or a curve is loaded by its normal force.
 
     Parameters
     ----------
     name : str
         Its name.
-    joint : Revolute or Translational
+    joint : Revolute, Translational, PointOnLine or PointOnCurve
         The joint.
     law : FrictionLaw
         ``Coulomb, Stribeck, LuGre, Viscous``, a sum of them, or ``DryFriction``.
@@ -235,6 +243,8 @@ class JointFriction(FrictionInJoint):
     @cached_property
     def load(self) -> ca.SX:
         """Load of the surfaces, N."""
+        if not isinstance(self.joint, Revolute | Translational):
+            return self.preload + ca.fabs(self.joint.normal_force)
         reaction = self.joint.reaction_on(self.joint.b.body)
         if isinstance(self.joint, Revolute):
             return self.preload + norm(reaction.force)
@@ -252,7 +262,7 @@ class LoadIndependentFriction(FrictionInJoint):
     ----------
     name : str
         Its name.
-    joint : Revolute or Translational
+    joint : Revolute, Translational, PointOnLine or PointOnCurve
         The joint.
     law : FrictionLaw
         Law of friction.
