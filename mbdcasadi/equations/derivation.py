@@ -271,13 +271,16 @@ class Equations:
         """Estimates of q, v and z that the bodies and states carry."""
         m = self.mechanism
         q = np.concatenate([*[b.pose_estimate for b in m.bodies], [c.value for c in m.coordinates]])
+        if m.values:
+            symbols = [*(x for b in m.bodies for x in (b.x, b.y, b.phi)), *m.coordinates]
+            q = np.array([m.value_of(x, own) for x, own in zip(symbols, q.tolist(), strict=True)])
         v = np.concatenate([*[b.velocity_estimate for b in m.bodies], np.zeros(len(m.coordinates))])
         return q, v, np.array([z.value for z in m.states])
 
     @cached_property
     def parameter_values(self) -> np.ndarray:
-        """The parameters' own values."""
-        return np.array([p.value for p in self.mechanism.parameters])
+        """The parameters' values in the mechanism."""
+        return np.array([self.mechanism.value_of(p, p.value) for p in self.mechanism.parameters])
 
     @cached_property
     def input_values(self) -> np.ndarray:

@@ -8,13 +8,26 @@ from typing import Any
 import casadi as ca
 
 from ..errors import ExpressionError, ModelError
+from ..numerics.lazy import cached_property
 from .bodies import Body
 from .cache import Cache
 from .drivers import Driver
 from .element import ConstraintElement, Element
 from .immutable import HoldsSymbols, Immutable
 from .quantities import Limit, entries, listed, quantity, refuse_unknown
-from .symbols import Coordinate, Input, Parameter, StateVariable, as_sx, describe, role_of, symbols_of, t, varying_in
+from .symbols import (
+    Coordinate,
+    Input,
+    Parameter,
+    StateVariable,
+    as_sx,
+    describe,
+    number,
+    role_of,
+    symbols_of,
+    t,
+    varying_in,
+)
 
 
 class Mechanism(Immutable, HoldsSymbols):
@@ -38,6 +51,9 @@ class Mechanism(Immutable, HoldsSymbols):
         Rate of each first-order state.
     name : str, default ""
         Name for printing.
+    values : mapping, optional
+        Values of parameters, and estimates of coordinates, in place of those that these carry: the same model with
+        other dimensions, or in another pose (``{length: 0.3, crank.phi: 1.2}``).
 
     Attributes
     ----------
@@ -47,6 +63,8 @@ class Mechanism(Immutable, HoldsSymbols):
         Their rates.
     own_states : dict of StateVariable to casadi.SX
         Rates of the state variables that no element brings, as they were given.
+    values : dict
+        Values and estimates that the mechanism has in place of those of its parts.
 
     Raises
     ------
@@ -64,6 +82,7 @@ class Mechanism(Immutable, HoldsSymbols):
         parameters: Sequence[Parameter] = (),
         states: Mapping[StateVariable, Any] | None = None,
         name: str = "",
+        values: Mapping[Any, float] | None = None,
     ):
         if not isinstance(name, str):
             raise ModelError(f"Mechanism: name= must be a text, got {name!r}")
@@ -88,6 +107,7 @@ class Mechanism(Immutable, HoldsSymbols):
         self._check_names()
         self._check_connections()
         self._check_symbols()
+        self.values = self._checked_values(values)
         self.cache = Cache()
 
     # --- checks --------------------------------------------------------------------
@@ -185,6 +205,30 @@ class Mechanism(Immutable, HoldsSymbols):
             )
         return f"{what} uses {describe(symbol)}, which the mechanism does not have"
 
+    def _checked_values(self, values: Mapping[Any, float] | None) -> dict[Any, float]:
+        if values is not None and not isinstance(values, Mapping):
+            raise ModelError(f"values= takes {{parameter or coordinate: number}}, got {values!r}")
+        checked = {}
+        for symbol, value in (values or {}).items():
+            known = isinstance(symbol, ca.SX) and symbol.is_symbolic() and symbol.is_scalar()
+            if not known or not any(symbol.element_hash() == other.element_hash() for other in self._with_values()):
+                name = describe(symbol) if known else repr(symbol)
+                raise ModelError(f"values= takes parameters and coordinates of the mechanism, got {name}")
+            checked[symbol] = number(value, describe(symbol), "value")
+        return checked
+
+    def _with_values(self) -> list[ca.SX]:
+        """Parameters and coordinates."""
+        return [*self.parameters, *(x for body in self.bodies for x in (body.x, body.y, body.phi)), *self.coordinates]
+
+    @cached_property
+    def _values_by_hash(self) -> dict[int, float]:
+        return {symbol.element_hash(): value for symbol, value in self.values.items()}
+
+    def value_of(self, symbol: Any, own: float) -> float:
+        """Value of a parameter, or estimate of a coordinate: that of ``values=``, or its own."""
+        return self._values_by_hash.get(symbol.element_hash(), own) if self.values else own
+
     def check_values(self, values: Any) -> None:
         """Check every limited quantity (a mass, a length) at values of the parameters.
 
@@ -268,6 +312,7 @@ class Mechanism(Immutable, HoldsSymbols):
             "parameters": self.parameters,
             "states": self.own_states,
             "name": self.name,
+            "values": self.values,
         }
         refuse_unknown(changes, arguments)
         return Mechanism(**(arguments | changes))

@@ -38,10 +38,11 @@ def union_of(mechanisms: Iterable[Mechanism]) -> Mechanism:
             if not twin and force not in forces:
                 forces.append(force)
     states: dict[Any, Any] = {}
+    values: dict[Any, float] = {}
     for mechanism in different:
-        states = mechanism.own_states | states
+        states, values = mechanism.own_states | states, mechanism.values | values
     name = next((m.name for m in different if m.name), "")
-    return Mechanism(**parts, forces=forces, states=states, name=name)
+    return Mechanism(**parts, forces=forces, states=states, name=name, values=values)
 
 
 def places_in(whole: ca.SX, part: ca.SX) -> list[int]:

@@ -279,4 +279,4 @@ def _read_phased_events(
 def _parameters_in(whole: Mechanism, labels: Sequence[str], values: np.ndarray) -> np.ndarray:
     """Values of all parameters; those that the file does not have keep their own."""
     known = dict(zip(labels, values.tolist(), strict=True))
-    return np.array([known.get(p.label, p.value) for p in whole.parameters], float)
+    return np.array([known.get(p.label, whole.value_of(p, p.value)) for p in whole.parameters], float)

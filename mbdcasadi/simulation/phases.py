@@ -76,7 +76,7 @@ class PhasedRun:
         self._refuse_unwatched()
         self._inputs = values["inputs"]
         parameters = carried_by(values["initial"], self.whole)["parameters"]
-        self._p = np.array([p.value for p in self.whole.parameters])
+        self._p = np.array([self.whole.value_of(p, p.value) for p in self.whole.parameters])
         for key, value in (parameters | mapping_of(values["parameters"], "parameters=")).items():
             self._p[position_in(self.whole.parameters, key, "parameters=")] = value
         self._check_inputs()

@@ -375,3 +375,25 @@ def test_a_rate_that_is_given_twice():
     motor = mbd.DCMotor("motor", wheel, 6.0, constant=0.1, resistance=1.0, inductance=0.1, current=current)
     with pytest.raises(mbd.ModelError, match="motor 'motor': the rate of state variable 'current' is given twice"):
         mbd.Mechanism(bodies=[wheel], forces=[motor], states={current: -current})
+
+
+def test_values_of_a_mechanism_take_the_place_of_those_of_its_parts():
+    """Other dimensions and another pose on the same symbols, in every analysis; what is not of the model is refused."""
+    length = mbd.Parameter("length", 1.0)
+    bar = mbd.Body("bar", 1.0, length**2 / 12, pose=(0.5, 0.0, 0.0))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), bar.at(-length / 2, 0))
+    short = mbd.Mechanism([bar], [pin], forces=[mbd.Gravity()], parameters=[length])
+    long = short.replace(values={length: 2.0, bar.x: np.cos(1.0), bar.y: np.sin(1.0), bar.phi: 1.0})
+    state = mbd.assemble(long)
+    assert state[bar.phi] == pytest.approx(1.0) and state[bar.x] == pytest.approx(np.cos(1.0))
+    motion = mbd.simulate(long, [0.0, 0.1])
+    assert np.all(motion[length] == 2.0) and mbd.assemble(short)[bar.x] == pytest.approx(0.5)
+    assert mbd.simulate(long, [0.0, 0.1], parameters={length: 3.0})[length][0] == 3.0
+    assert long.replace(name="other").values == long.values and short.values == {}
+    for wrong in ({mbd.Parameter("other", 1.0): 2.0}, {"length": 2.0}, {bar.vx: 1.0}):
+        with pytest.raises(mbd.ModelError, match="values= takes parameters and coordinates of the mechanism"):
+            short.replace(values=wrong)
+    with pytest.raises(mbd.ModelError, match="value must be a number"):
+        short.replace(values={length: "2"})
+    with pytest.raises(mbd.ModelError, match=r"values= takes \{parameter or coordinate: number\}"):
+        short.replace(values=[length])

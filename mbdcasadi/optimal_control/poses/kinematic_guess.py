@@ -71,7 +71,7 @@ def kinematic_path(
     conditions, and `values` that of the free parameters' own. Conditions of waypoints are met unless `through` is
     False.
     """
-    own = {p: p.value for p in problem.extra_parameters(phase)}
+    own = {p: phase.mechanism.value_of(p, p.value) for p in problem.extra_parameters(phase)}
     extra = own if values is None else {p: values[p] for p in own}
     final, given, places = phase.final, poses or {}, list[list[Condition]]()
     if not isinstance(final, State) and len(phase.waypoints) + 1 not in given:

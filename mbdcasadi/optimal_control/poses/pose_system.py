@@ -31,7 +31,7 @@ class PoseSystem:
         self.parameters: tuple[Parameter, ...] = problem.free_parameters
         self.free = ca.SX.sym("f", len(self.parameters))
         #: values of the free parameters to begin with, and their typical sizes
-        self.values = np.array([p.value for p in self.parameters])
+        self.values = np.array([problem.phases[0].mechanism.value_of(p, p.value) for p in self.parameters])
         self.sizes = np.array([p.typical_size or 1.0 for p in self.parameters])
 
     def weights(self, numerics: Sequence[NumericEquations]) -> np.ndarray:

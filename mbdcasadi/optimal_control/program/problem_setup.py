@@ -85,7 +85,7 @@ class ProblemSetup:
             start = self.initial if phase is first else ()
             read.append(Setup(phase.mechanism, "optimize", t=0.0, initial=start, parameters=own))
         numerics = [setup.numeric for setup in read]
-        self.free_values = np.array([p.value for p in problem.free_parameters])
+        self.free_values = np.array([first.mechanism.value_of(p, p.value) for p in problem.free_parameters])
         self._is_own_start = initial is None
         self.of_start = self._values_of_start(read[0].p)
         self.setups: list[PhaseSetup] = []
