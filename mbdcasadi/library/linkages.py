@@ -14,6 +14,7 @@ from ..model.joints.lower_pairs import Revolute, Translational
 from ..model.mechanism import Mechanism
 from ..model.quantities import yes_or_no
 from ..model.symbols import Input, number
+from .free_linkages import free_four_bar
 from .model import (
     GRAVITY,
     Model,
@@ -39,6 +40,7 @@ def four_bar(
     point: tuple[float, float] = (0.0, 0.0),
     masses: Any = 1.0,
     gravity: Any = GRAVITY,
+    free: bool = False,
 ) -> Model:
     """Return a four-bar linkage of uniform bars, with a torque on the crank.
 
@@ -56,18 +58,28 @@ def four_bar(
         kg.
     gravity : (float, float) or None
         m/s².
+    free : bool, default False
+        True if the points A, D, B, C and the coupler point P are unknowns for :func:`synthesize`: the drawn pose is
+        that of its first position, all angles are zero there, and `masses` are those of a metre of each bar, kg/m.
 
     Returns
     -------
     Model
         Bodies ``crank, coupler, rocker``; pins ``A, B, C, D``; input ``tau``; marker
-        ``point``; coordinates ``crank`` and ``rocker``, the angles against the ground.
+        ``point``; coordinates ``crank`` and ``rocker``, the angles against the ground. A free one has ``unknowns``, a
+        dictionary of the parameters ``Ax … Py`` by their names, and ``cognates``, the map for ``symmetries=``.
     """
     what = "four_bar"
+    yes_or_no(free, what, "free")
     ab, bc, dc, ad = lengths(what, crank=crank, coupler=coupler, rocker=rocker, base=base)
     b, d = at_angle(ab, number(angle, what, "angle")), np.array([ad, 0.0])
     c = meeting_point(b, bc, d, dc, yes_or_no(open, what, "open"), what)
     m = masses_of(masses, 3, what)
+    if free:
+        middle, along = (b + c) / 2, (c - b) / bc
+        s, n = pair_of_numbers(point, what, "point")
+        p = middle + s * along + n * np.array([-along[1], along[0]])
+        return free_four_bar({"A": np.zeros(2), "D": d, "B": b, "C": c, "P": p}, m, gravity)
     first, second, third = bar("crank", (0, 0), b, m[0]), bar("coupler", b, c, m[1]), bar("rocker", d, c, m[2])
     (a1, b1), (b2, c2), (d3, c3) = ends(first), ends(second), ends(third)
     pins = {

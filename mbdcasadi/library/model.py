@@ -74,11 +74,17 @@ class Model(Immutable, HoldsSymbols):
 
 
 def cranked(
-    name: str, coordinates: Mapping[str, Any], gravity: Any, parts: Mapping[str, Any], joints: Sequence[Any] = ()
+    name: str,
+    coordinates: Mapping[str, Any],
+    gravity: Any,
+    parts: Mapping[str, Any],
+    joints: Sequence[Any] = (),
+    parameters: Sequence[Any] = (),
+    **more: Any,
 ) -> Model:
     """Return the mechanism of the bodies, joints and forces among its parts, with a torque on the first body, ``tau``.
 
-    `joints` are there besides, without names of their own.
+    `joints` and `parameters` are there besides, without names of their own; `more` are further attributes of the model.
     """
     tau = Input("tau", unit="N m")
     elements = [part for part in parts.values() if isinstance(part, Element)]
@@ -86,7 +92,8 @@ def cranked(
     bodies = [part for part in parts.values() if isinstance(part, Body)]
     forces = [part for part in elements if not isinstance(part, ConstraintElement)]
     loads = [*weight(gravity), Torque("motor", bodies[0], tau), *forces]
-    return Model(Mechanism(bodies, rows, forces=loads, inputs=[tau], name=name), coordinates, **parts, tau=tau)
+    mechanism = Mechanism(bodies, rows, forces=loads, inputs=[tau], parameters=parameters, name=name)
+    return Model(mechanism, coordinates, **parts, tau=tau, **more)
 
 
 def weight(gravity: Any) -> list[Gravity]:

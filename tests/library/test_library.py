@@ -180,3 +180,22 @@ def test_mechanisms_that_cannot_be_made(make, said):
     """Named with the quantity and its value."""
     with pytest.raises(mbd.ModelError, match=said):
         make()
+
+
+@pytest.mark.filterwarnings("ignore:assembly")  # the curve of a cognate is on any of its branches
+def test_a_free_four_bar_is_the_four_bar_with_its_cognates():
+    """The same curve by the drawn linkage and by Roberts' cognates, whose couplers turn with other cranks."""
+    given = dict(crank=0.3, coupler=1.0, rocker=0.8, base=1.1, angle=0.7, point=(0.1, 0.3), gravity=None)
+    free, plain = mbd.library.four_bar(**given, free=True), mbd.library.four_bar(**given)
+    times = np.linspace(0, 1, 41)
+    curve = mbd.kinematics(plain.driven(crank=0.7 + 2 * np.pi * mbd.t), times)[plain.point.position]
+    assert np.allclose(mbd.kinematics(free.driven(crank=2 * np.pi * mbd.t), times)[free.point.position], curve)
+    own = {p: p.value for p in free.unknowns.values()}
+    for image in free.cognates(own):
+        other = free.mechanism.replace(values=image)
+        for place in curve[:4]:
+            state = mbd.assemble(other, [free.point.x == place[0], free.point.y == place[1]])
+            assert state[free.point.position] == pytest.approx(place, abs=1e-8)
+        back = free.cognates(image)
+        assert any(np.isclose(one[free.unknowns["Bx"]], own[free.unknowns["Cx"]]) or
+                   np.isclose(one[free.unknowns["Bx"]], own[free.unknowns["Bx"]]) for one in back)  # fmt: skip
