@@ -19,6 +19,7 @@ TARGET = Path(__file__).resolve().parent / "figures" / "layers.svg"
 LAYERS: tuple[dict[str, str], ...] = (
     {"__main__": "command line"},
     {"__init__": "public names"},
+    {"synthesis": "linkages through positions"},
     {"visual": "drawings, plots, films, the page"},
     {"sweeping": "many runs", "identification": "parameters from data", "optimal_control": "direct collocation"},
     {

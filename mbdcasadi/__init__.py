@@ -119,6 +119,9 @@ if _typing.TYPE_CHECKING:
     from .sweeping.cases import full_factorial, latin_hypercube
     from .sweeping.result import Sweep
     from .sweeping.sweep import sweep
+    from .synthesis.linkage import Linkage
+    from .synthesis.linkages import Linkages
+    from .synthesis.synthesize import synthesize
     from .visual.animate import animate
     from .visual.animation import Animation
     from .visual.drawing.draw import draw
@@ -164,6 +167,9 @@ _LATER = {
     "sweeping.cases": "full_factorial latin_hypercube",
     "sweeping.result": "Sweep",
     "sweeping.sweep": "sweep",
+    "synthesis.linkage": "Linkage",
+    "synthesis.linkages": "Linkages",
+    "synthesis.synthesize": "synthesize",
     "visual.animate": "animate",
     "visual.animation": "Animation",
     "visual.drawing.draw": "draw",
@@ -186,21 +192,21 @@ __all__ = [
     "FileError", "FirstOrderLag", "Fit", "Force", "FrictionLaw", "GasSpring", "GaussLegendre", "Gear",
     "GeneralizedForce", "Glyph", "Gravity", "HalfPlane", "HermiteSimpson", "HollowCircle", "HuntCrossley",
     "HydraulicCylinder", "IdentificationError", "Input", "Integrator", "IntegratorStep", "Interrupted", "Joint",
-    "JointFriction", "KnifeEdge", "LinearModel", "LoadIndependentFriction", "LuGre", "Marker", "Mechanism",
-    "MechanismError", "MechanismWarning", "ModelError", "MotionProgram", "NonholonomicConstraint",
+    "JointFriction", "KnifeEdge", "LinearModel", "Linkage", "Linkages", "LoadIndependentFriction", "LuGre", "Marker",
+    "Mechanism", "MechanismError", "MechanismWarning", "ModelError", "MotionProgram", "NonholonomicConstraint",
     "OptimalControlProblem", "OptimizationError", "PIController", "Parameter", "Phase", "Point", "PointOnCurve",
     "PointOnLine", "Polygon", "PolygonEdges", "Proposal", "Pulley", "RackAndPinion", "Reachability", "Reaction",
     "Rectangle", "RelativeAngle", "RelativeX", "RelativeY", "Report", "Resistance", "Revolute", "Rod", "Rolling",
-    "Rope", "Rosenbrock", "RunEquations", "RungeKutta", "SampledController", "Segment", "Sensitivities", "ShakingForce",
-    "Shape", "SimulationError", "SingularityError", "Smoothing", "Solution", "Stability", "State", "StateVariable",
-    "SteppingMethod", "Strategy", "Stribeck", "Sweep", "Torque", "Trajectory", "Transcription", "Translational",
-    "ValidityCondition", "Viscous", "Waypoint", "Weld", "absolute", "animate", "assemble", "at_end", "at_start",
-    "between", "bounded", "check", "cost_function", "draw", "dwell", "equations", "equilibrium", "equilibrium_path",
-    "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness", "identify", "impact", "integral",
-    "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize", "optimize", "plot", "plot_energy",
-    "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution", "positive_part", "reachable",
-    "read_acf", "read_adm", "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities",
-    "shaking_force", "simulate", "soft", "stability", "sweep", "t", "time_derivative",
+    "Rope", "Rosenbrock", "RunEquations", "RungeKutta", "SampledController", "Segment", "Sensitivities",
+    "ShakingForce", "Shape", "SimulationError", "SingularityError", "Smoothing", "Solution", "Stability", "State",
+    "StateVariable", "SteppingMethod", "Strategy", "Stribeck", "Sweep", "Torque", "Trajectory", "Transcription",
+    "Translational", "ValidityCondition", "Viscous", "Waypoint", "Weld", "absolute", "animate", "assemble", "at_end",
+    "at_start", "between", "bounded", "check", "cost_function", "draw", "dwell", "equations", "equilibrium",
+    "equilibrium_path", "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness", "identify",
+    "impact", "integral", "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize", "optimize",
+    "plot", "plot_energy", "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution", "positive_part",
+    "reachable", "read_acf", "read_adm", "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise",
+    "sensitivities", "shaking_force", "simulate", "soft", "stability", "sweep", "synthesize", "t", "time_derivative",
 ]  # fmt: skip
 __all__ += _expressions.__all__
 

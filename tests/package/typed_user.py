@@ -127,6 +127,11 @@ def analyses() -> None:
     load = motion[mbd.norm(reaction.force)]
     print(f"{load.max():.1f} N, {motion[[rod.x, rod.y]].shape}, {float(start[rod.phi]):.2f} rad, {len(motion.t)} times")
 
+    free = mbd.library.four_bar(free=True)
+    places = [[free.crank.phi == 0.3 * x, free.rocker.phi == 0.2 * x] for x in range(3)]
+    linkages: mbd.Linkages = mbd.synthesize(free.mechanism, list(free.unknowns.values()), places, seconds=0.5)
+    linkage: mbd.Linkage = linkages[0]
+    assert linkage.residual < 1e-9 and linkages.where(crank_turns=True).sorted(lambda x: x.residual) is not None
     below: mbd.Reachability = mbd.reachable(mechanism, [rod.y <= -0.2], path=[rod.x <= 1])
     assert below.is_reachable
     rest: mbd.Equilibrium = mbd.equilibrium(mechanism, [rod.y <= 0])

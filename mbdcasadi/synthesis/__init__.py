@@ -1,0 +1,1 @@
+"""Linkages that pass through given positions."""

@@ -1,0 +1,106 @@
+"""Exchanges of equal chains: linkages that differ in which of two equal chains is which are one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import permutations
+
+import casadi as ca
+import numpy as np
+
+from ..model.symbols import symbols_of
+from ..numerics.symbolic import symbolic
+from .positions import Positions
+
+#: Bodies up to which all orders of them are looked at.
+MOST_BODIES = 7
+#: Difference of rows that is rounding, relative to their size.
+SAME = 1e-9
+
+
+@symbolic
+def exchanges(positions: Positions) -> list[np.ndarray]:
+    """Orders of the unknowns that leave all rows what they are, but for the names of bodies; the identity is the first.
+
+    The bodies of the linkage are exchanged in every way that takes joints to joints of the same kind; the unknowns of
+    their markers go along. Whether the rows are the same is seen by their values at a random point.
+    """
+    n = len(positions.unknowns)
+    found = [np.arange(n)]
+    bodies = positions.mechanism.bodies
+    if len(bodies) > MOST_BODIES:
+        return found
+    rows = _Rows(positions)
+    for order in permutations(range(len(bodies))):
+        if order == tuple(range(len(bodies))):
+            continue
+        places = _places(positions, order)
+        if places is not None and rows.are_same(order, places):
+            found.append(np.argsort(places))
+    return found
+
+
+def _places(positions: Positions, order: tuple[int, ...]) -> np.ndarray | None:
+    """Place to which each unknown goes if bodies are exchanged; None if joints do not correspond."""
+    mechanism, number = positions.mechanism, {body: k for k, body in enumerate(positions.mechanism.bodies)}
+    to = {body: mechanism.bodies[order[k]] for body, k in number.items()}
+    unknown = {p.element_hash(): k for k, p in enumerate(ca.vertsplit(positions.p))}
+    left, moved = list(mechanism.joints), dict[int, int]()
+    for joint in mechanism.joints:
+        wanted = [to.get(marker.body, marker.body) for marker in joint.markers]
+        twin = next((j for j in left if type(j) is type(joint) and _order(j, wanted) is not None), None)
+        if twin is None:
+            return None
+        left.remove(twin)
+        for marker, k in zip(joint.markers, _order(twin, wanted) or [], strict=True):
+            pairs = zip(ca.vertsplit(marker.local), ca.vertsplit(twin.markers[k].local), strict=True)
+            for here, there in pairs:
+                # expressions of one form hold their symbols in one order; whether they are of one is seen by values
+                inside = [[unknown.get(x.element_hash()) for x in symbols_of(e)] for e in (here, there)]
+                if len(inside[0]) != len(inside[1]):
+                    return None
+                for place, image in zip(*inside, strict=True):
+                    known = place is not None and image is not None
+                    if known and moved.setdefault(place, image) != image:
+                        return None
+    places = np.array([moved.get(k, k) for k in range(len(unknown))])
+    return places if len(set(places.tolist())) == places.size else None
+
+
+def _order(joint: object, bodies: list[object]) -> list[int] | None:
+    """Order of the markers of a joint in which their bodies are given ones."""
+    own = [marker.body for marker in joint.markers]  # type: ignore[attr-defined]
+    for order in permutations(range(len(own))):
+        if len(own) == len(bodies) and all(own[k] is body for k, body in zip(order, bodies, strict=True)):
+            return list(order)
+    return None
+
+
+class _Rows:
+    """Values of all rows at a random point, without order and sign."""
+
+    def __init__(self, positions: Positions):
+        eom = positions.eom
+        random = np.random.default_rng(0)
+        self._q, self._p = random.normal(size=eom.q.numel()), random.normal(size=positions.p.numel())
+        relations = [[positions._with_known(c.expression) for c in each] for each in positions.relations]
+        groups = [positions._with_known(eom.Phi), *(ca.vertcat(*each) for each in relations)]
+        held = positions.fixed_rows[: positions.held]
+        sizes = ca.DM([row.size for row in (*held, *positions.limit_rows)])
+        groups.append(ca.vertcat(positions.fixed[: positions.held], positions.limits) * sizes)
+        self._function = ca.Function("rows", [eom.q, positions.p], [ca.densify(group) for group in groups])
+        self._values = list(self._sorted(self._q, self._p))
+
+    def _sorted(self, q: np.ndarray, p: np.ndarray) -> Iterator[np.ndarray]:
+        results = self._function(q, p)
+        for group in results if isinstance(results, tuple | list) else (results,):
+            yield np.sort(np.abs(group.full().ravel()))
+
+    def are_same(self, order: tuple[int, ...], places: np.ndarray) -> bool:
+        """True if the rows are the same after an exchange of bodies and unknowns."""
+        q, p = self._q.copy(), np.empty_like(self._p)
+        for k, to in enumerate(order):
+            q[3 * to : 3 * to + 3] = self._q[3 * k : 3 * k + 3]
+        p[places] = self._p
+        pairs = zip(self._values, self._sorted(q, p), strict=True)
+        return all(np.allclose(here, there, rtol=SAME, atol=SAME) for here, there in pairs)

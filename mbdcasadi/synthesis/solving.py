@@ -1,0 +1,161 @@
+"""From the end of a descent to a solution: Newton's method, or the least sum of squares, and what is free there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from ..numerics.lazy import cached_property
+from ..numerics.least_squares import largest
+from ..numerics.rank import analyse_rank, unit_rows
+from ..numerics.symbolic import LOCK
+from .descent import MET
+from .positions import Positions
+from .residuals import Residuals
+
+#: Iterations of Newton's method, and residual over its size from which there is a solution.
+NEWTON, SOLVED = 12, 1e-10
+#: Sum of squares, divided by sizes, below which the nearest linkage may meet all positions.
+MAY_BE_EXACT = 1e-8
+#: Singular value of scaled rows, relative to the largest one, from which a solution is a single point: at others
+#: Newton's method ends at the root of rounding.
+ISOLATED = 1e-8
+#: Random points at which the rank of all rows is found.
+POINTS = 3
+#: Accuracy of the least sum of squares, and its iterations.
+ACCURACY, ITERATIONS = 1e-12, 200
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Poses (positions, k), unknowns (n,), and the rows (m,) in their own units."""
+
+    y: np.ndarray
+    p: np.ndarray
+    rows: np.ndarray
+
+    @property
+    def residual(self) -> float:
+        """Largest amount by which a row is missed."""
+        return largest(self.rows)
+
+
+class Solving:
+    """Newton's method on all rows, in poses and unknowns.
+
+    Parameters
+    ----------
+    positions : Positions
+        The rows.
+    residuals : Residuals
+        Their compiled functions.
+    exact : bool
+        False if relations hold as nearly as can be.
+    """
+
+    def __init__(self, positions: Positions, residuals: Residuals, *, exact: bool):
+        self.positions, self.residuals, self.exact = positions, residuals, exact
+        rows = [*positions.fixed_rows, *positions.limit_rows, *(r for each in positions.rows for r in each)]
+        self.names, self.row_sizes = [row.name for row in rows], np.array([row.size for row in rows])
+        fixed, limits = len(positions.fixed_rows), len(positions.limit_rows)
+        self._is_limit = np.zeros(len(rows), bool)
+        self._is_limit[fixed : fixed + limits] = True
+        self._columns = self._sizes(positions)
+        self.rank, self.columns = self._generic_rank(), self._columns.size
+
+    def _sizes(self, positions: Positions) -> np.ndarray:
+        of_pose = np.where(positions.turning, 1.0, positions.length)
+        return np.concatenate([np.tile(of_pose, len(positions.residuals)), positions.sizes])
+
+    @property
+    def equations(self) -> int:
+        """Number of rows that hold."""
+        return int(np.sum(~self._is_limit))
+
+    @property
+    def free(self) -> int:
+        """Number of dimensions that the positions leave free."""
+        return self.columns - self.rank
+
+    def _scaled(self, y: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        rows, slopes = self.residuals.whole(y, p)
+        return rows, slopes * self._columns
+
+    def _generic_rank(self) -> int:
+        """Rank of the rows at random dimensions and poses."""
+        random, ranks = np.random.default_rng(0), [0]
+        for _ in range(POINTS):
+            y = random.uniform(-np.pi, np.pi, size=(self.residuals.count, self.residuals.k))
+            p = self.positions.drawn_values + self.positions.sizes * random.normal(size=self.residuals.n)
+            slopes = self._scaled(y, p)[1][~self._is_limit]
+            if np.isfinite(slopes).all():
+                ranks.append(analyse_rank(unit_rows(slopes)).rank)
+        return max(ranks)
+
+    def newton(self, y: np.ndarray, p: np.ndarray) -> Solution | None:
+        """The solution near to an estimate; None if there is none, or it is no linkage of its own."""
+        rows, slopes = self._scaled(y, p)
+        for _ in range(NEWTON):
+            if not (np.isfinite(rows).all() and np.isfinite(slopes).all()):
+                return None
+            step = -self._columns * np.linalg.lstsq(slopes, rows, rcond=None)[0]
+            moved, to = y + step[: y.size].reshape(y.shape), p + step[y.size :]
+            there, then = self._scaled(moved, to)
+            if not largest(there) < largest(rows):
+                break
+            y, p, rows, slopes = moved, to, there, then
+        if not largest(rows) < SOLVED or self.residuals.degenerate(p[None])[0]:
+            return None
+        if self.exact and analyse_rank(unit_rows(slopes[~self._is_limit]), ISOLATED).rank < self.rank:
+            return None
+        return Solution(y, p, rows * self.row_sizes)
+
+    def nearest(self, y: np.ndarray, p: np.ndarray) -> Solution | None:
+        """The closed linkage near to an estimate that misses relations by the least sum of squares."""
+        if np.sum(self.residuals.whole(y, p)[0] ** 2) < MET and (solved := self.newton(y, p)) is not None:
+            return solved
+        start = np.concatenate([y.ravel(), p]) / self._columns
+        with np.errstate(all="ignore"):
+            program, lower = self._least_squares
+            found = program(x0=start, lbg=lower, ubg=0.0)
+        x = found["x"].full().ravel() * self._columns
+        y, p = x[: y.size].reshape(y.shape), x[y.size :]
+        if float(found["f"]) < MAY_BE_EXACT and (solved := self.newton(y, p)) is not None:
+            return solved
+        rows = self._scaled(y, p)[0]
+        if (
+            not np.isfinite(rows).all()
+            or largest(rows[self._held]) > SOLVED**0.5
+            or self.residuals.degenerate(p[None])[0]
+        ):
+            return None
+        return Solution(y, p, rows * self.row_sizes)
+
+    @property
+    def _held(self) -> np.ndarray:
+        """Rows that hold, however near relations are met: conditions, limits and those that close the linkage."""
+        positions = self.positions
+        closing = len(positions.closing_rows)
+        held = [np.arange(len(positions.fixed_rows)) < positions.held, np.ones(len(positions.limit_rows), bool)]
+        return np.concatenate([*held, *(np.arange(len(each)) < closing for each in positions.rows)])
+
+    @cached_property
+    def _least_squares(self) -> tuple[ca.Function, np.ndarray]:
+        """Program of the least sum of squares of relations in unknowns divided by their sizes, and its lower limits."""
+        with LOCK:
+            positions, closing = self.positions, len(self.positions.closing_rows)
+            poses = [ca.SX.sym("y", self.residuals.k) for _ in positions.residuals]
+            columns = [ca.substitute(c, positions.y, y) for c, y in zip(positions.residuals, poses, strict=True)]
+            missed = [positions.fixed[positions.held :], *(column[closing:] for column in columns)]
+            held = [positions.fixed[: positions.held], *(column[:closing] for column in columns), positions.limits]
+            x, whole = ca.SX.sym("x", self.columns), ca.vertcat(*poses, positions.p)
+            results = [ca.sumsqr(ca.vertcat(*missed)) / 2, ca.vertcat(*held)]
+            cost, rows = ca.substitute(results, [whole], [x * ca.DM(self._columns)])
+            ipopt = {"print_level": 0, "sb": "yes", "tol": ACCURACY, "max_iter": ITERATIONS}
+            options = {"print_time": False, "error_on_fail": False, "ipopt": ipopt}
+            program = ca.nlpsol("nearest", "ipopt", {"x": x, "f": cost, "g": rows}, options)
+        lower = np.zeros(rows.numel())
+        lower[rows.numel() - positions.limits.numel() :] = -np.inf
+        return program, lower
