@@ -109,13 +109,8 @@ class _Reader:
         # what a function or a class of the user's own reads besides, such as globals, is not known
         if _is_own(part if isinstance(part, type | FunctionType) else kind):
             raise _UnknownError
-        if isinstance(part, type | BuiltinFunctionType):
-            return kind, part
-        if kind is FunctionType:
-            cells = [cell.cell_contents for cell in part.__closure__ or ()]
-            return part.__module__, part.__code__, self.read((cells, part.__defaults__, part.__kwdefaults__))
-        if kind is MethodType:
-            return self.read(part.__func__), self.read(part.__self__)
+        if isinstance(part, type | BuiltinFunctionType | FunctionType | MethodType):
+            return self._of_code(part)
         if isinstance(part, ca.DM | ca.Sparsity | ca.Function):
             return kind, part.serialize()
         if isinstance(part, tuple) and kind.__dictoffset__:
@@ -125,6 +120,15 @@ class _Reader:
         if _is_plain(kind) and not hasattr(part, "this"):  # CasADi's own objects have such a pointer
             return kind, self._attributes(part)
         raise _UnknownError
+
+    def _of_code(self, part: Any) -> Hashable:
+        """A class, a function with the values that it keeps, or a method."""
+        if isinstance(part, MethodType):
+            return self.read(part.__func__), self.read(part.__self__)
+        if isinstance(part, FunctionType):
+            cells = [cell.cell_contents for cell in part.__closure__ or ()]
+            return part.__module__, part.__code__, self.read((cells, part.__defaults__, part.__kwdefaults__))
+        return type(part), part
 
     def _attributes(self, part: Any) -> Hashable:
         kind: Any = type(part)

@@ -119,17 +119,7 @@ class Mechanism(Immutable, HoldsSymbols):
             raise ModelError("a mechanism needs at least one body")
         for argument, parts in (("joints", self.joints), ("drivers", self.drivers), ("forces", self.forces)):
             for part in parts:
-                if isinstance(part, type) or not hasattr(part, "rows") or not hasattr(part, "virtual_work"):
-                    raise ModelError(f"{argument}= takes model elements, got {part!r}")
-                if argument == "forces" and part.rows.numel():
-                    raise ModelError(f"{part.description} is a constraint; give it in joints= or drivers=")
-                if argument != "drivers" and isinstance(part, Driver):
-                    raise ModelError(f"{part.description} belongs in drivers=, not in {argument}=")
-                if argument != "forces" and not isinstance(part, Element) and not hasattr(part, "multipliers"):
-                    raise ModelError(f"{part!r} has rows but no multipliers")
-                is_force = not isinstance(part, ConstraintElement)  # a joint without rows has a coordinate to read
-                if argument != "forces" and is_force and not part.rows.numel() and not part.velocity_rows.numel():
-                    raise ModelError(f"{part.description} constrains nothing; give it in forces=")
+                _check_place(part, argument)
 
     def _collect_rates(self) -> dict[StateVariable, ca.SX]:
         rates: dict[StateVariable, ca.SX] = {}
@@ -332,6 +322,23 @@ class Mechanism(Immutable, HoldsSymbols):
             if parts
         )
         return f"Mechanism({self.name + ': ' if self.name else ''}{counts})"
+
+
+def _check_place(part: Any, argument: str) -> None:
+    """Raise if something is no element, or does not belong in an argument."""
+    if isinstance(part, type) or not hasattr(part, "rows") or not hasattr(part, "virtual_work"):
+        raise ModelError(f"{argument}= takes model elements, got {part!r}")
+    if argument != "drivers" and isinstance(part, Driver):
+        raise ModelError(f"{part.description} belongs in drivers=, not in {argument}=")
+    if argument == "forces":
+        if part.rows.numel():
+            raise ModelError(f"{part.description} is a constraint; give it in joints= or drivers=")
+        return
+    if not isinstance(part, Element) and not hasattr(part, "multipliers"):
+        raise ModelError(f"{part!r} has rows but no multipliers")
+    is_force = not isinstance(part, ConstraintElement)  # a joint without rows has a coordinate to read
+    if is_force and not part.rows.numel() and not part.velocity_rows.numel():
+        raise ModelError(f"{part.description} constrains nothing; give it in forces=")
 
 
 def _find(parts: Sequence[Any], name: str, kind: str) -> Any:

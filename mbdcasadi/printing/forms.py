@@ -137,18 +137,11 @@ class Forms:
         above: dict[int, int] = {}
         below: dict[int, int] = {}
         for (value, place), exponent in factors:
-            count, (up, down) = abs(exponent), (above, below) if exponent > 0 else (below, above)
-            form = self.table[place]
-            numbers = [(abs(value), exponent)]
-            if value < 0 and count % 2:
+            if value < 0 and exponent % 2:
                 number = -number
-            # The square of a fraction stays one.
-            if isinstance(form, Product) and (count == 1 or not form.below):
-                numbers.append((form.over, -exponent))
-                _multiply(up, ((part, count * n) for part, n in form.above))
-                _multiply(down, ((part, count * n) for part, n in form.below))
-            elif place != self.ONE:
-                _multiply(up, [(place, count)])
+            numbers, powers = self._factors(abs(value), place, exponent)
+            for part, power in powers:
+                _multiply(above if power > 0 else below, [(part, abs(power))])
             for size, power in numbers:
                 if size == 0 and power > 0:
                     return 0.0, self.ONE
@@ -163,6 +156,15 @@ class Forms:
             number, over = number * self._take_out(above), over * self._take_out(below)
             number, over = math.copysign(number, number * over), abs(over)
         return self._fraction(*_lowest_terms(number, over), self._ordered(above), self._ordered(below))
+
+    def _factors(self, size: float, place: int, exponent: int) -> tuple[list[tuple[float, int]], list[tuple[int, int]]]:
+        """Numbers and forms with their exponents of which a power consists."""
+        form = self.table[place]
+        # The square of a fraction stays one.
+        if isinstance(form, Product) and (abs(exponent) == 1 or not form.below):
+            powers = [*form.above, *((part, -n) for part, n in form.below)]
+            return [(size, exponent), (form.over, -exponent)], [(part, exponent * n) for part, n in powers]
+        return [(size, exponent)], [] if place == self.ONE else [(place, exponent)]
 
     def _take_out(self, powers: dict[int, int]) -> float:
         """Take out the coefficient that all summands of a factor share, as of ``0.5*(2*a + 2*b)``."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from itertools import pairwise
 from pathlib import Path
@@ -252,14 +252,7 @@ def _read_phased_events(
     by_place = {(k, place): (time, values[i]) for i, (k, place, time, _) in enumerate(places)}
     if len(by_place) < len(places):
         raise archive.refuse("the entry 'event places' does not hold places")
-    states: dict[tuple[int, int], State] = {}
-    for k, mechanism in enumerate(mechanisms):
-        state_places = sorted(place for number, place in by_place if number == k)
-        eom = equations(mechanism)
-        at = np.array([by_place[k, place][0] for place in state_places], float)
-        p = [_parameters_in(eom.mechanism, labels, by_place[k, place][1]) for place in state_places]
-        read = read_states(archive, f"mechanism {k} event ", eom, at, p)
-        states |= {(k, place): state for place, state in zip(state_places, read, strict=True)}
+    states = _states_at_events(archive, mechanisms, labels, by_place)
     events: list[EventOccurrence] = []
     by_phase: list[list[EventOccurrence]] = [[] for _ in range(phases)]
     for name, time, row in zip(names, times.tolist(), rows.tolist(), strict=True):
@@ -274,6 +267,24 @@ def _read_phased_events(
         if phase >= 0:
             by_phase[phase].append(EventOccurrence(name, time, own_states[0], own_states[1]))
     return events, by_phase
+
+
+def _states_at_events(
+    archive: Archive,
+    mechanisms: Sequence[Mechanism],
+    labels: Sequence[str],
+    by_place: Mapping[tuple[int, int], tuple[float, np.ndarray]],
+) -> dict[tuple[int, int], State]:
+    """States at events, by the number of their mechanism and their place, from their times and parameters."""
+    states: dict[tuple[int, int], State] = {}
+    for k, mechanism in enumerate(mechanisms):
+        places = sorted(place for number, place in by_place if number == k)
+        eom = equations(mechanism)
+        at = np.array([by_place[k, place][0] for place in places], float)
+        p = [_parameters_in(eom.mechanism, labels, by_place[k, place][1]) for place in places]
+        read = read_states(archive, f"mechanism {k} event ", eom, at, p)
+        states |= {(k, place): state for place, state in zip(places, read, strict=True)}
+    return states
 
 
 def _parameters_in(whole: Mechanism, labels: Sequence[str], values: np.ndarray) -> np.ndarray:

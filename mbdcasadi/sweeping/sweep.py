@@ -186,11 +186,7 @@ def _blocks(
     if failures:
         yield _failed(failures, jobs)
     folding: list[np.ndarray] = []
-    runner: _Here | _Elsewhere
-    if executor is not None:
-        runner = _Elsewhere(executor)
-    else:
-        runner = _InThreads() if jobs.in_threads else _Here()
+    runner = _runner(executor, jobs)
     try:
         for batch in jobs.batches(courses, size):
             runner.submit(batch)
@@ -220,6 +216,13 @@ def _blocks(
             )
     finally:
         runner.cancel()
+
+
+def _runner(executor: Executor | None, jobs: Jobs) -> _Here | _Elsewhere:
+    """What runs batches: workers that were given, threads, or this one."""
+    if executor is not None:
+        return _Elsewhere(executor)
+    return _InThreads() if jobs.in_threads else _Here()
 
 
 def _failed(failures: dict[int, str], jobs: Jobs) -> Block:

@@ -49,27 +49,41 @@ def closed_chains(pieces: Sequence[np.ndarray], joined: float) -> list[np.ndarra
     """
     loops = [piece[:-1] for piece in pieces if _is_closed(piece, joined)]
     open_ones = [piece for piece in pieces if not _is_closed(piece, joined)]
-    left = {k: ends for k, ends in enumerate(_nodes(open_ones, joined)) if ends[0] != ends[1]}
+    left = _without_loose_ends({k: ends for k, ends in enumerate(_nodes(open_ones, joined)) if ends[0] != ends[1]})
+    degrees = _degrees(left)
+    branching = next((k for k, ends in left.items() if np.any(degrees[ends] > 2)), None)
+    if branching is not None:
+        raise Branching(open_ones[branching][0 if degrees[left[branching][0]] > 2 else -1])
     while left:
-        degrees = np.bincount(np.ravel(list(left.values())))
-        loose = [k for k, (a, b) in left.items() if degrees[a] == 1 or degrees[b] == 1]
-        if not loose:
-            break
-        for k in loose:
-            del left[k]
-    if left and np.any(degrees > 2):
-        k = next(k for k, ends in left.items() if np.any(degrees[ends] > 2))
-        raise Branching(open_ones[k][0 if degrees[left[k][0]] > 2 else -1])
-    while left:
-        first, (begin, node) = next(iter(left.items()))
-        chain = [first]
-        del left[first]
-        while node != begin:
-            following = next(k for k, ends in left.items() if node in ends)
-            node = int(np.sum(left.pop(following)) - node)
-            chain.append(following)
-        loops.append(strung([open_ones[k] for k in chain])[:-1])
+        loops.append(strung([open_ones[k] for k in _taken_chain(left)])[:-1])
     return [loop for loop in loops if len(loop) > 2]
+
+
+def _degrees(ends: dict[int, np.ndarray]) -> np.ndarray:
+    """Number of pieces that meet in each point (n,)."""
+    return np.bincount(np.ravel(list(ends.values())).astype(int))
+
+
+def _without_loose_ends(ends: dict[int, np.ndarray]) -> dict[int, np.ndarray]:
+    """Pieces, by their points, of which each end is one of another piece."""
+    while True:
+        degrees = _degrees(ends)
+        kept = {k: (a, b) for k, (a, b) in ends.items() if degrees[a] > 1 and degrees[b] > 1}
+        if len(kept) == len(ends):
+            return ends
+        ends = {k: ends[k] for k in kept}
+
+
+def _taken_chain(left: dict[int, np.ndarray]) -> list[int]:
+    """Take pieces that follow each other and close out of those that are left; return their numbers."""
+    first, (begin, node) = next(iter(left.items()))
+    chain = [first]
+    del left[first]
+    while node != begin:
+        following = next(k for k, ends in left.items() if node in ends)
+        node = int(np.sum(left.pop(following)) - node)
+        chain.append(following)
+    return chain
 
 
 def _is_closed(piece: np.ndarray, joined: float) -> bool:

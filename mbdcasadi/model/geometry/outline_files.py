@@ -36,20 +36,8 @@ _Entity = tuple[Any, tuple[str, ...]]
 
 def loops_of_svg(path: str | Path, scale: float | None, tolerance: float | None) -> list[tuple[Loop, int]]:
     """Return the closed outlines of an SVG file (k, 2), m, and the number of others around each."""
-    content = content_of(path)
     library = _library("svgelements", path)
-    try:
-        drawing = ElementTree.fromstring(content)
-        if _tag(drawing) != "svg":
-            raise FileError(f"{path}: this is not an SVG drawing: its outermost element is {_tag(drawing)}, not svg")
-        document = library.SVG.parse(BytesIO(_prepared(drawing, path)), reify=False)
-        shapes = list(_seen(document, library))
-    except FileError:
-        raise
-    except RecursionError:
-        raise FileError(f"{path}: the groups of the drawing are nested too deeply; dissolve them") from None
-    except Exception as error:  # whatever the library meets in a broken file
-        raise FileError(f"{path}: this is not an SVG drawing: {error}") from None
+    drawing, document, shapes = _read_svg(path, library)
     parts = [(_transform(shape), list(part), shape, clips) for shape, clips in shapes for part in shape.as_subpaths()]
     parts = [part for part in parts if len(part[1]) > 1]
     ends = [move(np.array([[p.x, p.y] for s in part for p in (s.start, s.end) if p])) for move, part, *_ in parts]
@@ -68,6 +56,23 @@ def loops_of_svg(path: str | Path, scale: float | None, tolerance: float | None)
                 _check_clip(points, clip, drawing, document, library, path)
             loops.append(points * [factor, -factor])  # the y axis of drawings points down
     return _by_depth(loops, path)
+
+
+def _read_svg(path: str | Path, library: Any) -> tuple[Any, Any, list[tuple[Any, tuple[Any, ...]]]]:
+    """Elements of an SVG file, the document of the library, and the shapes that are drawn; see :func:`_seen`."""
+    content = content_of(path)
+    try:
+        drawing = ElementTree.fromstring(content)
+        if _tag(drawing) != "svg":
+            raise FileError(f"{path}: this is not an SVG drawing: its outermost element is {_tag(drawing)}, not svg")
+        document = library.SVG.parse(BytesIO(_prepared(drawing, path)), reify=False)
+        return drawing, document, list(_seen(document, library))
+    except FileError:
+        raise
+    except RecursionError:
+        raise FileError(f"{path}: the groups of the drawing are nested too deeply; dissolve them") from None
+    except Exception as error:  # whatever the library meets in a broken file
+        raise FileError(f"{path}: this is not an SVG drawing: {error}") from None
 
 
 def _seen(document: Any, library: Any) -> Iterator[tuple[Any, tuple[Any, ...]]]:

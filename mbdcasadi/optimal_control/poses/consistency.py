@@ -25,7 +25,7 @@ from ...numerics.evaluation import Evaluator
 from ...numerics.newton import solve
 from ...numerics.tolerances import MET
 from ...results.state import State
-from ..statement.condition_rank import ranks_of
+from ..statement.condition_rank import ConditionRank, ranks_of
 from ..statement.phase import Phase, contains_any, on_positions, on_states
 from ..statement.statement import ProblemStatement
 from .free_poses import PosedPlace, free_poses
@@ -159,30 +159,44 @@ def check_end(
     limits = [c for c, fixed in zip(limits, ranks.fixed(limits, rows), strict=True) if fixed]
     contradiction = ranks.count(rows) < len(rows)
     if not contradiction:
-        known = dict(zip(limits, ranks.values_under(limits, rows), strict=True))
-        _refuse_broken(
-            f"{name}: the conditions contradict",
-            {limit: (value, 1.0) for limit, value in known.items() if value is not None},
-        )
-        limits = [limit for limit in limits if known[limit] is None]
+        limits = _left_open(limits, rows, ranks, name)
         if not limits:
             return
     when = 0.0 if name == "initial" else phase.span[1] if time is None else time
     try:
         state = _state_under(ranks.numeric, rows, when)
     except (AssemblyError, ConditionError) as error:
-        elsewhere = name != "initial" and _are_met_elsewhere(ranks.numeric, rows, when)
-        if (
-            contradiction
-            and not elsewhere
-            and free_poses(problem, phase, ranks.numeric, [PosedPlace(when, rows)]) is None
-        ):
+        if contradiction and not _may_be_met(problem, phase, ranks.numeric, name, rows, when):
             raise ConditionError(f"{name}: the conditions contradict each other or the constraints: {error}") from None
         return  # whether the linkage reaches there is looked at before the problem is solved
     broken = _broken(_excess(limits, state))
     if broken and name != "initial":  # a motion may end on another branch than that of the estimate
         broken = _broken_everywhere(broken, ranks.numeric, rows, when)
     _refuse_broken(f"{name}: the conditions contradict", broken)
+
+
+def _may_be_met(
+    problem: ProblemStatement,
+    phase: Phase,
+    numeric: NumericEquations,
+    name: str,
+    rows: Sequence[Condition],
+    time: float,
+) -> bool:
+    """True if conditions that are not met near the estimate are in another pose, or with other free parameters."""
+    if name != "initial" and _are_met_elsewhere(numeric, rows, time):
+        return True
+    return free_poses(problem, phase, numeric, [PosedPlace(time, rows)]) is not None
+
+
+def _left_open(
+    limits: Sequence[Condition], rows: Sequence[Condition], ranks: ConditionRank, name: str
+) -> list[Condition]:
+    """Limits on which conditions do not decide by linear equations alone; raises if these contradict one."""
+    known = dict(zip(limits, ranks.values_under(limits, rows), strict=True))
+    decided = {limit: (value, 1.0) for limit, value in known.items() if value is not None}
+    _refuse_broken(f"{name}: the conditions contradict", decided)
+    return [limit for limit in limits if known[limit] is None]
 
 
 def refuse_beyond_limits(

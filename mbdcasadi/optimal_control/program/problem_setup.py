@@ -69,14 +69,7 @@ class ProblemSetup:
         near: PhaseSetup | None = None,
     ):
         self.problem, self.settings = problem, settings
-        values = mapping_of(parameters, "parameters=")
-        for free in problem.free_parameters:
-            if free in values:
-                raise ModelError(f"optimize: parameter '{free.label}' is both given and free")
-        parameters_of_phases = list(dict.fromkeys(p for phase in problem.phases for p in phase.mechanism.parameters))
-        for given in values:
-            position_in(parameters_of_phases, given, "parameters=")
-        first = problem.phases[0]
+        first, values = problem.phases[0], self._read_parameters(parameters)
         self.initial = first.initial if initial is None else self._other_start(initial)
         read = []
         for phase in problem.phases:
@@ -103,6 +96,17 @@ class ProblemSetup:
         self.start, self.free_values, self.setups, self.changes = ready
         if isinstance(self.initial, State):
             self.start = self.initial
+
+    def _read_parameters(self, parameters: Any) -> Mapping[Any, Any]:
+        """Values of parameters of the phases; raises for a free one and for strangers."""
+        values, problem = mapping_of(parameters, "parameters="), self.problem
+        for free in problem.free_parameters:
+            if free in values:
+                raise ModelError(f"optimize: parameter '{free.label}' is both given and free")
+        parameters_of_phases = list(dict.fromkeys(p for phase in problem.phases for p in phase.mechanism.parameters))
+        for given in values:
+            position_in(parameters_of_phases, given, "parameters=")
+        return values
 
     def _make(self, numerics: list[NumericEquations], first: Setup, near: PhaseSetup | None) -> tuple[Any, ...]:
         """Find the first state, values of free parameters, and setups of phases and changes."""

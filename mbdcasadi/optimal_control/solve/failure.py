@@ -95,8 +95,8 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
             largest_violations=violations,
             partial=solution,
         )
-    said = message = _MESSAGES.get(status, f"the solver stopped: {status}")
-    worst, remark = "", ""
+    usual = message = _MESSAGES.get(status, f"the solver stopped: {status}")
+    worst = ""
     if status != REFUSED and not violations:
         worst = "all demands are met at the last iterate"
     elif status not in (REFUSED, "Solved_To_Acceptable_Level"):
@@ -111,21 +111,26 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
         worst = worst if violations else ""
     elif kinks and not violations:
         message = _PLAIN.get(status, message)
-    if kinks:
-        remark = f" ({kinks})"
-    elif not violations and status == "Maximum_Iterations_Exceeded":
-        remark = " (inputs that chatter unseen may be the cause)"
-    if violations and not kinks and status in ("Maximum_Iterations_Exceeded", "Search_Direction_Becomes_Too_Small"):
-        remark = " (the problem may be infeasible)"
+    remark = _likely_cause(status, kinks, is_met=not violations)
     error = OptimizationError(
         "; ".join([*filter(None, [message, worst])]) + f"{remark}; {_left(solution)}",
         largest_violations=violations,
         partial=solution,
         time=wrong[1] if wrong else violations[0].time if violations else None,
     )
-    findings = "; ".join(filter(None, ["" if message == said else message, worst])) + remark
+    findings = "; ".join(filter(None, ["" if message == usual else message, worst])) + remark
     error.findings = "; ".join(filter(None, [findings.strip(), _left(solution)]))
     return error
+
+
+def _likely_cause(status: str, kinks: str, *, is_met: bool) -> str:
+    """Likely cause of a failure in brackets; empty if there is none."""
+    if kinks:
+        return f" ({kinks})"
+    if is_met:
+        return " (inputs that chatter unseen may be the cause)" if status == "Maximum_Iterations_Exceeded" else ""
+    stuck = status in ("Maximum_Iterations_Exceeded", "Search_Direction_Becomes_Too_Small")
+    return " (the problem may be infeasible)" if stuck else ""
 
 
 def _further_places(solution: Solution) -> str:

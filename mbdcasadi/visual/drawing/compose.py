@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,10 +14,11 @@ from ...model.bodies import Body, Marker, ground
 from ...model.drivers import Actuator
 from ...model.joints.gears import Gear
 from ...model.joints.lower_pairs import Distance, Translational
+from ...model.mechanism import Mechanism
 from ..symbols import glyph, glyph_of
 from . import lines, scene
 from .labels import wrapped
-from .loads import draw_loads, draw_velocities
+from .loads import Load, draw_loads, draw_velocities
 from .outlines import places_on, points_on, shape_loops
 from .pen import Frame, Pen
 from .sample import Sample
@@ -74,11 +76,7 @@ def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
     Scene, dict of str to float
         The scene, and the scale of forces (N per m) and couples (N m per m) if there are arrows.
     """
-    mechanism = sample.mechanism
-    asked = options.centroids or () if options.centroids is not True else mechanism.bodies
-    strange = [body.name for body in asked if body not in mechanism.bodies]
-    if strange:
-        raise MechanismError(f"centroids= names body '{strange[0]}', which is not in the mechanism")
+    mechanism, with_centroids = sample.mechanism, _with_centroids(sample.mechanism, options)
     unit, hanging = _measures(sample)
     traced = [place for place in options.trace if isinstance(place, Marker)]
     pen = Pen(sample, Scene(unit), hanging, traced)
@@ -93,20 +91,17 @@ def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
         draw(element)
     for body in mechanism.bodies:
         draw(body)
-        if body in asked:
+        if body in with_centroids:
             _centroid(pen, body)
         if options.frames:
             _axes(pen, body)
-        for marker in traced:
-            if marker.body is body:
-                pen.dot(pen.on(marker))
+        for marker in (marker for marker in traced if marker.body is body):
+            pen.dot(pen.on(marker))
     pen.item = None
     if options.frames:
         _axes(pen, ground)
     pen.finish()
-    elements = [*mechanism.joints, *mechanism.drivers, *mechanism.forces]
-    loads = [(e, load) for e in elements for load in glyph_of(e, pen).loads() if options.forces or load.always]
-    scale = draw_loads(pen, loads)
+    scale = draw_loads(pen, _loads(pen, options))
     if options.velocities:
         scale |= draw_velocities(pen)
     pen.scene.traces += [pen.point(place).number for place in options.trace]
@@ -115,6 +110,22 @@ def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
     # a body covers those before it in the list, whatever its marks were drawn for
     pen.scene.marks.sort(key=_depth)
     return pen.scene, scale
+
+
+def _with_centroids(mechanism: Mechanism, options: Options) -> Sequence[Body]:
+    """Bodies whose centres of mass are drawn."""
+    asked = options.centroids or () if options.centroids is not True else mechanism.bodies
+    strange = [body.name for body in asked if body not in mechanism.bodies]
+    if strange:
+        raise MechanismError(f"centroids= names body '{strange[0]}', which is not in the mechanism")
+    return asked
+
+
+def _loads(pen: Pen, options: Options) -> list[tuple[Any, Load]]:
+    """Loads of elements that are drawn."""
+    mechanism = pen.sample.mechanism
+    elements = [*mechanism.joints, *mechanism.drivers, *mechanism.forces]
+    return [(e, load) for e in elements for load in glyph_of(e, pen).loads() if options.forces or load.always]
 
 
 def _depth(mark: scene.Mark) -> tuple[int, int]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
 from importlib.resources import files
 from string import Template
@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from ..drawing.draw import room
-from ..drawing.scene import ARROW, SLOT, Mark, diagonal_of
+from ..drawing.scene import ARROW, SLOT, Item, Label, Mark, diagonal_of
 from ..drawing.style import BODIES_DARK, BODIES_LIGHT, DARK, LIGHT, SERIES_DARK, SERIES_LIGHT, STYLES
 from ..film import Film
 from .columns import Column, Columns
@@ -129,13 +129,8 @@ def page_data(film: Film, store: Columns, forces: bool) -> dict[str, Any]:
         "frames": [frame | {"c": [column.index for column in frame["c"]]} for frame in frames],
         "marks": [_mark(mark, shapes) for mark in scene.marks],
         "shapes": [points for _, points in shapes.values()],
-        "labels": [{"f": x.frame, "x": _short(x.point[0]), "y": _short(x.point[1]), "t": x.text.split("\n"),
-                    "b": x.body, "d": [round(d * PIXELS, 1) for d in x.shift],
-                    **({"e": [round(d * PIXELS, 1) for d in x.leader]} if x.leader else {})}
-                   for x in scene.labels],
-        "items": [{"name": item.name, "kind": item.kind, "readings": _readings(tooltip, "label"),
-                   **({"w": item.appearances} if item.appearances is not None else {})}
-                  for item, tooltip in zip(scene.items, tooltips, strict=True)],
+        "labels": [_label(label) for label in scene.labels],
+        "items": [_item(item, tooltip) for item, tooltip in zip(scene.items, tooltips, strict=True)],
         "bodies": [next(k for k, item in enumerate(scene.items) if (item.name, item.kind) == (body.name, "body"))
                    for body in film.sample.mechanism.bodies],
         "traces": scene.traces,
@@ -145,6 +140,23 @@ def page_data(film: Film, store: Columns, forces: bool) -> dict[str, Any]:
         "seriesLight": SERIES_LIGHT, "seriesDark": SERIES_DARK,
         **packed,
     }  # fmt: skip
+
+
+def _label(label: Label) -> dict[str, Any]:
+    """A name in the drawing, with its shift and its leader in pixels."""
+    x, y = map(_short, label.point)
+    data = {"f": label.frame, "x": x, "y": y, "t": label.text.split("\n"), "b": label.body, "d": _pixels(label.shift)}
+    return data | ({"e": _pixels(label.leader)} if label.leader else {})
+
+
+def _pixels(lengths: Iterable[float]) -> list[float]:
+    return [round(length * PIXELS, 1) for length in lengths]
+
+
+def _item(item: Item, tooltip: dict[str, Column]) -> dict[str, Any]:
+    """A thing that is drawn, with the numbers of its tooltip."""
+    data = {"name": item.name, "kind": item.kind, "readings": _readings(tooltip, "label")}
+    return data | ({} if item.appearances is None else {"w": item.appearances})
 
 
 def _stage(film: Film) -> np.ndarray:
