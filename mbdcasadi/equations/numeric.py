@@ -60,7 +60,7 @@ class NumericEquations:
             if switches(element):
                 raise ModelError(
                     f"{element.description} switches exactly between sticking and sliding, which only simulate "
-                    "can follow; take Coulomb, Stribeck or LuGre here"
+                    "and optimize can follow; take Coulomb, Stribeck or LuGre here"
                 )
         self.eom = eom
         self.p = np.asarray(p, float)

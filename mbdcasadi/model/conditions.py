@@ -42,6 +42,10 @@ class Condition:
     definition: bool = False
     #: true if it is a limit about a condition that others imply on one branch
     implied: bool = False
+    #: of a limit that holds at stages and mesh points of optimal control alone; with three expressions, factors whose
+    #: product is that of the limit and a share of its size that this may reach, one factor is taken at any of these
+    #: points and the other one at any other of the same interval
+    across: tuple[ca.SX, ...] | None = None
 
     @cached_property
     def symbols(self) -> list[ca.SX]:

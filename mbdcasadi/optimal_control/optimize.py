@@ -11,6 +11,9 @@ In the order in which they are passed:
 6. :mod:`solve.problem_solver`: one solve, by :mod:`solve.solvers.ipopt`; :mod:`solve.failure` says why one failed.
 7. :mod:`search.refine`: other meshes, until each :mod:`measures.measure` meets a tolerance, by default a coarse one.
 8. :mod:`solution`: the motion, its limits and costates, and :mod:`motion.verification`.
+
+A mechanism with exact friction goes through :mod:`friction.search`, which does this with friction as a force, and again
+in phases of sticking and sliding.
 """
 
 from __future__ import annotations
@@ -29,6 +32,7 @@ from ..numerics.symbolic import LOCK
 from ..results.state import Conditions
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity, validity_conditions
+from .friction.search import FrictionSearch
 from .measures.closings import warn_of_closings
 from .measures.cost_error import warn_of_false_cost
 from .measures.local_error import warn_of_coarse_mesh, warn_of_growth
@@ -177,7 +181,10 @@ def optimize(
             settings = Settings.read(transcription, degree, control, options, progress)
             settings = replace(settings, known=read_known_inputs(problem, inputs))
             run = Search(problem, intervals, initial, settings, best, executor, read_strategies(search))
-            if continuation is None:
+            solution: Solution
+            if problem.relaxed is not None:
+                solution = _with_exact_friction(run, continuation).solve(parameters, guess, several, accuracy)
+            elif continuation is None:
                 solution = run.solve(parameters, guess, several, accuracy)
             else:
                 steps = read_continuation(problem, continuation, parameters)
@@ -189,7 +196,8 @@ def optimize(
                 warn_of_growth(solution)
                 warn_of_folding_poses(solution)
                 warn_of_saddle(solution)
-                warn_of_undecided(solution)
+                if problem.relaxed is None:  # a rest that costs nothing may be at any time
+                    warn_of_undecided(solution)
             warn_of_passed_limits(solution)
             warn_of_closings(solution)
             _warn_of_validity(solution)
@@ -213,6 +221,15 @@ def _starts(starts: Any, guess: Any) -> Several:
     if guess is not None:
         raise ModelError("optimize: starts= is a list of guesses; put that of guess= into it, and leave guess= out")
     return several
+
+
+def _with_exact_friction(run: Search, continuation: Any) -> FrictionSearch:
+    """The search for a motion that sticks and slides, with the arguments of another one."""
+    if continuation is not None or any(run.settings.known.phases):
+        name = "inputs=" if continuation is None else "continuation="
+        raise ModelError(f"optimize: {name} is not available with DryFriction; take Coulomb for it")
+    problem = run.problem if run.initial is None else run.problem.replace(initial=run.initial)
+    return FrictionSearch(problem, run.intervals, run.settings, run.best, run.executor, run.strategies)
 
 
 def _check_executor(executor: Any, starts: Any) -> None:

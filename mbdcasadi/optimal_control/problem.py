@@ -11,6 +11,7 @@ import casadi as ca
 
 from ..errors import ExpressionError, ModelError
 from ..model.conditions import Condition, read_conditions
+from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
 from ..model.placeholders import PARTS, at_end, placeholders_in, with_values
 from ..model.quantities import listed, listed_by_name, refuse_twice, refuse_unknown
@@ -20,6 +21,7 @@ from ..results.state import State
 from .poses.consistency import check_conditions
 from .statement.compiled import CompiledProblem
 from .statement.cost_parts import CostParts, SoftLimit, hard_and_soft, parameter_parts, price, split_along_path
+from .statement.dry_friction import Relaxation, relaxation
 from .statement.phase import Phase, Waypoint, read_cost
 from .statement.statement import ProblemStatement
 from .statement.time_span import span_text, time_span
@@ -31,7 +33,8 @@ class OptimalControlProblem(ProblemStatement):
     Parameters
     ----------
     mechanism : Mechanism
-        Model, the same that is simulated; its inputs are free. Left out if `phases` are given.
+        Model, the same that is simulated; its inputs are free. Left out if `phases` are given. Where ``DryFriction`` in
+        its joints sticks and slides is found.
     duration : float, (float, float) or between
         Time of the motion, s; two numbers: free between them, with :func:`between` from a guess.
     initial : sequence of relations, or State
@@ -92,8 +95,8 @@ class OptimalControlProblem(ProblemStatement):
         path = (*hard, *soft)
         one = (mechanism, duration, initial, final, path, running_cost, waypoints)
         cost, rows = read_cost(terminal_cost, "terminal_cost"), read_conditions(boundary)
-        #: arguments of which parts have become inputs
-        self._given = {
+        #: arguments as they were given, of which parts have become inputs
+        self.given = {
             "mechanism": mechanism, "path": path, "running_cost": running_cost, "terminal_cost": cost, "boundary": rows,
         }  # fmt: skip
         if phases is None:
@@ -118,14 +121,35 @@ class OptimalControlProblem(ProblemStatement):
         own = [*(p for phase in self.phases for w in phase.waypoints for p in w.parameters), *parts.symbols]
         self.free_parameters = (*free, *own)
         #: arguments before parts of the cost have become parameters
-        self._whole = {"terminal_cost": cost, "boundary": rows, "free_parameters": free}
+        self.whole = {"terminal_cost": cost, "boundary": rows, "free_parameters": free}
         if not self.is_phased:
-            self._whole |= {"path": (*phase.path, *phase.soft_limits), "running_cost": phase.own_cost}
+            self.whole |= {"path": (*phase.path, *phase.soft_limits), "running_cost": phase.own_cost}
             if not isinstance(phase.final, State):
-                self._whole["final"] = (*phase.final, *phase.soft_final)
+                self.whole["final"] = (*phase.final, *phase.soft_final)
         self.compiled = CompiledProblem()
         self._check()
-        check_conditions(self)
+        #: the same with exact friction as a force to be found; None if there is none
+        self.relaxed: tuple[OptimalControlProblem, Relaxation] | None = self._relaxed()
+        if self.relaxed is None:
+            check_conditions(self)
+
+    def _relaxed(self) -> tuple[OptimalControlProblem, Relaxation] | None:
+        frictions = [f for phase in self.phases for f in switching(phase.mechanism)]
+        if not frictions:
+            return None
+        if self.is_phased:
+            raise ModelError(
+                f"{frictions[0].description}: DryFriction takes a problem of one mechanism, whose phases of sticking "
+                "and sliding are found; with phases= take Coulomb, Stribeck or LuGre"
+            )
+        relaxed = relaxation(self.given["mechanism"])
+        whole = relaxed.replaced
+        problem = self.replace(
+            mechanism=whole.mechanism,
+            path=[*whole.conditions(self.given["path"]), *relaxed.conditions],
+            running_cost=whole.of(ca.SX(self.given["running_cost"])),
+        )
+        return problem, relaxed
 
     def _at_end(self, phase: Phase) -> list[SoftLimit]:
         value = phase.at_end if self.is_phased else at_end
@@ -137,9 +161,9 @@ class OptimalControlProblem(ProblemStatement):
         allowed = (
             {"phases", "terminal_cost", "boundary", "free_parameters"} if self.is_phased else {*names} - {"phases"}
         )
-        arguments = {name: getattr(self, name) for name in names if name in allowed} | self._whole
-        if not self.is_phased and changes.keys() & self._given.keys():  # parts belong to some of these alone
-            arguments |= self._given
+        arguments = {name: getattr(self, name) for name in names if name in allowed} | self.whole
+        if not self.is_phased and changes.keys() & self.given.keys():  # parts belong to some of these alone
+            arguments |= self.given
         refuse_unknown(changes, arguments)
         return OptimalControlProblem(**(arguments | changes))
 

@@ -81,7 +81,12 @@ class Solution(SolvedMotion):
         Times of the waypoints, s.
     parameters : dict of Parameter to float
         Values of the free parameters.
+    switches : tuple of Switch
+        With ``DryFriction``: when it stops or breaks away, with ``.t``, s, ``.name``, and the modes ``.before`` and
+        ``.after``.
     """
+
+    switches: tuple[Any, ...] = ()
 
     def state(self, index: int) -> State:
         """State at a point of :attr:`mesh`, by index; at a change from phase to phase the one just before."""

@@ -27,7 +27,17 @@ HEIGHT = {room: -level for level, rooms in enumerate(layers.LAYERS) for room in 
 INNER = {
     "integrators": ("native", "dop853 bdf"),
     "model": ("geometry", "joints", "forces", "ropes"),
-    "optimal_control": ("statement", "transcription", "poses", "program", "motion", "solve", "measures", "search"),
+    "optimal_control": (
+        "statement",
+        "transcription",
+        "poses",
+        "program",
+        "motion",
+        "solve",
+        "measures",
+        "search",
+        "friction",
+    ),
     "equations": ("switching",),
     "simulation": ("contact", "checks", "formulations", "changes", "singular", "stepping"),
     "visual": ("drawing", "plots"),

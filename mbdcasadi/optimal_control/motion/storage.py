@@ -151,8 +151,8 @@ def _phases(problem: OptimalControlProblem, content: Archive) -> tuple[list[Mesh
                 else f"{content.path}: the solution does not have the phase '{phase.name}' of the problem"
             )
         names = (f"{prefix}{kind} mesh points" for kind in ("moving", "pinned"))  # earlier versions have none
-        places = (tuple(content.numbers(name, None).tolist()) if name in content else () for name in names)
-        meshes.append(Mesh(tuple(segments), *places))
+        moving, pinned = (tuple(content.numbers(name, None).tolist()) if name in content else () for name in names)
+        meshes.append(Mesh(tuple(segments), moving, pinned))
         times.append(_increasing(content, f"{prefix}segment times", len(segments) + 1))
     return meshes, times, parameters
 

@@ -116,7 +116,7 @@ class Replay:
             float(np.max(self.deviations[-1][-1])) if stopped is None else np.inf,
             max((float(np.max(d, initial=0.0)) for d in self.deviations), default=0.0),
             0.0 if motion is None else motion.drift.position,
-            np.vstack([_defects(part) for part in parts if part.mesh.count]),
+            np.vstack([defects_of(part) for part in parts if part.mesh.count]),
             np.array([*self.times, *missing]),
             self.time_error,
             self.impulse_error,
@@ -251,7 +251,7 @@ def _moved(polynomial: PiecewisePolynomial, late: float, beyond: float) -> Piece
     return PiecewisePolynomial(np.r_[breaks[:-1], beyond], polynomial.coefficients)
 
 
-def _defects(part: PhaseSolution) -> np.ndarray:
+def defects_of(part: PhaseSolution) -> np.ndarray:
     """Largest difference in displacements (m) and angles (rad) by interval (N, 2)."""
     if not np.isfinite(part.mesh_error):
         return np.full((part.mesh.count, 2), np.inf)

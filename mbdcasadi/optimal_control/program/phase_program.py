@@ -76,7 +76,7 @@ class PhaseProgram:
         #: sizes of what the transcription works in
         self.reduced_scales = replace(self.scales.of(reduced.independent, reduced.rows), steps=max(mesh.count, 1))
         self.count = mesh.count
-        self._knots, self._piece, self._waypoints = mesh.knots, mesh.piece, mesh.waypoints
+        self._knots, self._piece, self._waypoints, self._longest = mesh.knots, mesh.piece, mesh.waypoints, mesh.longest
         stated = {0, *mesh.waypoints.tolist(), mesh.count}
         #: places of the start, the waypoints and the end among the knots of the mesh
         self.stated_knots = [k for k, point in enumerate(mesh.knots.tolist()) if point in stated]
@@ -295,6 +295,7 @@ class PhaseProgram:
         start, end = scheme.start(unknowns.interval), scheme.end(unknowns.interval)
         equalities = [c for c in self._path_at_stages if c.equality]
         limits = [c for c in self.limits_at_points if c not in self.limit_owners]
+        limits += [c for c in self.phase.path if c.across == ()]
 
         def place(some: list[Condition], at: CollocationPoint, tau: float) -> None:
             groups.extend(self._conditions(some, at, unknowns, tau))
@@ -309,7 +310,23 @@ class PhaseProgram:
         for tau in sorted({tau for _, tau in self._enforced}):
             here = [c for c in self.limits_at_points if tau in self.enforced_at(c)]
             place(here, scheme.at(unknowns.interval, tau), tau)
+        groups += self._rows_across([start, *points, end], points, unknowns)
         return groups + self._input_limit_rows(unknowns, end)
+
+    def _rows_across(
+        self, everywhere: list[CollocationPoint], stages: list[CollocationPoint], unknowns: Unknowns
+    ) -> list[Rows]:
+        """Products that vanish across the interval: one factor anywhere times the sum of the other over the stages."""
+        groups = []
+        for condition in self.phase.path:
+            if condition.across:
+                first, second, share = condition.across
+                size = float(self.sizes.of_changes([condition.expression])[0])
+                total = sum((self.value(second, at, unknowns) for at in stages), ca.SX(0))
+                for at in everywhere:
+                    value = self.value(first, at, unknowns) * total - self.value(share, at, unknowns) * size
+                    groups += condition_rows({condition: value}, {condition: size}, 1.0, PATH)
+        return groups
 
     def _input_limit_rows(self, unknowns: Unknowns, at: CollocationPoint) -> list[Rows]:
         """Limits of inputs and of their rates alone, at the control points of their polynomials."""
@@ -337,7 +354,8 @@ class PhaseProgram:
     def limits_at_points(self) -> list[Condition]:
         """Limits that hold at single points of the intervals: those of the path and of first-order states."""
         of_inputs = [c for limits in self._limits_of_inputs.values() for c in limits]
-        return [*(c for c in self.phase.path if not c.equality and c not in of_inputs), *self._limits_of_states]
+        path = [c for c in self.phase.path if not c.equality and c.across is None and c not in of_inputs]
+        return [*path, *self._limits_of_states]
 
     def enforced_at(self, condition: Condition) -> list[float]:
         """Points of an interval at which a limit is enforced besides stages and mesh points."""
@@ -416,8 +434,12 @@ class PhaseProgram:
         shortest = np.full(count, SHORTEST_SEGMENT)
         shortest[np.r_[moving - 1, moving]] = SHORTEST_SWITCH
         gaps = times[:-1] - times[1:] + ca.DM(shortest)
-        rows = Rows(gaps, orders, 1.0, np.ones(count), ("durations",) * count, equality=False)
-        return [*durations, block([rows])]
+        rows = [Rows(gaps, orders, 1.0, np.ones(count), ("durations",) * count, equality=False)]
+        if self._longest is not None:
+            most = times[1:] - times[:-1] - self._longest * (times[-1] - times[0])
+            owners = tuple(f"the longest interval, before {name}" for name in names[1:])
+            rows.append(Rows(most, owners, 1.0, np.ones(count), ("durations",) * count, equality=False))
+        return [*durations, block(rows)]
 
     def _duration_rows(self, times: ca.SX) -> list[Rows]:
         """Limits of the duration and of the times of waypoints, if the time at which the phase begins is free."""

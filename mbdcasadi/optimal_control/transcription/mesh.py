@@ -21,6 +21,8 @@ class Mesh:
     moving: tuple[int, ...] = ()
     #: those of them that keep their times, whatever moves beside them: where costs, limits or forces jump in time
     pinned: tuple[int, ...] = ()
+    #: longest interval beside a mesh point that moves, as a share of the duration; None for no limit
+    longest: float | None = None
 
     @classmethod
     def equal(cls, intervals: int, segment_times: np.ndarray) -> Mesh:
@@ -46,8 +48,8 @@ class Mesh:
         for k in range(round(float(positions[-1]))):
             inside = positions[(positions > k) & (positions < k + 1)] - k
             segments.append(np.r_[0.0, inside, 1.0])
-        places = (tuple(np.searchsorted(positions, sorted(some)).tolist()) for some in (moving, pinned))
-        return cls(tuple(segments), *places)
+        some, still = (tuple(np.searchsorted(positions, sorted(of)).tolist()) for of in (moving, pinned))
+        return cls(tuple(segments), some, still)
 
     @cached_property
     def counts(self) -> tuple[int, ...]:
@@ -62,7 +64,7 @@ class Mesh:
     @property
     def structure(self) -> Hashable:
         """Number of intervals of each segment, and mesh points that move: meshes alike in these share a program."""
-        return self.counts, self.moving
+        return self.counts, self.moving, self.longest
 
     @property
     def count(self) -> int:
@@ -129,7 +131,8 @@ class Mesh:
         segment = self.positions[:-1].astype(int)
         positions = segment + (points - ends[segment]) / np.diff(ends)[segment]
         positions = np.r_[positions, self.positions[-1]]
-        return Mesh.through(positions, positions[list(self.moving)], positions[list(self.pinned)])
+        mesh = Mesh.through(positions, positions[list(self.moving)], positions[list(self.pinned)])
+        return replace(mesh, longest=self.longest)
 
     def refined(self, pieces: np.ndarray) -> Mesh:
         """Mesh with intervals split into so many pieces (N,)."""

@@ -1,0 +1,230 @@
+"""A solution with exact friction: its switches, and its simulation with the search of ``simulate`` for them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from ...equations import equations
+from ...errors import MechanismError, ModelError
+from ...model.forces.friction.modes import switching
+from ...model.mechanism import Mechanism
+from ...numerics.console import without_warnings
+from ...numerics.lazy import cached_property
+from ...numerics.symbolic import symbolic
+from ...results.phases import PhasedTrajectory, places_in
+from ...results.state import Arrays, EventOccurrence
+from ...results.steps import Direct
+from ...results.trajectory import Statistics, Trajectory
+from ...simulation.simulate import simulate
+from ..motion.phase_solution import PhaseSolution
+from ..motion.return_map import Stability
+from ..motion.verification import Verification, defects_of
+from ..problem import OptimalControlProblem
+from ..solution import Solution
+from ..statement.dry_friction import Replaced
+from .pattern import SHORTEST, Piece
+
+
+@dataclass(frozen=True)
+class Switch:
+    """A change of the mode of a friction in a solution.
+
+    Attributes
+    ----------
+    t : float
+        Time, s.
+    name : str
+        "<friction> stops" or "<friction> breaks away", as events of a simulation are called; what turns stops, too.
+    before, after : str
+        Modes: ``"sticks"``, slides ``"forth"`` or ``"back"``.
+    """
+
+    t: float
+    name: str
+    before: str
+    after: str
+
+    def __repr__(self) -> str:
+        return f"{self.name} at t = {self.t:.6g} s ({self.before} → {self.after})"
+
+
+class SwitchedSolution(Solution):
+    """A solution of a problem with exact friction, in phases of sticking and sliding.
+
+    ``.problem`` is the one in phases; its first arguments are those of :class:`Solution`.
+
+    Attributes
+    ----------
+    original : OptimalControlProblem
+        The problem that was stated.
+    pieces : sequence of Piece
+        Modes in the phases.
+    switches : tuple of Switch
+        When friction stops, breaks away or turns, in the order of time.
+    """
+
+    def __init__(
+        self,
+        solution: Solution,
+        original: OptimalControlProblem,
+        pieces: Sequence[Piece],
+        replaced: Sequence[Replaced],
+    ):
+        vars(self).update(vars(solution))
+        self.original, self._replaced = original, replaced
+        #: the mechanism with its friction
+        self.mechanism: Mechanism = original.given["mechanism"]
+        ends = [float(part.segment_times[-1]) for part in self.phases]
+        begins = [0.0, *ends[:-1]]
+        self.pieces = [replace(p, begin=a, end=b) for p, a, b in zip(pieces, begins, ends, strict=True)]
+        self.switches = _switches(self.mechanism, self.pieces)
+
+    @cached_property
+    @symbolic
+    def trajectory(self) -> Trajectory:
+        """The motion of the mechanism with its friction; ``.at(times)`` between mesh points and stages."""
+        parts = [self._whole(part, of) for part, of in zip(self.phases, self._replaced, strict=True)]
+        at = {piece.end: part.final for piece, part in zip(self.pieces, parts, strict=True)}
+        events = [EventOccurrence(switch.name, switch.t, at[switch.t]) for switch in self.switches]
+        values = [part.parameters for part in parts]
+        return PhasedTrajectory(parts, self.mechanism, values, events=events, statistics=self._statistics)
+
+    @property
+    def _statistics(self) -> Statistics:
+        of = self.phases[0].trajectory.statistics
+        return Statistics(of.method, of.formulation, self.statistics.seconds)
+
+    def _whole(self, part: PhaseSolution, of: Replaced) -> Trajectory:
+        """The motion of a phase with the multipliers and inputs of the mechanism with its friction."""
+        eom, inner = equations(self.mechanism), part.phase.equations
+        friction = {f.multipliers.element_hash(): value for f, value in of.forces.items()}
+        loads = ca.vertcat(*[friction.get(s.element_hash(), s) for s in ca.vertsplit(eom.lam)])
+        inputs = places_in(inner.u, eom.u)
+
+        def arrays(motion: Trajectory) -> Arrays:
+            lam = motion[loads].reshape(len(motion), -1)
+            return motion.q, motion.v, motion.a, motion.z, lam, motion.inputs[:, inputs]
+
+        motion = part.trajectory
+        values = dict(zip(inner.mechanism.parameters, part.numeric.p.tolist(), strict=True))
+        p = np.array([values[symbol] for symbol in self.mechanism.parameters])
+        between = Direct(lambda times: arrays(motion.at(times)), motion)
+        return Trajectory(self.mechanism, motion.t, *arrays(motion), p, interpolation=between)
+
+    @symbolic
+    def verify(self, reltol: float = 1e-10, abstol: float = 1e-10) -> Verification:
+        """Simulate the mechanism of the problem with the inputs of the solution: sticking and sliding are found anew.
+
+        ``final_error`` tells whether the simulation ends where the solution does. If it switches otherwise, ``repr``
+        says so, and ``time_error`` is infinite; ``event_times`` are those of its switches.
+        """
+        first, mechanism = self.trajectory.initial, self.mechanism
+        motion: Trajectory | None = None
+        stopped: MechanismError | None = None
+        try:
+            with without_warnings(".*beyond its limits"):
+                motion = simulate(
+                    mechanism,
+                    self.mesh_times,
+                    initial=first,
+                    inputs={u: p for u, p in self.inputs.items() if any(u is own for own in mechanism.inputs)},
+                    parameters=dict(zip(mechanism.parameters, first.parameters.tolist(), strict=True)),
+                    reltol=reltol,
+                    abstol=abstol,
+                )
+        except MechanismError as error:
+            motion, stopped = error.partial if isinstance(error.partial, Trajectory) else None, error
+        deviations = np.zeros((1, 1)) if motion is None else self._deviations(motion)
+        found = [] if motion is None else [e for e in motion.events if e.name in _names(mechanism)]
+        return SwitchVerification(
+            motion,
+            float(np.max(deviations[-1])) if stopped is None else np.inf,
+            float(np.max(deviations)),
+            0.0 if motion is None else motion.drift.position,
+            np.vstack([defects_of(part) for part in self.phases]),
+            np.array([event.t for event in found]),
+            self._time_error(found),
+            growth=max(part.largest_growth for part in self.phases),
+            stopped=stopped,
+            planned=self.switches,
+            found=tuple(f"{e.name} at t = {e.t:.6g} s" for e in found),
+        )
+
+    def _refuse_phases(self, name: str, remedy: str) -> None:
+        raise ModelError(f"Solution.{name}: a motion with exact dry friction has none; {remedy}")
+
+    def stability(self) -> Stability:
+        """Refuse: the disturbed motion sticks at other times."""
+        self._refuse_phases("stability", "simulate it from disturbed starts")
+        return super().stability()
+
+    def save(self, path: str | Path) -> None:
+        """Refuse: its phases belong to no problem that could be stated again."""
+        self._refuse_phases("save", "save its trajectory")
+
+    def _deviations(self, motion: Trajectory) -> np.ndarray:
+        """Differences of a simulation at the mesh points that it reached, in coordinates and shares of states."""
+        reached = self.mesh_times[self.mesh_times <= motion.t[-1]]
+        one, other = motion.at(reached), self.trajectory.at(reached)
+        ranges = np.max([part.state_ranges for part in self.phases], axis=0)
+        return np.abs(np.hstack([one.q - other.q, (one.z - other.z) / ranges]))
+
+    def _time_error(self, found: Sequence[EventOccurrence]) -> float:
+        """Largest difference of the time of a switch; infinite if others take place.
+
+        What slides up to the end may stop there, and of frictions that one motion makes slide a simulation names one.
+        """
+        sliding = zip(switching(self.mechanism), self.pieces[-1].senses, strict=True)
+        last = {f"{friction.name} stops" for friction, mode in sliding if mode != "sticks"}
+        instants = (_instants([one.t for one in of], SHORTEST * self.duration) for of in (self.switches, found))
+        planned, simulated = instants
+        more = len(simulated) - len(planned)
+        known = last | {switch.name for switch in self.switches}
+        if not 0 <= more <= bool(last) or any(event.name not in known for event in found):
+            return np.inf
+        return max((abs(a - b) for a, b in zip(planned, simulated, strict=False)), default=0.0)
+
+
+@dataclass(frozen=True)
+class SwitchVerification(Verification):
+    """A verification with the switches of the solution and of the simulation."""
+
+    planned: tuple[Switch, ...] = ()
+    found: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        text = super().__repr__()
+        if np.isinf(self.time_error):
+            planned = ", ".join(f"{s.name} at t = {s.t:.6g} s" for s in self.planned) or "nothing switches"
+            text += f"; the simulation switches otherwise: {', '.join(self.found) or 'never'}; planned: {planned}"
+        return text
+
+
+def _names(mechanism: Mechanism) -> set[str]:
+    return {f"{f.name} {word}" for f in switching(mechanism) for word in ("stops", "breaks away")}
+
+
+def _switches(mechanism: Mechanism, pieces: Sequence[Piece]) -> tuple[Switch, ...]:
+    """Changes of modes between pieces."""
+    switches = []
+    for one, other in itertools.pairwise(pieces):
+        for friction, before, after in zip(switching(mechanism), one.senses, other.senses, strict=True):
+            if before != after:
+                word = "breaks away" if before == "sticks" else "stops"
+                switches.append(Switch(one.end, f"{friction.name} {word}", before, after))
+    return tuple(switches)
+
+
+def _instants(times: Sequence[float], near: float) -> list[float]:
+    """Times, s, of which those nearer to one before are left out."""
+    kept: list[float] = []
+    for time in sorted(times):
+        if not kept or time - kept[-1] > near:
+            kept.append(time)
+    return kept
