@@ -10,14 +10,13 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from ..numerics.tolerances import ACCURACY
 from .derivation import Equations
 from .saddle import REPORTED, Saddle, row_sizes
 
 #: Share of the squared length by the masses that counts as a squared lever where levers vanish, and the largest ratio
 #: of moments in the norm by levers to those by masses, with which the regularised solution converges.
 NO_LEVER, MOST_BY_LEVERS = 1e-9, 1e3
-#: Share of the largest multiplier below which what one has above the least norm is rounding.
-LEAST_MORE = 1e-13
 
 
 def of_least_norm(eom: Equations, lam: ca.SX, weights: np.ndarray) -> ca.SX:
@@ -25,7 +24,7 @@ def of_least_norm(eom: Equations, lam: ca.SX, weights: np.ndarray) -> ca.SX:
     saddle = Saddle(ca.SX(ca.DM(weights)), eom.Phi_q, eom.angular_rows, REPORTED, norm=sizes_by_levers(eom, weights))
     more = lam - saddle.multipliers(saddle.schur @ lam)
     # of rows that are independent it is rounding, which small multipliers are spared; zeros have derivatives
-    rounding = LEAST_MORE * ca.repmat(ca.mmax(ca.fabs(lam)), *lam.shape)
+    rounding = ACCURACY * ca.repmat(ca.mmax(ca.fabs(lam)), *lam.shape)
     is_known = ca.logic_or(more == 0, ca.fabs(more) > rounding)
     return lam - ca.if_else(is_known, more, 0)
 

@@ -13,14 +13,11 @@ import numpy as np
 
 from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import largest
+from ..numerics.tolerances import ON_CONSTRAINTS, PROJECTIONS
 from .derivation import Equations
 from .numeric import NumericEquations
 from .saddle import ONTO_ROWS, SHIFTED, Saddle
 
-#: Residual of a constraint, relative to 1 + |q|, that is rounding.
-ROUNDING = 1e-14
-#: Steps of a projection of positions, at most.
-PROJECTIONS = 10
 #: Relative residuals from and up to which refined steps are tried, which find what the shift of the others holds back,
 #: and the share of them that each step may leave.
 HELD_BACK, FAR_AWAY, LEFT_BY_STEP = 5e-14, 1e-3, 0.1
@@ -72,7 +69,7 @@ class Recovery:
                 break
             self.left_over = worst
             q, before, left = moved, worst, size
-            if worst <= ROUNDING * (1 + largest(q)):
+            if worst <= ON_CONSTRAINTS * (1 + largest(q)):
                 break
         if left is None:
             return q

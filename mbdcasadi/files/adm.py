@@ -10,15 +10,12 @@ from ..errors import FileError, MechanismError
 from ..model.bodies import Body
 from ..model.drivers import Driver
 from ..model.element import Element
-from ..model.forces.field import Gravity
+from ..model.forces.field import GRAVITY, Gravity
 from ..model.geometry.shapes import Rectangle, Shape
 from ..model.mechanism import Mechanism
 from .elements import CONSTRAINTS, FORCES, Bodies, Builder, FileForces, Part, circle_on_ground, matlab_name
 from .fields import Fields, objects
 from .text import JsonObject, read_json
-
-#: Gravity if a file gives none.
-GRAVITY = (0.0, -9.81)
 
 
 def read_adm(path: str | Path, forces: FileForces | None = None) -> Mechanism:

@@ -10,9 +10,9 @@ import numpy as np
 
 from ..integrators.dop853.runner import steps_in_c
 from ..integrators.native.run import engine_source
-from ..integrators.native.stretch import ACCURACY
 from ..numerics.c_code import SIGNATURE, literal
 from ..numerics.c_interface import constant_table
+from ..numerics.tolerances import ON_CONSTRAINTS
 from ..simulation.contact import gap_closings, watched_terms
 from ..simulation.tolerances import absolute_tolerance
 from .description import Unit
@@ -85,7 +85,7 @@ def _numbers(unit: Unit) -> list[str]:
         "DEFAULT_RELTOL": unit.reltol,
         "DEFAULT_ABSTOL": unit.abstol,
         "LARGEST_ABSTOL": absolute_tolerance(unit.model.numeric, np.inf),  # which friction asks for
-        "ACCURACY": ACCURACY,
+        "ACCURACY": ON_CONSTRAINTS,
         "DRIFT_RATE": unit.model.drift_rate,
         "SHALLOW": watched_terms.SHALLOW,
         "GAP_SAFETY": gap_closings.SAFETY,

@@ -18,10 +18,9 @@ from ..integrators import IDAS
 from ..integrators.compiled import Clock, CompiledIntegrator, Dae, InitialValueProblem, IntegrationFailure
 from ..numerics.console import interruptible
 from ..numerics.progress import progress_bar
+from ..numerics.tolerances import INTEGRATION
 from .driven_motion import DrivenMotion, MotionFollower
 
-#: Tolerance of the integration.
-INTEGRATION_TOLERANCE = 1e-11
 #: Outputs after which the integration restarts from the projected pose.
 CHUNK = 100
 
@@ -36,7 +35,7 @@ class VelocityLevelMotion(MotionFollower):
 
     def run(self, grid: np.ndarray, q: np.ndarray, *, progress: bool = False) -> DrivenMotion:
         """Follow the motion over a grid from the pose at its first time."""
-        integrator = CompiledIntegrator(self._system(), IDAS(INTEGRATION_TOLERANCE, INTEGRATION_TOLERANCE))
+        integrator = CompiledIntegrator(self._system(), IDAS(INTEGRATION, INTEGRATION))
         poses, done = q[None, :], 1
         with interruptible() as stop, progress_bar(grid.size - 1, "kinematics", " times", show=progress) as bar:
             try:

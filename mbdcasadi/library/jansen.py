@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from ..model.bodies import ground
+from ..model.forces.field import GRAVITY
 from ..model.joints.lower_pairs import Revolute
 from ..model.symbols import number
-from .model import GRAVITY, Model, at_angle, bar, cranked, ends, lengths, meeting_point
+from .model import Model, at_angle, bar, cranked, ends, lengths, meeting_point
 
 #: Jansen's lengths of the bars, in units of which the crank has 15; ``a`` and ``l`` place the fixed pivot.
 LENGTHS = {

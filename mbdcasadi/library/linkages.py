@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import ModelError
 from ..model.bodies import Body, ground
 from ..model.forces.applied import Torque
+from ..model.forces.field import GRAVITY
 from ..model.geometry.shapes import Rectangle
 from ..model.joints.lower_pairs import Revolute, Translational
 from ..model.mechanism import Mechanism
@@ -16,7 +17,6 @@ from ..model.quantities import yes_or_no
 from ..model.symbols import Input, number
 from .free_linkages import free_four_bar
 from .model import (
-    GRAVITY,
     Model,
     at_angle,
     bar,

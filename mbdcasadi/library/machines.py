@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import ModelError
 from ..model.bodies import Body, ground
 from ..model.forces.applied import Torque
+from ..model.forces.field import GRAVITY
 from ..model.forces.springs import TSDA
 from ..model.geometry.cam_outlines import CamOutline
 from ..model.geometry.curves import least
@@ -19,7 +20,7 @@ from ..model.joints.lower_pairs import Revolute, Translational
 from ..model.mechanism import Mechanism
 from ..model.quantities import whole
 from ..model.symbols import Input, number
-from .model import GRAVITY, Model, at_angle, cranked, lengths, masses_of, weight
+from .model import Model, at_angle, cranked, lengths, masses_of, weight
 
 
 def planetary_gear(

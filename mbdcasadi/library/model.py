@@ -19,9 +19,6 @@ from ..model.immutable import HoldsSymbols, Immutable
 from ..model.mechanism import Mechanism
 from ..model.symbols import Input, number, positive
 
-#: Free-fall acceleration, m/s².
-GRAVITY = (0.0, -9.81)
-
 
 class Model(Immutable, HoldsSymbols):
     """A mechanism with names for its parts.

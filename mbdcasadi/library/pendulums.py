@@ -8,11 +8,12 @@ import numpy as np
 
 from ..model.bodies import ground
 from ..model.forces.applied import Torque
+from ..model.forces.field import GRAVITY
 from ..model.joints.lower_pairs import Revolute
 from ..model.mechanism import Mechanism
 from ..model.quantities import whole
 from ..model.symbols import Input
-from .model import GRAVITY, Model, at_angle, bar, ends, lengths, masses_of, one_for_each, weight
+from .model import Model, at_angle, bar, ends, lengths, masses_of, one_for_each, weight
 
 
 def pendulum_chain(

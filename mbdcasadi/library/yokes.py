@@ -8,10 +8,11 @@ import numpy as np
 
 from ..errors import ModelError
 from ..model.bodies import Body, ground
+from ..model.forces.field import GRAVITY
 from ..model.geometry.shapes import Rectangle
 from ..model.joints.lower_pairs import PointOnLine, Revolute, Translational
 from ..model.symbols import number
-from .model import GRAVITY, Model, at_angle, bar, cranked, ends, lengths, masses_of
+from .model import Model, at_angle, bar, cranked, ends, lengths, masses_of
 
 
 def quick_return(

@@ -28,5 +28,10 @@ NEGLIGIBLE = 1e-9
 #: A condition counts as met, and two results as the same, up to this share of the sizes in them: errors of integrators,
 #: of solvers and of events that were located are below it.
 MET = 1e-6
+#: Residual of a constraint, relative to 1 + |q|, that is rounding, and steps of Newton's method that bring it there, at
+#: most.
+ON_CONSTRAINTS, PROJECTIONS = 1e-14, 10
+#: Tolerance of an integration that is exact beside others, and the error that it makes; 1e-12 takes it to rounding.
+INTEGRATION = 1e-11
 #: Smallest share of a step that a line search tries.
 SMALLEST_SHARE = 1e-4

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import MechanismError
 from ..model.symbols import as_expression
+from ..numerics.tolerances import ACCURACY
 from .motion import Motion
 from .state import State
 
@@ -18,8 +19,6 @@ NARROWER, ROUNDS = 16, 10
 CHUNK = 20_000
 #: By how much a value between three others may exceed them, in their second difference: of a parabola 1/8.
 GAIN = 2.0
-#: Difference of values, relative to their size, that is rounding: of equal peaks the first one counts.
-EQUAL = 1e-13
 
 
 class Extremum:
@@ -91,7 +90,7 @@ def extremum(motion: Motion, expression: Any, sign: int, what: str) -> Extremum:
         low, high = grid[rows, left], grid[rows, right]
         with np.errstate(invalid="ignore"):
             gain = np.nan_to_num(GAIN * (2 * peak - heights[rows, left] - heights[rows, right]), nan=0.0)
-        open_ = (peak + gain > best * (1 - EQUAL * np.sign(best))) & (high > low)
+        open_ = (peak + gain > best * (1 - ACCURACY * np.sign(best))) & (high > low)
         low, high = low[open_], high[open_]
     return Extremum(motion, found, float(np.atleast_1d(motion.at(found)[expression])[0]))
 
@@ -99,7 +98,7 @@ def extremum(motion: Motion, expression: Any, sign: int, what: str) -> Extremum:
 def _best(t: np.ndarray, values: np.ndarray) -> tuple[float, float]:
     """Largest value, and the first time at which it is reached."""
     best = float(np.max(values))
-    return best, float(t[np.argmax(values >= best - EQUAL * abs(best))])
+    return best, float(t[np.argmax(values >= best - ACCURACY * abs(best))])
 
 
 def _values(motion: Motion, expression: ca.SX, sign: int, times: np.ndarray) -> np.ndarray:

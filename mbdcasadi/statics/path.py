@@ -32,7 +32,7 @@ PATH_TURN, STRAIGHT = 0.2, 0.7
 #: The same of a step after which the next one may be twice as long.
 EASY_TURN, EASILY_STRAIGHT = PATH_TURN / 2, 0.9
 #: Accuracy to which a critical value is found, relative to the range.
-ACCURACY = 1e-11
+CRITICAL_ACCURACY = 1e-11
 
 
 def equilibrium_path(
@@ -347,7 +347,7 @@ class Follower:
         """Point at which oscillations begin to grow, by halving: on the side on which it flutters."""
         inner, outer = 0.0, length
         points = {inner: low, outer: high}
-        while outer - inner > ACCURACY:
+        while outer - inner > CRITICAL_ACCURACY:
             middle = (inner + outer) / 2
             between = self.advance(low, middle)
             if between is None or not inner < middle < outer:
@@ -383,7 +383,7 @@ class Follower:
         at = min(ends, key=lambda advance: abs(ends[advance]))
         if abs(ends[at]) > NEUTRAL * low.state.stiffness.scale:  # else a point of the path is the critical one itself
             course = np.vectorize(eigenvalue, otypes=[float])
-            at = bracketed_root(course, 0.0, length, ends[0.0], ends[length], ACCURACY)
+            at = bracketed_root(course, 0.0, length, ends[0.0], ends[length], CRITICAL_ACCURACY)
         eigenvalue(at)
         point = points[at]
         turned = low.tangent[-1] * high.tangent[-1] < 0

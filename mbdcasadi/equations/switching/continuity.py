@@ -14,15 +14,13 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from ...numerics.tolerances import NEGLIGIBLE
+from ...numerics.tolerances import ACCURACY, NEGLIGIBLE
 from .switches import Switch, sides_of
 
 #: Random lines, points of each, points of a border that are looked at, and starts of Newton's method towards one.
 LINES, POINTS, HITS, STARTS = 24, 33, 8, 24
 #: Steps of Newton's method towards a border, and of the search for it in a bracket.
 NEWTON_STEPS, BRACKET_STEPS = 12, 100
-#: Width of a bracket, relative to the first one, that is rounding.
-NARROW = 1e-13
 #: Jump that is rounding: relative to the values on the border, to those at the ends of the first bracket, and to the
 #: jump a little way off the border. Over a continuous border the difference grows from nothing.
 SAME_VALUE, NOISE, GROWN = 1e-9, 1e-13, 1e-4
@@ -226,14 +224,14 @@ class _Trial:
         at_low, at_high = at_low - border, at_high - border
         open_ = everywhere
         for step in range(BRACKET_STEPS):
-            open_ = open_[high[open_] - low[open_] > NARROW]
+            open_ = open_[high[open_] - low[open_] > ACCURACY]
             if not open_.size:
                 break
             a, b, fa, fb = low[open_], high[open_], at_low[open_], at_high[open_]
             with np.errstate(invalid="ignore", divide="ignore"):
                 middle = (a * fb - b * fa) / (fb - fa)
             # a little beyond the root, so that both ends come near to it
-            middle += np.where(np.abs(fa) < np.abs(fb), 1.0, -1.0) * NARROW / 2
+            middle += np.where(np.abs(fa) < np.abs(fb), 1.0, -1.0) * ACCURACY / 2
             # beside a side on which the quantity is zero everywhere, as a penetration, there is no slope to follow
             falsi = (middle > a) & (middle < b) & (step % 3 < 2) & (fa != 0) & (fb != 0)
             middle = np.where(falsi, middle, (a + b) / 2)

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from ...numerics.least_squares import largest
+from ...numerics.tolerances import PROJECTIONS
 from ..compiled import InitialValueProblem
 from ..native.pieces import NativeIntegrator
-from ..native.stretch import PROJECTIONS
 from .runner import ExplicitRunner
 
 #: Correction of a start by projection, relative to 1 + |x|, after which rounding is left: its square.

@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from ...numerics import tolerances
 from ...numerics.c_code import Tape, interpreter_in_c
 from . import build, shared, stretch
 from .code import Code, package_version
 from .shared import CASES, FUNCTION, STRETCH, SYSTEM
-from .stretch import ACCURACY, MOST_SAMPLES, SAMPLES, Cases, ExplicitSystem, Progress, Reached, Status, Stretch, Watched
+from .stretch import MOST_SAMPLES, SAMPLES, Cases, ExplicitSystem, Progress, Reached, Status, Stretch, Watched
 
 #: Optimisation of the engine, which is compiled once.
 OPTIMISATION = "-O3"
@@ -27,7 +28,7 @@ EXTRA_ROWS = 2048
 #: Bytes that one call may return beyond the outputs.
 EXTRA_BYTES = 4_000_000
 #: Constants that the engines take from ``stretch``.
-CONSTANTS = ("LEAST", "MOST", "MOST_SAMPLES", "PROJECTIONS", "LOOSE")
+CONSTANTS = ("LEAST", "MOST", "MOST_SAMPLES", "LOOSE")
 #: Bytes of room for these that are kept from one call to the next, at most.
 MOST_KEPT = 2 * EXTRA_BYTES
 #: Numbers of a system, what a stretch gives at addresses that stay, its settings, and what is handed on from one
@@ -73,7 +74,8 @@ def engine_source(steps: str) -> str:
         C code of the method, with its ``mbd_advance``; it stands below ``run.c`` and above ``cases.c``.
     """
     operations = interpreter_in_c().replace("\n", " \\\n")
-    above = f"{_HEAD}\n{defined(stretch, CONSTANTS)}\n#define OPERATIONS \\\n{operations}\n\n{shared.in_c()}"
+    constants = defined(stretch, CONSTANTS) + defined(tolerances, ["PROJECTIONS"])
+    above = f"{_HEAD}\n{constants}\n#define OPERATIONS \\\n{operations}\n\n{shared.in_c()}"
     return f"{above}{_shipped('run.c')}\n{steps}\n{_shipped('cases.c')}"
 
 
@@ -157,7 +159,7 @@ class NativeRun:
         self._task = STRETCH(
             **dict(zip(GIVEN, map(self._arrays.address, self._given), strict=True)),
             channel=system.channel,
-            accuracy=ACCURACY,
+            accuracy=tolerances.ON_CONSTRAINTS,
             halt=self._halt.ctypes.data,
             samples=SAMPLES,
         )

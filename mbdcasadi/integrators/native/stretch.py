@@ -14,12 +14,8 @@ from .code import Written
 
 #: Points inside every step at which events are looked at, at least.
 SAMPLES = 7
-#: Residual of a constraint, relative to 1 + |q|, that is rounding.
-ACCURACY = 1e-14
 #: Residual with which a step is accepted if no iteration reduces it.
 LOOSE = 1e-9
-#: Iterations of the projection, at most.
-PROJECTIONS = 10
 #: Smallest and largest factor from one step size to the next.
 LEAST, MOST = 0.2, 10.0
 #: Samples inside one step at most.

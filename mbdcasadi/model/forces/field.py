@@ -16,6 +16,9 @@ from ..geometry.quadrature import quadrature
 from ..quantities import called, function_of, known_value, vector2, whole
 from ..symbols import Vector
 
+#: Free-fall acceleration, m/s².
+GRAVITY = (0.0, -9.81)
+
 
 class Gravity(Element):
     """Weight of every body: ``δW = m g · δr``; potential ``-m g · r``.
@@ -35,7 +38,7 @@ class Gravity(Element):
     kind = "force"
     external = True
 
-    def __init__(self, acceleration: Vector = (0.0, -9.81), name: str = "gravity"):
+    def __init__(self, acceleration: Vector = GRAVITY, name: str = "gravity"):
         super().__init__(name)
         self.acceleration = vector2(acceleration, self.description, "acceleration")
 

@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from ...errors import warn
+from ...numerics.tolerances import INTEGRATION
 from ..motion.growth import REPLAY_ERROR, UNSTABLE_GROWTH
 from ..motion.phase_solution import PhaseSolution
 from ..motion.solved_motion import SolvedMotion
@@ -26,8 +27,6 @@ REPLAY_INTERVALS = 120
 #: Share that errors at the ends of intervals have of those inside at most (measured on 21 solutions: up to 0.047), and
 #: order of a scheme from which they are so much smaller.
 END_SHARE, SHARED_ORDER = 0.05, 6
-#: Error that any integration makes, rad or sizes of the mechanism.
-INTEGRATION_ERROR = 1e-11
 #: Growth of errors from which rounding and the errors of the solver alone lead a simulation away.
 FOLLOWED_GROWTH = 1e7
 
@@ -176,7 +175,7 @@ def replay_error(part: PhaseSolution) -> float:
 
     Zero if it is certainly small, and that of an integration alone if intervals cannot be integrated again.
     """
-    least = INTEGRATION_ERROR * part.largest_growth
+    least = INTEGRATION * part.largest_growth
     share = END_SHARE if part.program.scheme.order >= SHARED_ORDER else 1.0
     if max(share * np.sum(_at_end(part, part.inner_errors)), least) <= REPLAY_ERROR:
         return 0.0

@@ -12,10 +12,8 @@ from ...equations.recovery import Recovery
 from ...integrators.failures import reason_of
 from ...numerics.collocation import gauss
 from ...numerics.console import call
+from ...numerics.tolerances import INTEGRATION
 from ..transcription.motion import Polynomials
-
-#: Tolerance of the integration against which an interval is measured.
-INTEGRATION_TOLERANCE = 1e-11
 
 
 def end_differences(motion: Polynomials) -> np.ndarray:
@@ -105,5 +103,5 @@ def _integrator(numeric: NumericEquations, degree: int, *, redundant: bool) -> c
         "p": ca.vertcat(start, length, eom.p, c),
         "ode": length * ca.vertcat(eom.v, a, rate),
     }
-    options = {"reltol": INTEGRATION_TOLERANCE, "abstol": INTEGRATION_TOLERANCE, "max_num_steps": 100_000}
+    options = {"reltol": INTEGRATION, "abstol": INTEGRATION, "max_num_steps": 100_000}
     return ca.integrator("interval", "erk", system, 0.0, 1.0, options)

@@ -7,15 +7,13 @@ import numpy as np
 
 from ...equations.derivation import Equations
 from ...numerics.least_squares import largest
-from ...numerics.tolerances import NEGLIGIBLE
+from ...numerics.tolerances import ACCURACY, NEGLIGIBLE
 from ...results.trajectory import Trajectory
 
 #: Range of a motion (m or rad), in absolute tolerances, below which the tolerance does not resolve it.
 RESOLVED = 1e5
 #: Range, relative to the size of the coordinates, that is rounding.
 RANGE_TOLERANCE = 1e-11
-#: Range, relative to the size of the coordinates, below which nothing moves.
-REST_TOLERANCE = 1e-13
 #: Absolute tolerance for a motion of small range, relative to that; and the smallest.
 ABSTOL_SHARE, SMALLEST_ABSTOL = 1e-8, 1e-15
 #: Steps of a run from which its energy is looked at.
@@ -58,7 +56,7 @@ def range_near_rounding(q: np.ndarray) -> list[str]:
     """Sentence on a motion whose range is little more than the rounding of its coordinates."""
     if largest(ranges_of(q)) > 0:
         return []
-    ranges = ranges_of(q, REST_TOLERANCE)
+    ranges = ranges_of(q, ACCURACY)
     if not largest(ranges):
         return []
     size = float(np.max(np.abs(q[:, ranges > 0])))
