@@ -21,6 +21,7 @@ LAYERS: tuple[dict[str, str], ...] = (
     {"__init__": "public names"},
     {"synthesis": "linkages through positions"},
     {"visual": "drawings, plots, films, the page"},
+    {"control": "controllers in C"},
     {"sweeping": "many runs", "identification": "parameters from data", "optimal_control": "direct collocation"},
     {
         "inverse_dynamics": "loads of a motion",

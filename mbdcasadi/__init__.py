@@ -87,6 +87,7 @@ __version__ = "0.1.0"
 
 if _typing.TYPE_CHECKING:
     from . import library
+    from .control.controller import Controller, ControlPlan, ControlStep, ControlTiming
     from .files.acf import read_acf
     from .files.adm import read_adm
     from .files.mjcf import read_mjcf
@@ -135,6 +136,7 @@ if _typing.TYPE_CHECKING:
 #: Modules that are imported at the first use of one of their names, and these names.
 _LATER = {
     "": "library",
+    "control.controller": "ControlPlan ControlStep ControlTiming Controller",
     "files.acf": "read_acf",
     "files.adm": "read_adm",
     "files.mjcf": "read_mjcf",
@@ -186,27 +188,28 @@ __all__ = [
     "BDF", "DOP853", "IDAS", "RSDA", "STRATEGIES", "TSDA", "AbsoluteAngle", "AbsoluteDistance", "AbsoluteX",
     "AbsoluteY", "Actuator", "Animation", "AssemblyError", "Belt", "Body", "Bushing", "Cable", "CamCam",
     "CamFlatFollower", "CamOutline", "CamPointFollower", "Circle", "CollocationPoint", "ConditionError", "Constraint",
-    "ConstraintElement", "Contact", "Coordinate", "CostFunction", "Coulomb", "Coupler", "Curve", "Cylinder", "DCMotor",
-    "DataLaw", "Disc", "Distance", "Driver", "Drum", "DryFriction", "Element", "EndStop", "EnergyMeter", "Equations",
-    "Equilibrium", "EquilibriumError", "EquilibriumPath", "Event", "Experiment", "ExpressionError", "FieldForce",
-    "FileError", "FirstOrderLag", "Fit", "Force", "FrictionLaw", "GasSpring", "GaussLegendre", "Gear",
-    "GeneralizedForce", "Glyph", "Gravity", "HalfPlane", "HermiteSimpson", "HollowCircle", "HuntCrossley",
-    "HydraulicCylinder", "IdentificationError", "Input", "Integrator", "IntegratorStep", "Interrupted", "Joint",
-    "JointFriction", "KnifeEdge", "LinearModel", "Linkage", "Linkages", "LoadIndependentFriction", "LuGre", "Marker",
-    "Mechanism", "MechanismError", "MechanismWarning", "ModelError", "MotionProgram", "NonholonomicConstraint",
-    "OptimalControlProblem", "OptimizationError", "PIController", "Parameter", "Phase", "Point", "PointOnCurve",
-    "PointOnLine", "Polygon", "PolygonEdges", "Proposal", "Pulley", "RackAndPinion", "Reachability", "Reaction",
-    "Rectangle", "RelativeAngle", "RelativeX", "RelativeY", "Report", "Resistance", "Revolute", "Rod", "Rolling",
-    "Rope", "Rosenbrock", "RunEquations", "RungeKutta", "SampledController", "Segment", "Sensitivities",
-    "ShakingForce", "Shape", "SimulationError", "SingularityError", "Smoothing", "Solution", "Stability", "State",
-    "StateVariable", "SteppingMethod", "Strategy", "Stribeck", "Sweep", "Torque", "Trajectory", "Transcription",
-    "Translational", "ValidityCondition", "Viscous", "Waypoint", "Weld", "absolute", "animate", "assemble", "at_end",
-    "at_start", "between", "bounded", "check", "cost_function", "draw", "dwell", "equations", "equilibrium",
-    "equilibrium_path", "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness", "identify",
-    "impact", "integral", "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize", "optimize",
-    "plot", "plot_energy", "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution", "positive_part",
-    "reachable", "read_acf", "read_adm", "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise",
-    "sensitivities", "shaking_force", "simulate", "soft", "stability", "sweep", "synthesize", "t", "time_derivative",
+    "ConstraintElement", "Contact", "ControlPlan", "ControlStep", "ControlTiming", "Controller", "Coordinate",
+    "CostFunction", "Coulomb", "Coupler", "Curve", "Cylinder", "DCMotor", "DataLaw", "Disc", "Distance", "Driver",
+    "Drum", "DryFriction", "Element", "EndStop", "EnergyMeter", "Equations", "Equilibrium", "EquilibriumError",
+    "EquilibriumPath", "Event", "Experiment", "ExpressionError", "FieldForce", "FileError", "FirstOrderLag", "Fit",
+    "Force", "FrictionLaw", "GasSpring", "GaussLegendre", "Gear", "GeneralizedForce", "Glyph", "Gravity", "HalfPlane",
+    "HermiteSimpson", "HollowCircle", "HuntCrossley", "HydraulicCylinder", "IdentificationError", "Input", "Integrator",
+    "IntegratorStep", "Interrupted", "Joint", "JointFriction", "KnifeEdge", "LinearModel", "Linkage", "Linkages",
+    "LoadIndependentFriction", "LuGre", "Marker", "Mechanism", "MechanismError", "MechanismWarning", "ModelError",
+    "MotionProgram", "NonholonomicConstraint", "OptimalControlProblem", "OptimizationError", "PIController",
+    "Parameter", "Phase", "Point", "PointOnCurve", "PointOnLine", "Polygon", "PolygonEdges", "Proposal", "Pulley",
+    "RackAndPinion", "Reachability", "Reaction", "Rectangle", "RelativeAngle", "RelativeX", "RelativeY", "Report",
+    "Resistance", "Revolute", "Rod", "Rolling", "Rope", "Rosenbrock", "RunEquations", "RungeKutta", "SampledController",
+    "Segment", "Sensitivities", "ShakingForce", "Shape", "SimulationError", "SingularityError", "Smoothing", "Solution",
+    "Stability", "State", "StateVariable", "SteppingMethod", "Strategy", "Stribeck", "Sweep", "Torque", "Trajectory",
+    "Transcription", "Translational", "ValidityCondition", "Viscous", "Waypoint", "Weld", "absolute", "animate",
+    "assemble", "at_end", "at_start", "between", "bounded", "check", "cost_function", "draw", "dwell", "equations",
+    "equilibrium", "equilibrium_path", "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness",
+    "identify", "impact", "integral", "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize",
+    "optimize", "plot", "plot_energy", "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution",
+    "positive_part", "reachable", "read_acf", "read_adm", "read_mjcf", "read_solution", "read_trajectory", "read_urdf",
+    "rise", "sensitivities", "shaking_force", "simulate", "soft", "stability", "sweep", "synthesize", "t",
+    "time_derivative",
 ]  # fmt: skip
 __all__ += _expressions.__all__
 

@@ -42,19 +42,21 @@ class Independent:
     names: tuple[str, ...]
 
 
-def independent(numeric: NumericEquations, state: State, chosen: Any) -> Independent:
+def independent(
+    numeric: NumericEquations, state: State, chosen: Any, *, analysis: str = "linearize", argument: str = "coordinates="
+) -> Independent:
     """Coordinates as the user chose them, or those of the bodies that describe the motion best."""
     eom = numeric.eom
     rows = [int(k) for k in eom.position_rows]
     jacobian = numeric.velocity(state.t, state.q)[0]
     if chosen is not None:
-        expressions = [as_expression(c, "coordinates=") for c in entries(chosen, "coordinates=")]
-        _check_chosen(expressions)
+        expressions = [as_expression(c, argument) for c in entries(chosen, argument)]
+        _check_chosen(expressions, analysis)
         w = ca.vertcat(ca.SX(0, 1), *expressions)
         wanted = eom.q.numel() - analyse_rank(numeric.scale.scaled(jacobian)).rank
         if w.numel() != wanted:
             raise ModelError(
-                f"linearize: coordinates= holds {w.numel()} expressions, and the mechanism has {wanted} "
+                f"{analysis}: {argument} holds {w.numel()} expressions, and the mechanism has {wanted} "
                 "degrees of freedom"
             )
         names = [text_of(e) for e in expressions]
@@ -91,12 +93,12 @@ def _pivots(jacobian: np.ndarray, numeric: NumericEquations) -> list[int]:
     return sorted(chosen)
 
 
-def _check_chosen(expressions: Sequence[ca.SX]) -> None:
+def _check_chosen(expressions: Sequence[ca.SX], analysis: str) -> None:
     for expression in expressions:
         for symbol in symbols_of(expression):
             role = role_of(symbol)
             if role is None or role.kind not in ("position", "parameter", "time"):
                 raise ExpressionError(
-                    f"linearize: the coordinate {text_of(expression)} must be an expression in positions; "
+                    f"{analysis}: the coordinate {text_of(expression)} must be an expression in positions; "
                     f"it holds {symbol.name()}"
                 )

@@ -117,6 +117,12 @@ def analyses() -> None:
     start: mbd.State = mbd.assemble(mechanism, [rod.phi == -1.0, rod.omega == 0])
     reaction: mbd.Reaction = pin.reaction_on(rod)
     stop = mbd.Event("bottom", rod.x, terminal=True)
+    plan = mbd.OptimalControlProblem(mechanism, duration=0.2, running_cost=rod.phi**2 + tau**2)
+    controller = mbd.Controller(plan, sample=0.1, intervals=2)
+    step: mbd.ControlStep = controller.step([0.1, 0.0, 0.0])
+    course: mbd.ControlPlan = controller.plan
+    timing: mbd.ControlTiming = controller.timing
+    assert step.status == 0 and course.t.size == 3 and timing.feedback.size == 1
     hold = mbd.SampledController(lambda time, state: {tau: 0.1 * time}, period=0.1)
     methods: list[mbd.Integrator] = [mbd.IDAS(), mbd.DOP853(), mbd.BDF(), mbd.RungeKutta(), mbd.Rosenbrock()]
     methods.append(Euler())

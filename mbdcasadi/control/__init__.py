@@ -1,0 +1,1 @@
+"""Controllers that plan again at every sample, as C that needs no library."""
