@@ -56,6 +56,7 @@ from .model.geometry.motion_programs import MotionProgram, dwell, fall, rise
 from .model.geometry.shapes import Disc, Polygon, Rectangle, Rod, Shape
 from .model.joints.base import Joint
 from .model.joints.cams import CamCam, CamFlatFollower, CamPointFollower, PointOnCurve
+from .model.joints.clutches import Clutch, OneWayClutch
 from .model.joints.constraints import Constraint, KnifeEdge, NonholonomicConstraint
 from .model.joints.coordinates import (
     AbsoluteAngle,
@@ -187,29 +188,29 @@ _PLACES = {name: module for module, names in _LATER.items() for name in names.sp
 __all__ = [
     "BDF", "DOP853", "IDAS", "RSDA", "STRATEGIES", "TSDA", "AbsoluteAngle", "AbsoluteDistance", "AbsoluteX",
     "AbsoluteY", "Actuator", "Animation", "AssemblyError", "Belt", "Body", "Bushing", "Cable", "CamCam",
-    "CamFlatFollower", "CamOutline", "CamPointFollower", "Circle", "CollocationPoint", "ConditionError", "Constraint",
-    "ConstraintElement", "Contact", "ControlPlan", "ControlStep", "ControlTiming", "Controller", "Coordinate",
-    "CostFunction", "Coulomb", "Coupler", "Curve", "Cylinder", "DCMotor", "DataLaw", "Disc", "Distance", "Driver",
-    "Drum", "DryFriction", "Element", "EndStop", "EnergyMeter", "Equations", "Equilibrium", "EquilibriumError",
-    "EquilibriumPath", "Event", "Experiment", "ExpressionError", "FieldForce", "FileError", "FirstOrderLag", "Fit",
-    "Force", "FrictionLaw", "GasSpring", "GaussLegendre", "Gear", "GeneralizedForce", "Glyph", "Gravity", "HalfPlane",
-    "HermiteSimpson", "HollowCircle", "HuntCrossley", "HydraulicCylinder", "IdentificationError", "Input", "Integrator",
-    "IntegratorStep", "Interrupted", "Joint", "JointFriction", "KnifeEdge", "LinearModel", "Linkage", "Linkages",
-    "LoadIndependentFriction", "LuGre", "Marker", "Mechanism", "MechanismError", "MechanismWarning", "ModelError",
-    "MotionProgram", "NonholonomicConstraint", "OptimalControlProblem", "OptimizationError", "PIController",
-    "Parameter", "Phase", "Point", "PointOnCurve", "PointOnLine", "Polygon", "PolygonEdges", "Proposal", "Pulley",
-    "RackAndPinion", "Reachability", "Reaction", "Rectangle", "RelativeAngle", "RelativeX", "RelativeY", "Report",
-    "Resistance", "Revolute", "Rod", "Rolling", "Rope", "Rosenbrock", "RunEquations", "RungeKutta", "SampledController",
-    "Segment", "Sensitivities", "ShakingForce", "Shape", "SimulationError", "SingularityError", "Smoothing", "Solution",
-    "Stability", "State", "StateVariable", "SteppingMethod", "Strategy", "Stribeck", "Sweep", "Torque", "Trajectory",
-    "Transcription", "Translational", "ValidityCondition", "Viscous", "Waypoint", "Weld", "absolute", "animate",
-    "assemble", "at_end", "at_start", "between", "bounded", "check", "cost_function", "draw", "dwell", "equations",
-    "equilibrium", "equilibrium_path", "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness",
-    "identify", "impact", "integral", "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize",
-    "optimize", "plot", "plot_energy", "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution",
-    "positive_part", "reachable", "read_acf", "read_adm", "read_mjcf", "read_solution", "read_trajectory", "read_urdf",
-    "rise", "sensitivities", "shaking_force", "simulate", "soft", "stability", "sweep", "synthesize", "t",
-    "time_derivative",
+    "CamFlatFollower", "CamOutline", "CamPointFollower", "Circle", "Clutch", "CollocationPoint", "ConditionError",
+    "Constraint", "ConstraintElement", "Contact", "ControlPlan", "ControlStep", "ControlTiming", "Controller",
+    "Coordinate", "CostFunction", "Coulomb", "Coupler", "Curve", "Cylinder", "DCMotor", "DataLaw", "Disc", "Distance",
+    "Driver", "Drum", "DryFriction", "Element", "EndStop", "EnergyMeter", "Equations", "Equilibrium",
+    "EquilibriumError", "EquilibriumPath", "Event", "Experiment", "ExpressionError", "FieldForce", "FileError",
+    "FirstOrderLag", "Fit", "Force", "FrictionLaw", "GasSpring", "GaussLegendre", "Gear", "GeneralizedForce", "Glyph",
+    "Gravity", "HalfPlane", "HermiteSimpson", "HollowCircle", "HuntCrossley", "HydraulicCylinder",
+    "IdentificationError", "Input", "Integrator", "IntegratorStep", "Interrupted", "Joint", "JointFriction",
+    "KnifeEdge", "LinearModel", "Linkage", "Linkages", "LoadIndependentFriction", "LuGre", "Marker", "Mechanism",
+    "MechanismError", "MechanismWarning", "ModelError", "MotionProgram", "NonholonomicConstraint", "OneWayClutch",
+    "OptimalControlProblem", "OptimizationError", "PIController", "Parameter", "Phase", "Point", "PointOnCurve",
+    "PointOnLine", "Polygon", "PolygonEdges", "Proposal", "Pulley", "RackAndPinion", "Reachability", "Reaction",
+    "Rectangle", "RelativeAngle", "RelativeX", "RelativeY", "Report", "Resistance", "Revolute", "Rod", "Rolling",
+    "Rope", "Rosenbrock", "RunEquations", "RungeKutta", "SampledController", "Segment", "Sensitivities", "ShakingForce",
+    "Shape", "SimulationError", "SingularityError", "Smoothing", "Solution", "Stability", "State", "StateVariable",
+    "SteppingMethod", "Strategy", "Stribeck", "Sweep", "Torque", "Trajectory", "Transcription", "Translational",
+    "ValidityCondition", "Viscous", "Waypoint", "Weld", "absolute", "animate", "assemble", "at_end", "at_start",
+    "between", "bounded", "check", "cost_function", "draw", "dwell", "equations", "equilibrium", "equilibrium_path",
+    "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness", "identify", "impact", "integral",
+    "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize", "optimize", "plot", "plot_energy",
+    "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution", "positive_part", "reachable",
+    "read_acf", "read_adm", "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities",
+    "shaking_force", "simulate", "soft", "stability", "sweep", "synthesize", "t", "time_derivative",
 ]  # fmt: skip
 __all__ += _expressions.__all__
 

@@ -60,7 +60,7 @@ class NumericEquations:
             if switches(element):
                 raise ModelError(
                     f"{element.description} switches exactly between sticking and sliding, which only simulate "
-                    "and optimize can follow; take Coulomb, Stribeck or LuGre here"
+                    f"and optimize can follow; {element.instead} here"
                 )
         self.eom = eom
         self.p = np.asarray(p, float)

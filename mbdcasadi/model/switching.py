@@ -25,6 +25,8 @@ class Switching:
     """
 
     switches_modes: bool = False
+    #: what takes its place in analyses other than simulate
+    instead: str = "take Coulomb, Stribeck or LuGre"
     name: str
     sliding_speed: ca.SX
 

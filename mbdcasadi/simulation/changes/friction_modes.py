@@ -285,7 +285,7 @@ class FrictionModes(Modes):
         With no more friction at rest than in motion, what can be held does not slide: help comes last.
         """
         falls = any(self.frictions[i].falls for i in rows)
-        candidates: list[tuple[tuple[bool, int, bool], Senses, list[int]]] = []
+        candidates: list[tuple[tuple[int, int, bool], Senses, list[int]]] = []
         for modes in product(*choices):
             sticking = [i for i in rows if modes[i] == "sticks"]
             held = self._held(rows, sticking)
@@ -296,6 +296,8 @@ class FrictionModes(Modes):
             pulled = {i for i in helps if np.any(rows[i])}
             senses = tuple(f"pulled {mode}" if i in pulled else mode for i, mode in enumerate(modes))
             candidates.append(((helps != pulled, -len(sticking) if falls else 0, bool(helps)), senses, held))
+            if pulled:  # by what moves: they begin to slide
+                candidates.append(((2, 0, True), modes, [i for i in held if i not in pulled]))
         return [(senses, held) for _, senses, held in sorted(candidates, key=lambda candidate: candidate[0])]
 
     @staticmethod
@@ -333,10 +335,13 @@ class FrictionModes(Modes):
                 if not all(pull <= limit * (1 + sign * FRICTION_TOLERANCE) + rounding for pull, limit in limits):
                     return False
                 continue
-            if sense == "free" or (i in mode.held and i not in by_pose):
-                continue
-            onset = SENSE[sense] * trial[time_derivative(friction.sliding_speed)]
+            onset = trial[time_derivative(friction.sliding_speed)]
             rounding = FRICTION_TOLERANCE * self._fineness * (1 + largest(trial.a))
+            if sense == "free" or (i in mode.held and i not in by_pose):
+                if abs(onset) > rounding:
+                    return False  # what holds it moves
+                continue
+            onset *= SENSE[sense]
             slack = rounding * (-1 if i in by_pose else 1 if i in breaking else min(sign, 0))
             if not onset > -slack:
                 return False

@@ -270,7 +270,7 @@ def _refuse_elements(mechanism: Mechanism) -> None:
     for element in switching(mechanism):
         raise MechanismError(
             f"animate: {element.description} switches exactly between sticking and sliding, which only simulate can "
-            "follow; with live=True take Coulomb, Stribeck or LuGre, or animate a motion of simulate"
+            f"follow; with live=True {element.instead}, or animate a motion of simulate"
         )
     for element in mechanism.elements:
         missing = unknown_operation(_expressions(element))

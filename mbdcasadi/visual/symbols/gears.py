@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from ...model.bodies import Marker
+from ...model.joints.clutches import ShaftClutch
 from ...model.joints.gears import Belt, Coupler, Gear, RackAndPinion, Rolling
 from ..drawing import lines, scene
 from ..drawing.pen import Pen
@@ -178,3 +179,14 @@ def belt(joint: Belt, pen: Pen) -> None:
 def coupler(joint: Coupler, pen: Pen) -> None:
     """A dashed line between the shafts."""
     tie(pen, joint.a.position, joint.b.position)
+
+
+@glyph.register
+def clutch(joint: ShaftClutch, pen: Pen) -> None:
+    """Two linings round a shaft, and a dashed line between shafts that are apart."""
+    first, second = joint.markers
+    tie(pen, first.position, second.position)
+    frame, u = pen.on(second if first.body.is_ground else first), pen.unit
+    for turn in (0.0, np.pi):
+        inner, outer = (lines.arc(r * u, turn + np.pi / 6, turn + 5 * np.pi / 6) for r in (0.9, 1.4))
+        frame.area("rubber", np.vstack([outer, inner[::-1]]), layer=scene.PIN)
