@@ -119,6 +119,13 @@ def belt() -> mbd.Mechanism:
 
 
 @scene
+def free_wheel() -> mbd.Mechanism:
+    hub, sprocket = disc("hub", 0.3, (0, 0, 0)), disc("sprocket", 0.15, (0, 0, 0))
+    pins = [mbd.Revolute(f"pin {x.name}", mbd.ground.at(0, 0), x.at(0, 0)) for x in (hub, sprocket)]
+    return mbd.Mechanism(bodies=[hub, sprocket], joints=[*pins, mbd.OneWayClutch("free wheel", sprocket, hub)])
+
+
+@scene
 def rolling() -> mbd.Mechanism:
     wheel = disc("wheel", 0.3, (0, 0.3, 0.5))
     return mbd.Mechanism(bodies=[wheel], joints=[mbd.Rolling("road", wheel.at(0, 0), mbd.ground.at(0, 0), 0.3)])

@@ -36,6 +36,7 @@ def joints(a: mbd.Marker, b: mbd.Marker) -> list[mbd.ConstraintElement]:
     wheel = mbd.Pulley(mbd.ground.at(3, 3), 0.1, "clockwise", grips=True)
     rows: list[mbd.ConstraintElement] = [
         mbd.AbsoluteX("x", b, 1.0), mbd.AbsoluteY("y", b, 0), mbd.AbsoluteAngle("level", b),
+        mbd.OneWayClutch("free wheel", a.body, b.body), mbd.Clutch("clutch", a.body, b.body, 3.0 * k),
         mbd.Cable("cable", mbd.Drum(a, 0.1, "clockwise"), b, [wheel], length=9.0),
         mbd.AbsoluteDistance("tether", b, (0, 0), k), mbd.Constraint("own", b.x - 1), mbd.KnifeEdge("blade", b),
         mbd.NonholonomicConstraint("skate", b.body.vx - 2 * b.body.vy), mbd.Driver("drive", b.body.phi, 2 * mbd.t),

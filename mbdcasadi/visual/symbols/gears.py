@@ -188,5 +188,5 @@ def clutch(joint: ShaftClutch, pen: Pen) -> None:
     tie(pen, first.position, second.position)
     frame, u = pen.on(second if first.body.is_ground else first), pen.unit
     for turn in (0.0, np.pi):
-        inner, outer = (lines.arc(r * u, turn + np.pi / 6, turn + 5 * np.pi / 6) for r in (0.9, 1.4))
+        inner, outer = (lines.arc(r * u, turn + np.pi / 6, turn + 5 * np.pi / 6) for r in (2.2, 3.2))
         frame.area("rubber", np.vstack([outer, inner[::-1]]), layer=scene.PIN)
