@@ -335,7 +335,7 @@ class FrictionModes(Modes):
                 if not all(pull <= limit * (1 + sign * FRICTION_TOLERANCE) + rounding for pull, limit in limits):
                     return False
                 continue
-            onset = trial[time_derivative(friction.sliding_speed)]
+            onset = float(trial[time_derivative(friction.sliding_speed)])
             rounding = FRICTION_TOLERANCE * self._fineness * (1 + largest(trial.a))
             if sense == "free" or (i in mode.held and i not in by_pose):
                 if abs(onset) > rounding:
