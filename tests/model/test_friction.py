@@ -335,6 +335,25 @@ def test_a_bead_on_a_round_wire_slows_down_by_its_own_pull(speed):
     np.testing.assert_allclose(np.sign(speed) * run[wire.parameter], turned, atol=1e-6)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["line", "curve"])
+def test_least_effort_against_dry_friction_in_a_slot(kind):
+    """From rest to rest over 1 m in 1 s: u = m (6 - 12 t) + mu m g."""
+    pin = mbd.Body("pin", mass=1.5, inertia=0.01)
+    push = mbd.Input("push", lower=-20, upper=20)
+    slot = mbd.PointOnLine("slot", mbd.ground.at(0, 0), pin.at(0, 0))
+    if kind == "curve":
+        slot = mbd.PointOnCurve("slot", mbd.ground.at(0, 0), pin.at(0, 0), mbd.Curve(lambda s: (s, 0 * s), -3, 3))
+    level = mbd.AbsoluteAngle("level", pin.at(0, 0))
+    rub = mbd.JointFriction("rub", slot, mbd.DryFriction(0.2))
+    forces = [mbd.Gravity(), rub, mbd.Force("push", pin.at(0, 0), (push, 0))]
+    model = mbd.Mechanism([pin], joints=[slot, level], forces=forces, inputs=[push])
+    ends = {"initial": [pin.x == 0, pin.vx == 0], "final": [pin.x == 1.0, pin.vx == 0]}
+    best = mbd.optimize(mbd.OptimalControlProblem(model, duration=1.0, running_cost=push**2, **ends))
+    assert best.cost == pytest.approx(1.5**2 * 12 + (0.2 * 1.5 * G) ** 2, rel=1e-6)
+    assert best.verify().final_error < 1e-6
+
+
 # --- refusals ----------------------------------------------------------------------------------------
 def test_refuses():
     """What is missing, out of its limits, or of the wrong kind; each by name."""

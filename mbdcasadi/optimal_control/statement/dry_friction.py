@@ -106,7 +106,8 @@ def relaxation(mechanism: Mechanism) -> Relaxation:
     for friction in frictions:
         if not isinstance(friction, FrictionInJoint):
             raise ModelError(
-                f"{friction.description}: optimal control takes exact dry friction in joints alone; take Coulomb here"
+                f"{friction.description}: optimal control takes exact dry friction in joints alone; "
+                f"{friction.instead} here"
             )
         law: Any = friction.law
         if not ca.is_equal(ca.SX(law.coefficient), ca.SX(law.static_coefficient), 3):
