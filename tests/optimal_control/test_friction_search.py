@@ -121,6 +121,30 @@ def test_pause_at_a_waypoint():
 
 
 @pytest.mark.slow
+def test_states_at_start_waypoint_and_end():
+    """States of the mechanism with its friction fix ends and waypoints; the block may stay where it has to be twice."""
+    problem = moved(*pushed())
+    model, (block,) = problem.mechanism, problem.mechanism.bodies
+    start, end = (mbd.assemble(model, [block.x == x, block.vx == 0]) for x in (0, 0.5))
+    cost = least_effort(0.3 * G, 0.5, 2.0)[0]
+    assert mbd.optimize(problem.replace(initial=start, final=end)).cost == pytest.approx(cost, rel=1e-8)
+    halts = [mbd.Waypoint(1.2, end), mbd.Waypoint(1.8, [block.x == 0.5])]
+    paused = mbd.optimize(problem.replace(duration=3.0, waypoints=halts, final=[block.x == 1, block.vx == 0]))
+    assert paused.cost == pytest.approx(2 * cost, rel=1e-8)
+    assert paused.verify().final_error < 1e-8
+
+
+@pytest.mark.slow
+def test_coefficient_that_is_free():
+    """A free coefficient goes to its lower limit, at which effort is least."""
+    mu = mbd.Parameter("mu", 0.3, lower=0.1, upper=0.5)
+    solution = mbd.optimize(moved(*pushed(mu=mu), parameters=[mu], free_parameters=[mu]))
+    assert solution.parameters[mu] == pytest.approx(0.1, abs=1e-6)
+    assert solution.cost == pytest.approx(least_effort(0.1 * G, 0.5, 2.0)[0], rel=1e-6)
+    assert solution.verify().final_error < 1e-6
+
+
+@pytest.mark.slow
 def test_least_time():
     """The force jumps once, at a time that a mesh point finds; friction never switches."""
     parts = pushed(limit=6.0)

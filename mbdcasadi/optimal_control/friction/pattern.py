@@ -11,7 +11,7 @@ import numpy as np
 from ...model.forces.friction.modes import Senses
 from ..motion.phase_solution import PhaseSolution
 from ..solution import Solution
-from ..statement.dry_friction import Relaxation, limit_of
+from ..statement.dry_friction import Relaxation
 
 #: Points of an interval at which speeds and forces are compared.
 POINTS = np.linspace(0.0, 1.0, 5)
@@ -54,7 +54,7 @@ def _senses(part: PhaseSolution, relaxation: Relaxation) -> list[list[str]]:
     k, tau = np.repeat(np.arange(count), taus.size), np.tile(taus, count)
     result = []
     for friction, force in relaxation.replaced.inputs.items():
-        values = part.by_polynomials([friction.sliding_speed, limit_of(friction), force], k, tau)
+        values = part.by_polynomials([friction.sliding_speed, friction.sticking_limit, force], k, tau)
         speed, limit, acting = (x.reshape(count, taus.size) for x in values)
         typical = part.program.sizes.of_changes([friction.sliding_speed])[0]
         fastest = max(float(np.max(np.abs(speed))), CREEP * float(typical))

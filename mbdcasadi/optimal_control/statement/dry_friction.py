@@ -53,7 +53,7 @@ class Replaced:
 
     def cone(self, friction: FrictionInJoint) -> list[Condition]:
         """Return the limits of the force of a friction, ``-μ N <= F <= μ N``."""
-        limit, force = limit_of(friction), self.forces[friction]
+        limit, force = friction.sticking_limit, self.forces[friction]
         return [Condition(sign * force - limit, False, f"friction of {friction.name} at its limit") for sign in (1, -1)]
 
 
@@ -72,7 +72,9 @@ def replaced(mechanism: Mechanism, modes: Mapping[FrictionInJoint, str | None], 
             elements[friction] = SlidingFriction(friction, ca.SX(inputs[friction]))
         else:
             elements[friction] = friction.in_mode(mode)
-            forces[friction] = elements[friction].multipliers if mode == "sticks" else SENSE[mode] * limit_of(friction)
+            forces[friction] = (
+                elements[friction].multipliers if mode == "sticks" else SENSE[mode] * friction.sticking_limit
+            )
     variant = mechanism.replace(
         forces=[elements.get(f, f) for f in mechanism.forces],
         inputs=[*mechanism.inputs, *inputs.values()],
@@ -120,14 +122,9 @@ def relaxation(mechanism: Mechanism) -> Relaxation:
     conditions: list[Condition] = []
     for friction in frictions:
         conditions += [replace(c, across=()) for c in whole.cone(friction)]
-        speed, limit, force = friction.sliding_speed, limit_of(friction), whole.inputs[friction]
+        speed, limit, force = friction.sliding_speed, friction.sticking_limit, whole.inputs[friction]
         for sign, name in ((1, "forth"), (-1, "back")):
             moves, rest = sign * speed, limit + sign * force
             label = f"{friction.name} slides {name} or holds"
             conditions.append(Condition(moves * rest, False, label, across=(moves, rest, ca.SX(share))))
     return Relaxation(whole, share, tuple(conditions))
-
-
-def limit_of(friction: FrictionInJoint) -> ca.SX:
-    law: Any = friction.law
-    return law.coefficient * friction.load

@@ -5,9 +5,10 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ...equations import Equations
+from ...equations import Equations, equations
 from ...equations.numeric import NumericEquations
 from ...model.conditions import Condition
+from ...model.forces.friction.modes import without_exact_friction
 from ...numerics.rank import dependent_rows, unit_rows
 from ...results.state import State
 
@@ -31,7 +32,7 @@ def independent_state_conditions(state: State) -> tuple[Condition, ...]:
 
     The joints imply the other coordinates, but only on one branch: the limits keep the solver on it.
     """
-    eom = state.equations
+    eom = equations(without_exact_friction(state.mechanism))
     numeric, n = NumericEquations(eom, state.parameters), eom.q.numel()
     every, jacobian = state_conditions(eom, state), numeric.velocity(state.t, state.q)[0]
     fixed = independent_coordinates(numeric, jacobian[eom.position_rows])
