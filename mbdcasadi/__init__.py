@@ -41,6 +41,7 @@ from .model.expressions import *  # noqa: F403  (elementary functions, safe on s
 from .model.forces.applied import Force, GeneralizedForce, Torque
 from .model.forces.contact.contact import Contact
 from .model.forces.contact.outlines import Circle, HalfPlane, HollowCircle, Point, PolygonEdges, Segment
+from .model.forces.contact.rigid import RigidContact
 from .model.forces.controllers import EnergyMeter, FirstOrderLag, PIController
 from .model.forces.cylinders import Cylinder, GasSpring, HydraulicCylinder
 from .model.forces.field import FieldForce, Gravity
@@ -200,17 +201,17 @@ __all__ = [
     "MechanismError", "MechanismWarning", "ModelError", "MotionProgram", "NonholonomicConstraint", "OneWayClutch",
     "OptimalControlProblem", "OptimizationError", "PIController", "Parameter", "Phase", "Point", "PointOnCurve",
     "PointOnLine", "Polygon", "PolygonEdges", "Proposal", "Pulley", "RackAndPinion", "Reachability", "Reaction",
-    "Rectangle", "RelativeAngle", "RelativeX", "RelativeY", "Report", "Resistance", "Revolute", "Rod", "Rolling",
-    "Rope", "Rosenbrock", "RunEquations", "RungeKutta", "SampledController", "Segment", "Sensitivities", "ShakingForce",
-    "Shape", "SimulationError", "SingularityError", "Smoothing", "Solution", "Stability", "State", "StateVariable",
-    "SteppingMethod", "Strategy", "Stribeck", "Sweep", "Torque", "Trajectory", "Transcription", "Translational",
-    "ValidityCondition", "Viscous", "Waypoint", "Weld", "absolute", "animate", "assemble", "at_end", "at_start",
-    "between", "bounded", "check", "cost_function", "draw", "dwell", "equations", "equilibrium", "equilibrium_path",
-    "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness", "identify", "impact", "integral",
-    "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize", "optimize", "plot", "plot_energy",
-    "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution", "positive_part", "reachable",
-    "read_acf", "read_adm", "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities",
-    "shaking_force", "simulate", "soft", "stability", "sweep", "synthesize", "t", "time_derivative",
+    "Rectangle", "RelativeAngle", "RelativeX", "RelativeY", "Report", "Resistance", "Revolute", "RigidContact", "Rod",
+    "Rolling", "Rope", "Rosenbrock", "RunEquations", "RungeKutta", "SampledController", "Segment", "Sensitivities",
+    "ShakingForce", "Shape", "SimulationError", "SingularityError", "Smoothing", "Solution", "Stability", "State",
+    "StateVariable", "SteppingMethod", "Strategy", "Stribeck", "Sweep", "Torque", "Trajectory", "Transcription",
+    "Translational", "ValidityCondition", "Viscous", "Waypoint", "Weld", "absolute", "animate", "assemble", "at_end",
+    "at_start", "between", "bounded", "check", "cost_function", "draw", "dwell", "equations", "equilibrium",
+    "equilibrium_path", "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness", "identify",
+    "impact", "integral", "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize", "optimize",
+    "plot", "plot_energy", "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution", "positive_part",
+    "reachable", "read_acf", "read_adm", "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise",
+    "sensitivities", "shaking_force", "simulate", "soft", "stability", "sweep", "synthesize", "t", "time_derivative",
 ]  # fmt: skip
 __all__ += _expressions.__all__
 

@@ -61,23 +61,44 @@ def jump(numeric: NumericEquations, jacobian: np.ndarray, right: np.ndarray, v: 
     ----------
     Haug 1989, section 6.6; Pfeiffer and Glocker, *Multibody Dynamics with Unilateral Contacts*, 1996, chapter 6.
     """
-    # in these units masses and rows are near one, whatever the size of the mechanism
-    sizes = numeric.column_scale
-    unit, lengths = numeric.largest_mass, row_lengths(jacobian * sizes)
-    rows = jacobian * sizes / lengths[:, None]
-    dependent = dependent_rows(rows)
-    kept = [k for k in range(right.size) if k not in set(dependent)]
-    n, independent = v.size, rows[kept]
-    system = np.block(
-        [[np.diag(numeric.mass * sizes**2 / unit), independent.T], [independent, np.zeros((len(kept), len(kept)))]]
-    )
-    missed = (right - jacobian @ v)[kept] / lengths[kept]
-    step = least_norm(system, np.r_[np.zeros(n), missed], threshold=ACCURACY)
-    after, impulses = v + sizes * step[:n], np.zeros(right.size)
-    impulses[kept] = unit * step[n:] / lengths[kept]
+    system = _ImpulseSystem(numeric, jacobian)
+    step, impulses = system.solve(np.zeros((v.size, 1)), (right - jacobian @ v)[:, None])
+    after, impulses, dependent = v + step[:, 0], impulses[:, 0], system.dependent
     left_over = jacobian @ after - right
     spread = left_over - jacobian @ least_norm(jacobian, left_over, threshold=ACCURACY) if dependent else left_over
     return Jump(after, impulses, left_over, spread, tuple(dependent))
+
+
+def impulse_response(
+    numeric: NumericEquations, jacobian: np.ndarray, rows: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return ``Δv`` (n, k) and Λ (m, k) by unit impulses along rows g (k, n): ``M Δv + J^T Λ = g^T``, ``J Δv = 0``."""
+    return _ImpulseSystem(numeric, jacobian).solve(rows.T, np.zeros((len(jacobian), len(rows))))
+
+
+class _ImpulseSystem:
+    """``M Δv + J^T Λ = P``, ``J Δv = b``, of which the first of dependent rows bear the impulses."""
+
+    def __init__(self, numeric: NumericEquations, jacobian: np.ndarray):
+        # in these units masses and rows are near one, whatever the size of the mechanism
+        self._sizes, self._unit = numeric.column_scale, numeric.largest_mass
+        self._lengths = row_lengths(jacobian * self._sizes)
+        rows = jacobian * self._sizes / self._lengths[:, None]
+        self.dependent = dependent_rows(rows)
+        self._kept = [k for k in range(len(rows)) if k not in set(self.dependent)]
+        independent, zero = rows[self._kept], np.zeros((len(self._kept), len(self._kept)))
+        mass = np.diag(numeric.mass * self._sizes**2 / self._unit)
+        self._matrix = np.block([[mass, independent.T], [independent, zero]])
+
+    def solve(self, impulses: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return ``Δv`` (n, k) and Λ (m, k) of impulses P (n, k) and right sides b (m, k)."""
+        n, kept, unit = len(impulses), self._kept, self._unit
+        lengths = self._lengths[kept, None]
+        given = np.vstack([impulses * self._sizes[:, None] / unit, right[kept] / lengths])
+        step = least_norm(self._matrix, given, threshold=ACCURACY)
+        responses = np.zeros(right.shape)
+        responses[kept] = unit * step[n:] / lengths
+        return self._sizes[:, None] * step[:n], responses
 
 
 class ImpactLaw:

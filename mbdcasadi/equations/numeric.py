@@ -58,10 +58,7 @@ class NumericEquations:
     def __init__(self, eom: Equations, p: np.ndarray):
         for element in eom.mechanism.elements:
             if switches(element):
-                raise ModelError(
-                    f"{element.description} switches exactly between sticking and sliding, which only simulate "
-                    f"and optimize can follow; {element.instead} here"
-                )
+                raise ModelError(f"{element.description} {element.exactness}")
         self.eom = eom
         self.p = np.asarray(p, float)
         eom.mechanism.check_values(self.p)

@@ -27,8 +27,18 @@ class Switching:
     switches_modes: bool = False
     #: what takes its place in analyses other than simulate
     instead: str = "take Coulomb, Stribeck or LuGre"
+    #: mode in which it does not act
+    free_mode: Any = "free"
     name: str
     sliding_speed: ca.SX
+
+    @property
+    def exactness(self) -> str:
+        """What an analysis that cannot follow its modes says of it."""
+        return (
+            "switches exactly between sticking and sliding, which only simulate and optimize can follow; "
+            f"{self.instead} here"
+        )
 
     @property
     def sticking_limit(self) -> Any:

@@ -11,6 +11,7 @@ import casadi as ca
 
 from ..errors import ExpressionError, ModelError
 from ..model.conditions import Condition, read_conditions
+from ..model.forces.contact.rigid import RigidContact
 from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
 from ..model.placeholders import PARTS, at_end, placeholders_in, with_values
@@ -137,6 +138,9 @@ class OptimalControlProblem(ProblemStatement):
         frictions = [f for phase in self.phases for f in switching(phase.mechanism)]
         if not frictions:
             return None
+        for element in frictions:
+            if isinstance(element, RigidContact):
+                raise ModelError(f"{element.description} {element.exactness}")
         if self.is_phased:
             raise ModelError(
                 f"{frictions[0].description}: DryFriction takes a problem of one mechanism, whose phases of sticking "

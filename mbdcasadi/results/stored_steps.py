@@ -10,7 +10,7 @@ from ..equations import Equations, equations
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
 from ..errors import warn
-from ..model.forces.friction.modes import switching, variant_in
+from ..model.forces.friction.modes import switching, without_exact_friction
 from .archives import Archive
 from .interpolation import cubic, hermite, linear
 from .motion import Motion
@@ -53,10 +53,8 @@ def read_steps(
         archive.numbers(f"{prefix}step {name}", len(ends), POINTS.size, size, unknown=True)
         for name, size in zip(NAMES, eom.sizes, strict=True)
     )
-    frictions = switching(eom.mechanism)
     # rows of friction that sticks hold at times
-    free = equations(variant_in(eom.mechanism, ("free",) * len(frictions))) if frictions else eom
-    recovery = Recovery(NumericEquations(free, p), redundant=True)
+    recovery = Recovery(NumericEquations(equations(without_exact_friction(eom.mechanism)), p), redundant=True)
 
     def at(times: np.ndarray) -> Arrays:
         k = np.clip(np.searchsorted(ends[:, 1], times, side="left"), 0, len(ends) - 1)

@@ -11,7 +11,7 @@ from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
 from ..numerics.console import keyboard_interrupts
 from ..results.state import Conditions, State
-from .changes.friction_modes import start_with_friction
+from .changes.contact_modes import start_in_mode
 
 
 def assemble(
@@ -72,4 +72,4 @@ def assemble(
     rows = read_conditions(conditions)
     with keyboard_interrupts("assemble"):
         setup = Setup(mechanism, "assemble", t=t, initial=rows, inputs=inputs, parameters=parameters)
-        return start_with_friction(setup) if switching(mechanism) else setup.start
+        return start_in_mode(setup) if switching(mechanism) else setup.start

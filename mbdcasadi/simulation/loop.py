@@ -157,7 +157,9 @@ class Run:
                 raise
             finally:
                 builder.statistics.seconds = clock.perf_counter() - began
-                notes = [note for arc in self._arcs.values() for note in arc.stepper.notes]
+                notes = [
+                    note for arc in self._arcs.values() for note in (*arc.stepper.notes, *self.modes.notes(arc.mode))
+                ]
                 builder.statistics.notes += [*dict.fromkeys(notes), *notes_on_passages(self._passed)]
                 builder.statistics.restarts, builder.statistics.steps = self.starts, self.steps
                 if not self._interruption.requested:  # what was stopped inside a step is not used again

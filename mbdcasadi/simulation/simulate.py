@@ -14,6 +14,7 @@ from ..equations.numeric import NumericEquations
 from ..errors import SimulationError, warn
 from ..integrators import Integrator, as_integrator
 from ..model.events import Event
+from ..model.forces.contact.rigid import RigidContact
 from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
 from ..model.quantities import yes_or_no
@@ -22,8 +23,8 @@ from ..numerics.console import keyboard_interrupts
 from ..results.state import Conditions, State
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity
+from .changes.contact_modes import modes_of
 from .changes.events import read_events
-from .changes.friction_modes import FrictionModes
 from .changes.modes import Modes, SingleMode
 from .checks.accuracy import (
     grown_error,
@@ -218,7 +219,7 @@ def _modes(setup: Setup, events: Sequence[Event]) -> Modes:
     """Sets of equations between which the run switches."""
     if not switching(setup.mechanism):
         return SingleMode(setup)
-    modes = FrictionModes(setup)
+    modes = modes_of(setup)
     modes.refuse_names(events)
     return modes
 
@@ -266,7 +267,10 @@ def chosen_integrator(
 
 def _rubs_by_reactions(friction: Any) -> bool:
     """True if the load of exact friction depends on reactions."""
-    return bool(ca.depends_on(ca.SX(friction.load), friction.joint.multipliers))
+    if isinstance(friction, RigidContact):
+        return friction.friction is not None
+    lam = ca.vertcat(*[part.multipliers for part in (friction, getattr(friction, "joint", friction))])
+    return any(ca.depends_on(ca.SX(limit), lam) for limit in friction.limits_of_pull)
 
 
 def _is_stiff(numeric: NumericEquations, start: State, grid: np.ndarray, redundant: bool) -> bool:

@@ -432,6 +432,7 @@ def simple_elements():
         mbd.HydraulicCylinder("x", a, b, 0.05, 0.02, 0.8, 1e-3, 0.0),
         mbd.Contact("x", mbd.Segment(a, 0.3, 0.05), mbd.Point(b), law),
         mbd.Contact("x", mbd.PolygonEdges(b, [(0, 0), (0.2, 0), (0, 0.2)]), mbd.HalfPlane(p.at(0, 0)), law),
+        mbd.RigidContact("x", mbd.Circle(b, 0.1), mbd.HalfPlane(p.at(0, -2))),
     ]
     return [p, q], [(e, True) for e in found] + [(e, False) for e in forces]
 

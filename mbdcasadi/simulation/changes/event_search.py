@@ -12,7 +12,7 @@ from ...model.events import Event
 from ...numerics.roots import bracketed_root, may_touch, narrowed_extrema
 from ..outputs import Outputs
 from ..path import StatesAt, StatesFrom
-from .events import EventWatch
+from .events import EventWatch, Standing
 
 #: Points at which an interval is looked at, inside which an expression may have touched zero between two outputs.
 CLOSER_POINTS = 16
@@ -87,13 +87,27 @@ class EventSearch:
                 continue
             states_at = self._states_from(float(self._times[k]), self._x[k])
             ends, begin = self._times[k : k + 2], float(self._times[k])
-            found = [(self._located(i, ends, values[k : k + 2, i], states_at, begin), i) for i in crossed]
+            found = [(self._first(i, k, ends, states_at, begin), i) for i in crossed]
             found += [(t, i) for i in touched[k] if i not in crossed for t in self._closer(i, k, states_at)]
             if not found:
                 continue
             found.sort(key=lambda place: place[0])
             states = states_at(np.array([time for time, _ in found]))
             yield [Crossing(events[i], time, y, k) for (time, i), y in zip(found, states, strict=True)]
+
+    def _first(self, index: int, interval: int, ends: np.ndarray, states_at: StatesAt, begin: float) -> float:
+        """Time of an event in an interval; of one that moves off its zero, after it has left the rounding of that."""
+        values = self._values[interval : interval + 2, index]
+        if interval == 0 and self._watch.states[index].standing is Standing.LEAVING:
+            course, after = partial(self._course, index, states_at, begin), self._watch.instant
+            while after < ends[1] - ends[0]:
+                time = np.array([ends[0] + after])
+                left = course(time)
+                if left[0] * values[0] > 0:
+                    ends, values = np.r_[time, ends[1]], np.r_[left, values[1]]
+                    break
+                after *= 2
+        return self._located(index, ends, values, states_at, begin)
 
     def _closer(self, index: int, interval: int, states_at: StatesAt) -> list[float]:
         """Times inside an interval at which an event takes place whose expression returns to its side by the end.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
@@ -10,7 +11,6 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from ...assembly.consistent_start import consistent_start
 from ...assembly.setup import Setup
 from ...equations import equations
 from ...equations.derivation import why_not_unique
@@ -60,7 +60,61 @@ class FrictionMode:
     held: tuple[int, ...] = ()
 
 
-class FrictionModes(Modes):
+class SwitchingModes(Modes):
+    """Modes in which something sticks and slides."""
+
+    @abstractmethod
+    def event_names(self) -> set[str]:
+        """Return names of the events of all modes."""
+
+    @abstractmethod
+    def sliding(self, mode: Any) -> list[tuple[Any, float]]:
+        """Return what has a sliding speed, with the sign of it in a mode, which is 0 at rest."""
+
+    def refuse_names(self, events: Sequence[Event]) -> None:
+        """Raise for an event of the user that has the name of one of the modes."""
+        names = self.event_names()
+        for event in events:
+            if event.name in names:
+                raise SimulationError(
+                    f"event '{event.name}' has the name of an event of exact friction or of a rigid contact; call it "
+                    "otherwise"
+                )
+
+    def _motion(self, mode: Any, block: Block) -> Trajectory:
+        """Outputs in a mode as a motion of the mechanism in that mode."""
+        t, q, v, a, z, lam, u = block
+        return Trajectory(self.variant(mode), t, q, v, a, z, lam, u, self.setup.p)
+
+    def check(self, mode: Any, block: Block) -> None:
+        motion = self._motion(mode, block)
+        for friction, sign in self.sliding(mode):
+            if not sign:
+                continue
+            speed = sign * motion[friction.sliding_speed]
+            allowed = 1e-6 * (1e-6 * self._fineness + largest(speed)) + _speed_by_rounding(friction, motion)
+            if np.min(speed, initial=0.0) < -allowed:
+                k = int(np.argmin(speed))
+                raise SimulationError(
+                    f"{friction.description} stopped and turned between two outputs before t = {motion.t[k]:.6g} s; "
+                    "take more outputs",
+                    time=float(motion.t[k]),
+                )
+
+    def whole_block(self, mode: Any, block: Block) -> Block:
+        return *block[:5], self.multipliers(mode, self._motion(mode, block)), block[6]
+
+    @property
+    def rest(self) -> ca.SX:
+        """Sliding speed from which what the pose held at rest counts as sliding, m/s."""
+        return 2 * AT_REST * self._fineness * (1 + ca.norm_2(equations(self.variant(self.free)).v))
+
+    @property
+    def _fineness(self) -> float:
+        return self.numeric(self.free).scale.fineness
+
+
+class FrictionModes(SwitchingModes):
     """The modes of a mechanism with exact friction: each friction sticks, slides one way or the other, or is free."""
 
     prefix: ClassVar[str] = "stick and slip: "
@@ -85,14 +139,11 @@ class FrictionModes(Modes):
             raise SingularityError(why_not_unique(list(dict.fromkeys(names))))
 
     # --- events of a mode ----------------------------------------------------------------------------
-    def refuse_names(self, events: Sequence[Event]) -> None:
-        """Raise for an event of the user that has the name of one of friction."""
-        names = {name for f in self.frictions for name in f.event_names}
-        for event in events:
-            if event.name in names:
-                raise SimulationError(
-                    f"event '{event.name}' has the name of an event of exact friction; call it otherwise"
-                )
+    def event_names(self) -> set[str]:
+        return {name for f in self.frictions for name in f.event_names}
+
+    def sliding(self, mode: FrictionMode) -> list[tuple[Any, float]]:
+        return [(f, SENSE[sense]) for f, sense in zip(self.frictions, mode.senses, strict=True)]
 
     def events(self, mode: FrictionMode) -> tuple[Event, ...]:
         return tuple(self._event(i, mode) for i in range(len(self.frictions)))
@@ -110,24 +161,6 @@ class FrictionModes(Modes):
             leaves = ca.fabs(friction.sliding_speed) - self.rest
             return Event(breaks, leaves, direction=1, terminal=True)
         return Event(stops, friction.sliding_speed, direction=-int(SENSE[sense]), terminal=True)
-
-    def _motion(self, mode: FrictionMode, block: Block) -> Trajectory:
-        """Outputs in a mode as a motion of the mechanism in that mode."""
-        t, q, v, a, z, lam, u = block
-        return Trajectory(self.variant(mode), t, q, v, a, z, lam, u, self.setup.p)
-
-    def check(self, mode: FrictionMode, block: Block) -> None:
-        motion = self._motion(mode, block)
-        for friction, one in zip(self.frictions, mode.senses, strict=True):
-            speed = SENSE[one] * motion[friction.sliding_speed]
-            allowed = 1e-6 * (1e-6 * self._fineness + largest(speed)) + _speed_by_rounding(friction, motion)
-            if np.min(speed, initial=0.0) < -allowed:
-                k = int(np.argmin(speed))
-                raise SimulationError(
-                    f"{friction.description} stopped and turned between two outputs before t = {motion.t[k]:.6g} s; "
-                    "take more outputs",
-                    time=float(motion.t[k]),
-                )
 
     def row(self, mode: FrictionMode, friction: Any) -> int:
         """Row of a friction that sticks."""
@@ -149,18 +182,6 @@ class FrictionModes(Modes):
             else:
                 columns[:, k] = lam[:, variant.row_names.index(name)]
         return columns
-
-    def whole_block(self, mode: FrictionMode, block: Block) -> Block:
-        return *block[:5], self.multipliers(mode, self._motion(mode, block)), block[6]
-
-    @property
-    def rest(self) -> ca.SX:
-        """Sliding speed from which what the pose held at rest counts as sliding, m/s."""
-        return 2 * AT_REST * self._fineness * (1 + ca.norm_2(equations(self.variant(self.free)).v))
-
-    @property
-    def _fineness(self) -> float:
-        return self.numeric(self.free).scale.fineness
 
     # --- which mode holds -----------------------------------------------------------------------------
     def pull(self, index: int, state: State) -> float:
@@ -366,25 +387,6 @@ def _limits(friction: Any) -> list[tuple[int, Any]]:
     """Senses in which a friction can be pulled so that it slides, and the largest pull at rest in each."""
     limits = zip((1, -1), friction.limits_of_pull, strict=True)
     return [(sign, limit) for sign, limit in limits if known_value(limit) != np.inf]
-
-
-def start_with_friction(setup: Setup) -> State:
-    """Find the consistent start; accelerations and reactions belong to the friction that the laws allow there."""
-    modes = FrictionModes(setup)
-    time = float(setup.grid[0])
-    free = modes.numeric(modes.free)
-    state = consistent_start(free, setup.initial, time, setup.signals)
-    if free.has_redundant_rows(time, state.q):
-        modes.refuse_redundant_rows()
-    holding = modes.holding(state, {})
-    if holding is not None:
-        return modes.whole(*holding)
-    names = ", ".join(friction.description for friction in modes.frictions)
-    obstacle = SingularityError(
-        f"neither sticking nor sliding of {names} meets the laws of friction at t = {time:.6g} s: it jams", time=time
-    )
-    lam, a = modes.multipliers(modes.free, state)[0], state.a
-    return State(setup.mechanism, time, state.q, state.v, a, state.z, lam, state.inputs, state.parameters, obstacle)
 
 
 def _speed_by_rounding(friction: Any, motion: Trajectory | State) -> float:

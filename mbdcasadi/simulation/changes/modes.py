@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -78,6 +78,16 @@ class Modes(ABC):
         SimulationError
             If there is no mode that holds.
         """
+
+    def struck(
+        self, state: State, events: Sequence[Event] = (), before: Any = None
+    ) -> tuple[State, Mapping[Any, np.ndarray] | None]:
+        """Return the state after impacts of what closes at it, and their impulses by element; None without any."""
+        return state, None
+
+    def notes(self, mode: Any) -> list[str]:
+        """Return what is to be said of the results in a mode."""
+        return []
 
     def events(self, mode: Any) -> tuple[Event, ...]:
         """Return the events at which a mode ends."""

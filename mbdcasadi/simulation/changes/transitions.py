@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from ...arguments.inputs import read_answer
 from ...equations.impact_law import by_element
@@ -51,6 +52,7 @@ class Transitions:
         for state in self.states.values():
             state.become(Standing.ARMED)
         numeric = self._modes.numeric(self._modes.free)
+        self.mode = None
         self.impacts = Impacts(numeric, EventWatch(numeric.eom, self._events, self._instant))
 
     def whole(self, state: State) -> State:
@@ -59,8 +61,13 @@ class Transitions:
 
     def decided(self, state: State) -> State:
         """Find the mode that holds at a pose and velocity; return the state in it."""
-        self.mode, state = self._modes.decided(state)
-        return state
+        return self._settled(state)[0]
+
+    def _settled(self, state: State, events: Sequence[Event] = ()) -> tuple[State, Mapping[Any, np.ndarray] | None]:
+        """Find the mode in which the motion goes on, after impacts if there are any; return the state, and impulses."""
+        state, impulses = self._modes.struck(state, events, self.mode)
+        self.mode, state = self._modes.decided(state, events, self.mode)
+        return state, impulses
 
     # --- changes ----------------------------------------------------------------------------
     def out_of_mode(self, state: State, events: Sequence[Event]) -> tuple[State, list[EventOccurrence]]:
@@ -72,13 +79,13 @@ class Transitions:
             If friction chatters.
         """
         before = self.whole(state)
-        self.mode, state = self._modes.decided(state, events, self.mode)
-        after = self.whole(state)
+        state, impulses = self._settled(state, events)
+        after = self._modes.whole(self.mode, state, impulses)
         self._switches += 1
         if self._switches > SWITCHES:
             raise SimulationError(
-                f"friction switched {SWITCHES} times up to t = {state.t:.9g} s; the motion chatters, take a smoothed "
-                "law",
+                f"friction or contact switched {SWITCHES} times up to t = {state.t:.9g} s; the motion chatters, take a "
+                "smoothed law",
                 time=state.t,
             )
         return state, [EventOccurrence(event.name, state.t, before, after) for event in events]

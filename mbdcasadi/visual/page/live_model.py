@@ -268,10 +268,7 @@ def _sliders(mechanism: Mechanism, start: State, parameters: Any, inputs: Any) -
 def _refuse_elements(mechanism: Mechanism) -> None:
     """Raise for elements that a page cannot follow."""
     for element in switching(mechanism):
-        raise MechanismError(
-            f"animate: {element.description} switches exactly between sticking and sliding, which only simulate can "
-            f"follow; with live=True {element.instead}, or animate a motion of simulate"
-        )
+        raise MechanismError(f"animate: {element.description} {element.exactness}, or animate a motion of simulate")
     for element in mechanism.elements:
         missing = unknown_operation(_expressions(element))
         if missing is not None:

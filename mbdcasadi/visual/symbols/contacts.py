@@ -5,10 +5,12 @@ from __future__ import annotations
 from functools import singledispatch
 from typing import Any, ClassVar
 
+import casadi as ca
 import numpy as np
 
 from ...model.forces.contact.contact import Contact
 from ...model.forces.contact.outlines import Circle, HalfPlane, Point, PolygonEdges, Segment
+from ...model.forces.contact.rigid import RigidContact
 from ..drawing import lines
 from ..drawing.loads import Load
 from ..drawing.pen import Pen
@@ -29,6 +31,19 @@ class ContactGlyph(Glyph, of=Contact):
     def loads(self) -> list[Load]:
         """Return the force of each contact point."""
         return [Load(point, force, "force") for point, force in self.element.forces]
+
+
+class RigidContactGlyph(ContactGlyph, of=RigidContact):
+    """Both outlines; the forces are multipliers, which a pose alone does not have."""
+
+    def loads(self) -> list[Load]:
+        """Return the force of each contact point, if it is known."""
+        return super().loads() if self.pen.sample.has_multipliers else []
+
+    def tooltip(self) -> dict[str, ca.SX]:
+        """Return the gap, and the forces if they are known."""
+        shown = super().tooltip()
+        return shown if self.pen.sample.has_multipliers else {"gap, m": shown["gap, m"]}
 
 
 @singledispatch

@@ -9,16 +9,15 @@ import casadi as ca
 
 from ....errors import ModelError
 from ....numerics.lazy import cached_property
-from ...bodies import Marker
-from ...element import BEYOND_COORDINATES, Element, refuse_kinds, work_at
+from ...element import Element
 from ...expressions import if_else
 from ...quantities import function_of
-from ...rates import time_derivative
 from ...validity import Smoothing, ValidityCondition
 from ..friction.laws import FrictionLaw, as_law
 from ..laws import continuous_force, pushing_force, stored_energy
 from .outlines import HalfPlane, Outline
-from .touching import Touch, bounding_distance, touches
+from .place import Place, check_outlines
+from .touching import bounding_distance, touches
 
 
 class Contact(Element):
@@ -70,7 +69,7 @@ class Contact(Element):
 
     The stiffer the contact, the smaller the steps. ``simulate`` does not step over a contact that is
     closed for a short time, and warns if its steps did not resolve the forces. For exact stiction, and impacts
-    without a stiffness, see ``DryFriction`` and ``Event(reset=)``.
+    without a stiffness, see :class:`RigidContact`.
 
     Examples
     --------
@@ -86,20 +85,7 @@ class Contact(Element):
         self, name: str, a: Outline, b: Outline, law: Callable[[Any, Any], Any], friction: FrictionLaw | None = None
     ):
         super().__init__(name)
-        for outline in (a, b):
-            if not isinstance(outline, Outline):
-                raise ModelError(f"{self.description}: takes outlines such as Circle(marker, radius), got {outline!r}")
-            refuse_kinds(
-                ca.vertcat(outline.marker.local, outline.marker.local_angle),
-                ("position", *BEYOND_COORDINATES),
-                f"{self.description}: the place of {outline.description}",
-                "an outline moves over its body with time alone, since nothing else would feel the contact; put it on "
-                "a body of its own, which may be massless",
-            )
-        if a.marker.body is b.marker.body:
-            raise ModelError(
-                f"{self.description}: both outlines are on body '{a.marker.body.name}'; they must be on two bodies"
-            )
+        check_outlines(a, b, self.description)
         if isinstance(law, FrictionLaw):
             raise ModelError(
                 f"{self.description}: law must be a function of penetration and rate, got {law!r}; give it as friction="
@@ -109,14 +95,14 @@ class Contact(Element):
         self.friction = None if friction is None else as_law(friction, self.description)
         if self.friction is not None and self.friction.exact:
             raise ModelError(
-                f"{self.description}: DryFriction switches a row of a joint, which a compliant contact does not have; "
-                "use Coulomb, Stribeck or LuGre"
+                f"{self.description}: DryFriction switches a row, which a compliant contact does not have; "
+                "use Coulomb, Stribeck or LuGre, or a RigidContact"
             )
         rubs = () if self.friction is None else self.friction.limits
         self.limits = (*a.limits, *b.limits, *getattr(law, "limits", ()), *rubs)
         self.resolved_laws = () if self.friction is None else (self.friction,)
         self._places = [
-            Place(touch, a.marker, b.marker, law, self.friction, name if k == 0 else f"{name}.{k}", self.description)
+            CompliantPlace(Place(touch, a, b), law, self.friction, name if k == 0 else f"{name}.{k}", self.description)
             for k, touch in enumerate(touches(a, b, self.description))
         ]
         self.rates: Mapping[Any, ca.SX] = {s: r for place in self._places for s, r in place.rates.items()}
@@ -225,41 +211,18 @@ class Contact(Element):
         return sum((stored_energy(self.law, -place.touch.gap) for place in self._places), ca.SX(0))
 
 
-class Place:
+class CompliantPlace:
     """Forces at one place of contact."""
 
-    def __init__(
-        self, touch: Touch, a: Marker, b: Marker, law: Any, friction: FrictionLaw | None, name: str, what: str
-    ):
-        self.touch = touch
-        tangent = ca.vertcat(touch.normal[1], -touch.normal[0])
-        relative = _speed_at(a, touch.point) - _speed_at(b, touch.point)
-        self.normal_force = pushing_force(law, touch.gap, ca.dot(touch.normal, relative), what)
-        self.sliding_speed = ca.dot(tangent, relative)
+    def __init__(self, place: Place, law: Any, friction: FrictionLaw | None, name: str, what: str):
+        self.touch = touch = place.touch
+        self.normal_force = pushing_force(law, touch.gap, place.normal_speed, what)
+        self.sliding_speed = place.sliding_speed
         self.friction_force, self.rates = ca.SX(0), {}
         self.smoothed: tuple[ca.SX, ...] = ()
         if friction is not None:
             resistance = friction.resistance(name, self.sliding_speed, self.normal_force)
             self.friction_force, self.rates = if_else(touch.gap < 0, resistance.force, 0), dict(resistance.rates)
             self.smoothed = resistance.smoothed
-        self.force = force = self.normal_force * touch.normal + self.friction_force * tangent
-        self.virtual_work = tuple(
-            pair
-            for marker, load in ((a, force), (b, -force))
-            if not marker.body.is_ground
-            for pair in work_at(marker.body, touch.point, load)
-        )
-
-
-def _speed_at(marker: Marker, point: ca.SX) -> ca.SX:
-    """Return the velocity of the outline at a place (2,), m/s: it moves with its marker, on the body or over it."""
-    body = marker.body
-    over = body.axes @ time_derivative(marker.local) + _turning(
-        marker.position, time_derivative(marker.local_angle), point
-    )
-    return over if body.is_ground else body.velocity + _turning(body.position, body.omega, point) + over
-
-
-def _turning(centre: ca.SX, rate: ca.SX, point: ca.SX) -> ca.SX:
-    arm = point - centre
-    return rate * ca.vertcat(-arm[1], arm[0])
+        self.force = place.force(self.normal_force, self.friction_force)
+        self.virtual_work = place.work_of(self.force)

@@ -28,6 +28,12 @@ class Touch:
     #: largest valid depth, m: half of the depth at which the middles of the outlines meet; for a half-plane or a hole
     #: that at which the other outline is inside the solid; None if there is no limit
     reach: ca.SX | None = None
+    #: of a corner on an edge: how far it is inside the ends of the edge, m; None if nothing slips off
+    within: ca.SX | None = None
+    #: distance that stays zero while the surfaces touch, m; by default the gap
+    height: ca.SX | None = None
+    #: True if the ends of the edge belong to it
+    covers_ends: bool = True
 
     def reversed(self) -> Touch:
         """Return the same place with the outlines exchanged."""
@@ -80,7 +86,9 @@ def _beside(centre: ca.SX, radius: ca.SX | float, bar: Segment) -> Touch:
     share = share_along(centre, first, second - first)
     touch = between_discs(centre, radius, nearest_point(centre, first, second), bar.radius)
     straight = ca.logic_and(share > 0, share < 1)
-    return replace(touch, gap=if_else(straight, touch.gap, ca.fabs(touch.gap)))
+    within = ca.fmin(share, 1 - share) * bar.length
+    gap = if_else(straight, touch.gap, ca.fabs(touch.gap))
+    return replace(touch, gap=gap, within=within, height=touch.gap, covers_ends=False)
 
 
 def disc_beside_polygon(centre: ca.SX, radius: ca.SX | float, b: PolygonEdges) -> Touch:
@@ -165,7 +173,8 @@ def _corner_on_edge(corner: ca.SX, face: ca.SX, *, closed: bool) -> Touch:
     height = ca.dot(normal, corner - start)
     on = ca.logic_and(share >= 0, share <= 1) if closed else ca.logic_and(share > 0, share < 1)
     distance = norm(corner - nearest_point(corner, start, end))
-    return Touch(if_else(on, height, distance), normal, corner)
+    within = ca.fmin(share, 1 - share) * norm(end - start)
+    return Touch(if_else(on, height, distance), normal, corner, within=within, height=height, covers_ends=closed)
 
 
 def _discs(outline: Any) -> list[tuple[ca.SX, Any, ca.SX | None]]:

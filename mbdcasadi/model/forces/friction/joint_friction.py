@@ -9,7 +9,7 @@ import casadi as ca
 
 from ....errors import AbsentError, ModelError
 from ....numerics.lazy import cached_property
-from ...element import ConstraintElement, Element
+from ...element import Element
 from ...expressions import norm
 from ...joints.base import Joint
 from ...joints.lower_pairs import Revolute, Translational
@@ -17,6 +17,7 @@ from ...rates import time_derivative
 from ...switching import Switching
 from ...symbols import Scalar, register
 from ...validity import Smoothing
+from ..active_rows import ActiveRows
 from .laws import FrictionLaw, Resistance, as_law
 
 
@@ -74,8 +75,7 @@ class FrictionInJoint(Switching, Element):
     def in_mode(self, mode: str) -> Element:
         """Return the element in one mode: a row if it sticks, a force if it slides or is at its limit."""
         if mode == "sticks":
-            row = self.sliding_speed
-            return ConstraintElement(self.name, ca.SX(0, 1), (), self.markers, velocity_rows=row)
+            return ActiveRows(self, rows=ca.SX(0, 1), velocity_rows=self.sliding_speed, chosen=[0])
         if mode == "free":
             return SlidingFriction(self, ca.SX(0))
         law: Any = self.law

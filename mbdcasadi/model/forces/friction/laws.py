@@ -299,7 +299,7 @@ class LuGre(FrictionLaw):
 
 
 class DryFriction(FrictionLaw):
-    """Exact stick and slip in a joint: ``|F| <= μ_s N`` at rest, ``F = -μ N sgn v`` in motion.
+    """Exact stick and slip: ``|F| <= μ_s N`` at rest, ``F = -μ N sgn v`` in motion; in joints and rigid contacts.
 
     For :func:`simulate` and, without a static coefficient of its own, :func:`optimize`. The motion switches between
     sticking, with the sliding speed held at zero by a multiplier, and sliding, at instants that are located to

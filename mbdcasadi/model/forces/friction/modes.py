@@ -1,4 +1,4 @@
-"""Mechanisms with exact dry friction in one mode: each friction sticks, slides one way or the other, or is free."""
+"""Mechanisms with exact dry friction and rigid contacts in one mode: what is open, what sticks, and what slides."""
 
 from __future__ import annotations
 
@@ -6,18 +6,19 @@ from typing import Any
 
 from ...mechanism import Mechanism
 
-#: Sense in which each friction of a mechanism slides ("forth", "back"), that it "sticks", that it is "free", or in
-#: which sense it is pulled at its limit while something else holds it ("pulled forth", "pulled back").
-Senses = tuple[str, ...]
+#: Mode of each such element: the sense in which a friction slides ("forth", "back"), that it "sticks", that it is
+#: "free", or in which sense it is pulled at its limit while something else holds it ("pulled forth", "pulled back");
+#: of a contact the statuses of its places.
+Senses = tuple[Any, ...]
 
 
 def switches(element: Any) -> bool:
-    """True for an element that sticks and slides exactly."""
+    """True for an element that sticks and slides, or opens and closes, exactly."""
     return getattr(element, "switches_modes", False) is True
 
 
 def switching(mechanism: Mechanism) -> tuple[Any, ...]:
-    """Elements with exact dry friction."""
+    """Elements with exact dry friction, and rigid contacts."""
     if not isinstance(mechanism, Mechanism):  # which is refused by the caller
         return ()
     return mechanism.cache.get_or_create(
@@ -26,18 +27,19 @@ def switching(mechanism: Mechanism) -> tuple[Any, ...]:
 
 
 def variant_in(mechanism: Mechanism, senses: Senses) -> Mechanism:
-    """The mechanism with every exact friction in a mode; made once."""
-    frictions = switching(mechanism)
+    """The mechanism with every such element in a mode; made once."""
+    elements = switching(mechanism)
 
     def make() -> Mechanism:
-        place = {f: f.in_mode(one) for f, one in zip(frictions, senses, strict=True)}
+        place = {e: e.in_mode(one) for e, one in zip(elements, senses, strict=True)}
         joints, forces = ([place.get(f, f) for f in parts] for parts in (mechanism.joints, mechanism.forces))
-        return mechanism.replace(joints=joints, forces=forces)
+        holding = [f for f in forces if f.rows.numel()]  # a force has no rows at the level of positions
+        return mechanism.replace(joints=[*joints, *holding], forces=[f for f in forces if f not in holding])
 
-    return mechanism.cache.get_or_create(("stick and slip", senses), make)
+    return mechanism.cache.get_or_create(("modes", senses), make)
 
 
 def without_exact_friction(mechanism: Mechanism) -> Mechanism:
-    """The mechanism with nothing that sticks or slides; itself if there is no exact friction."""
-    frictions = switching(mechanism)
-    return variant_in(mechanism, ("free",) * len(frictions)) if frictions else mechanism
+    """The mechanism in which nothing sticks, slides or touches; itself if it has no such elements."""
+    elements = switching(mechanism)
+    return variant_in(mechanism, tuple(e.free_mode for e in elements)) if elements else mechanism

@@ -1,0 +1,262 @@
+"""Small problems of unilateral contact and dry friction: every choice of open, sticking and sliding is looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from ...numerics.least_squares import largest
+from ...numerics.tolerances import MET, RANK
+from .events import ROUNDING
+from .friction_modes import FRICTION_TOLERANCE, SENSE
+
+#: Effect of a force on the motion, relative to that on bodies without joints, below which it has none.
+NO_EFFECT = 1e-12
+#: Difference of a cosine from one below which two places slide together.
+TOGETHER = 1e-12
+#: Steps in which loads that are norms of reactions follow the friction that depends on them.
+ITERATIONS = 50
+
+
+@dataclass(frozen=True, eq=False)
+class Spot:
+    """One place of the problem.
+
+    Attributes
+    ----------
+    normal, tangent : int or None
+        Its rows.
+    options : sequence of str
+        ``"open"``, ``"closed"``, ``"sticks"``, ``"forth"``, ``"back"``, ``"free"``: what it may be.
+    sliding, static : float
+        Coefficients of friction.
+    target : float
+        Rate of the normal row of what is closed, which is the least one of what is open.
+    rests : bool
+        True if it does not slide until then: its rate along the tangent has the sense in which it slides.
+    """
+
+    normal: int | None
+    tangent: int | None
+    options: Sequence[str]
+    sliding: float = 0.0
+    static: float = 0.0
+    target: float = 0.0
+    rests: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A choice that meets all laws.
+
+    Attributes
+    ----------
+    statuses : tuple of str
+        By spot; ``"idle"`` of one that is open and does not part; ``"shares"`` of one that sticks by the row of another
+        spot; ``"pulled forth"`` and ``"pulled back"`` of one at its limit that does not begin to slide.
+    forces, rates : numpy.ndarray
+        By row (r,).
+    shares : tuple of (int, int, float)
+        A spot that sticks, one that shares its friction, and how fast the latter slides beside the former.
+    """
+
+    statuses: tuple[str, ...]
+    forces: np.ndarray
+    rates: np.ndarray
+    shares: tuple[tuple[int, int, float], ...]
+
+    @property
+    def sticking(self) -> int:
+        """Number of spots that stick."""
+        return sum(status in ("sticks", "shares") for status in self.statuses)
+
+
+class Complementarity:
+    """``rates = c + D forces``, with the laws of contact and friction at some spots.
+
+    Parameters
+    ----------
+    matrix, constant : numpy.ndarray
+        D (r, r), symmetric and positive semidefinite, and c (r,).
+    without_joints : numpy.ndarray
+        Diagonal of D if no joint held the bodies (r,).
+    spots : sequence of Spot
+        The places.
+    loads : callable, optional
+        ``forces -> (values (s,), slopes (s, r))``: loads of the spots without a normal row.
+    """
+
+    def __init__(
+        self,
+        matrix: np.ndarray,
+        constant: np.ndarray,
+        without_joints: np.ndarray,
+        spots: Sequence[Spot],
+        loads: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None,
+    ):
+        self._d, self._c, self._spots, self._loads = matrix, constant, tuple(spots), loads
+        diagonal = np.diag(matrix)
+        #: True for rows along which a force moves something
+        self._acts = diagonal > NO_EFFECT * without_joints
+        self._unit = np.sqrt(np.where(self._acts, diagonal, 1.0))
+        self._cosines = matrix / np.outer(self._unit, self._unit)
+
+    def parts(self) -> list[tuple[list[int], list[int]]]:
+        """Spots and rows of the parts that do not act on each other; of forces that loads join there is one part."""
+        if self._loads is not None:
+            return [(list(range(len(self._spots))), list(range(self._c.size)))]
+        if not self._spots:
+            return []
+        joined = (np.abs(self._cosines) > NO_EFFECT) | np.eye(self._c.size, dtype=bool)
+        for spot in self._spots:
+            own = [row for row in (spot.normal, spot.tangent) if row is not None]
+            joined[np.ix_(own, own)] = True
+        for _ in range(self._c.size.bit_length()):  # also by way of others
+            joined = joined @ joined
+        first = np.argmax(joined, axis=1)
+        of = [int(first[spot.tangent if spot.normal is None else spot.normal]) for spot in self._spots]
+        return [
+            ([k for k, own in enumerate(of) if own == part], np.flatnonzero(first == part).tolist())
+            for part in dict.fromkeys(of)
+        ]
+
+    @property
+    def count(self) -> int:
+        """Number of choices."""
+        return int(np.prod([len(self._options(spot)) for spot in self._spots], dtype=float))
+
+    @property
+    def may_fall(self) -> bool:
+        """True if friction in motion may be below that at rest."""
+        return any(spot.static > spot.sliding for spot in self._spots)
+
+    def _options(self, spot: Spot) -> list[str]:
+        """What a spot may be: what no force moves is neither closed nor does it stick."""
+        options = list(spot.options)
+        if spot.normal is not None and not self._acts[spot.normal]:
+            return ["open"]
+        if spot.tangent is not None and not self._acts[spot.tangent]:
+            stands = "free" if spot.normal is None else "closed"
+            options = list(dict.fromkeys("open" if o == "open" else stands for o in options))
+        return options
+
+    def solutions(self) -> list[Solution]:
+        """Choices that meet all laws; first those in which most sticks."""
+        found = []
+        for statuses in product(*map(self._options, self._spots)):
+            solution = self._solved(statuses)
+            if solution is not None:
+                found.append(solution)
+        return sorted(found, key=lambda s: (-s.sticking, sum(x.startswith("pulled") for x in s.statuses)))
+
+    def different(self, one: Solution, other: Solution) -> bool:
+        """True if two solutions are different motions."""
+        size = np.max(self._terms(one.forces) / self._unit, initial=0.0)
+        return bool(largest((one.rates - other.rates) / self._unit) > MET * size)
+
+    def _terms(self, forces: np.ndarray) -> np.ndarray:
+        """Sizes of the terms of the rates (r,)."""
+        terms: np.ndarray = np.abs(self._c) + np.abs(self._d) @ np.abs(forces)
+        return terms
+
+    # --- one choice ------------------------------------------------------------------------------------
+    def _solved(self, statuses: tuple[str, ...]) -> Solution | None:
+        shares = self._shares(statuses)
+        members = {member for _, member, _ in shares}
+        statuses = tuple("shares" if k in members else s for k, s in enumerate(statuses))
+        forces = self._forces(statuses)
+        if forces is None:
+            return None
+        rates = self._c + self._d @ forces
+        loads, _ = self._all_loads(forces)
+        wrong = FRICTION_TOLERANCE * self._terms(forces).max(initial=0.0)
+        slack = FRICTION_TOLERANCE * loads + ROUNDING * largest(forces)
+        limits = np.array([spot.static for spot in self._spots]) * loads
+        for leader, member, ratio in shares:
+            limits[leader] += abs(ratio) * limits[member]
+        final = list(statuses)
+        for k, (spot, status) in enumerate(zip(self._spots, statuses, strict=True)):
+            if spot.normal is not None:
+                if status == "open":
+                    parts = rates[spot.normal] - spot.target
+                    if parts < -wrong:
+                        return None
+                    final[k] = "open" if parts > wrong else "idle"
+                    continue
+                if forces[spot.normal] < -slack[k]:
+                    return None
+            if spot.tangent is None:
+                continue
+            if status == "sticks" and not abs(forces[spot.tangent]) <= limits[k] + slack[k]:
+                return None
+            if SENSE.get(status) and spot.rests:
+                onset = SENSE[status] * rates[spot.tangent]
+                if onset < -wrong:
+                    return None
+                if onset <= wrong:
+                    final[k] = f"pulled {status}"
+        return Solution(tuple(final), forces, rates, shares)
+
+    def _shares(self, statuses: tuple[str, ...]) -> tuple[tuple[int, int, float], ...]:
+        """Spots that stick by the row of an earlier one, as they slide together."""
+        shares: list[tuple[int, int, float]] = []
+        leaders: list[int] = []
+        for k, status in enumerate(statuses):
+            if status != "sticks":
+                continue
+            own = self._spots[k].tangent
+            for leader in leaders:
+                row = self._spots[leader].tangent
+                cosine = self._cosines[own, row]
+                if abs(cosine) > 1 - TOGETHER:
+                    shares.append((leader, k, float(np.sign(cosine) * self._unit[own] / self._unit[row])))
+                    break
+            else:
+                leaders.append(k)
+        return tuple(shares)
+
+    def _all_loads(self, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Loads of all spots (s,), and their slopes (s, r)."""
+        count = len(self._spots)
+        values, slopes = (
+            (np.zeros(count), np.zeros((count, forces.size))) if self._loads is None else self._loads(forces)
+        )
+        for k, spot in enumerate(self._spots):
+            if spot.normal is not None:
+                values[k], slopes[k] = forces[spot.normal], 0.0
+                slopes[k, spot.normal] = 1.0
+        return values, slopes
+
+    def _forces(self, statuses: tuple[str, ...]) -> np.ndarray | None:
+        """Forces by row (r,); None if they do not exist, or if rows that hold depend on each other."""
+        forces = np.zeros(self._c.size)
+        for _ in range(1 if self._loads is None else ITERATIONS):
+            matrix, right = self._system(statuses, forces)
+            values = np.linalg.svd(matrix, compute_uv=False)
+            if values.size and values[-1] <= RANK * values[0]:
+                return None
+            before, forces = forces, np.linalg.solve(matrix, right) / self._unit
+            if self._loads is None or largest(forces - before) <= ROUNDING * largest(forces):
+                return forces
+        return None
+
+    def _system(self, statuses: tuple[str, ...], at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Equations of the forces times the units of their rows; loads to first order about some forces."""
+        loads, slopes = self._all_loads(at)
+        constant = loads - slopes @ at
+        matrix, right, unit = np.eye(self._c.size), np.zeros(self._c.size), self._unit
+        for k, (spot, status) in enumerate(zip(self._spots, statuses, strict=True)):
+            if spot.normal is not None and status != "open":
+                matrix[spot.normal] = self._cosines[spot.normal]
+                right[spot.normal] = (spot.target - self._c[spot.normal]) / unit[spot.normal]
+            if status == "sticks":
+                matrix[spot.tangent] = self._cosines[spot.tangent]
+                right[spot.tangent] = -self._c[spot.tangent] / unit[spot.tangent]
+            elif SENSE.get(status):
+                limit = -SENSE[status] * spot.sliding * unit[spot.tangent]
+                matrix[spot.tangent] -= limit * slopes[k] / unit
+                right[spot.tangent] = limit * constant[k]
+        return matrix, right

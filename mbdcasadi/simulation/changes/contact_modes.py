@@ -1,0 +1,592 @@
+"""Mechanisms with rigid contacts in one mode, which mode holds at a state, and the impacts that lead into it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+
+from ...assembly.consistent_start import consistent_start, position_limits
+from ...assembly.setup import Setup
+from ...equations import equations
+from ...equations.derivation import why_not_unique
+from ...equations.impact_law import by_element, impulse_response
+from ...errors import ModelError, SimulationError, SingularityError
+from ...model.events import Event
+from ...model.forces.contact.rigid import RigidContact
+from ...model.forces.friction.joint_friction import FrictionInJoint
+from ...model.forces.friction.modes import switching, variant_in
+from ...model.mechanism import Mechanism
+from ...model.rates import time_derivative
+from ...numerics.lazy import cached_property
+from ...numerics.least_squares import largest, least_norm
+from ...numerics.tolerances import NEGLIGIBLE
+from ...results.state import State
+from ...results.trajectory import Trajectory
+from .complementarity import Complementarity, Solution, Spot
+from .events import at_rest
+from .friction_modes import SENSE, FrictionModes, SwitchingModes
+
+#: Choices of open, sticking and sliding that are looked at for one instant, at most.
+CHOICES = 4096
+#: What takes place at a site.
+WHAT = ("touches", "opens", "slips off", "stops", "breaks away")
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A place of a contact, or a friction in a joint.
+
+    Attributes
+    ----------
+    element : RigidContact or FrictionInJoint
+        What it belongs to.
+    place : int or None
+        Number of the place of the contact.
+    """
+
+    element: Any
+    place: int | None = None
+
+    @property
+    def name(self) -> str:
+        """Name in events."""
+        several = self.place is not None and len(self.element.places) > 1
+        return f"{self.element.name}.{self.place}" if several else str(self.element.name)
+
+    @property
+    def description(self) -> str:
+        """Kind and name of the element, as messages give it."""
+        return str(self.element.description)
+
+    @property
+    def law(self) -> Any:
+        """Law of friction, or None."""
+        return self.element.law if self.place is None else self.element.friction
+
+    def row(self, kind: str) -> int:
+        """Row of its normal force, or of its "friction", in the element."""
+        place = self.place or 0
+        return place + len(self.element.places) if kind == "friction" and self.place is not None else place
+
+    @property
+    def normal_force(self) -> ca.SX:
+        """Normal force of the place, N."""
+        return self.element.normal_forces[self.place]
+
+    @property
+    def load(self) -> ca.SX:
+        """Load of the surfaces, N."""
+        return ca.SX(self.element.load) if self.place is None else self.normal_force
+
+    @property
+    def sliding_speed(self) -> ca.SX:
+        """Sliding speed, m/s."""
+        return self.element.sliding_speed if self.place is None else self.element.sliding_speeds[self.place]
+
+    @property
+    def friction(self) -> ca.SX:
+        """Friction along the sliding speed, N, as a multiplier."""
+        return -self.element.multipliers if self.place is None else self.element.friction_forces[self.place]
+
+    def sliding_friction(self, sense: str) -> ca.SX:
+        """The same if it slides, N."""
+        if self.place is None:
+            return self.element.in_mode(sense).force
+        return self.element.sliding_friction(self.place, sense)
+
+
+@dataclass(frozen=True)
+class ContactMode:
+    """What is open, sticks and slides.
+
+    Attributes
+    ----------
+    statuses : tuple of str
+        By site; see :class:`.Solution`.
+    shares : tuple of (int, int, float)
+        Sites that share the friction of another one.
+    """
+
+    statuses: tuple[str, ...]
+    shares: tuple[tuple[int, int, float], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """What a decision needs of a state: rows are the speeds at which places part, then those of sliding."""
+
+    free: State
+    gaps: np.ndarray
+    within: np.ndarray
+    speeds: np.ndarray
+    rates: np.ndarray
+    rows: np.ndarray
+    response: np.ndarray
+    joints: np.ndarray
+    rest: float
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """Rates of the rows by unit forces along them."""
+        product: np.ndarray = self.rows @ self.response
+        return (product + product.T) / 2
+
+
+class ContactModes(SwitchingModes):
+    """The modes of a mechanism with rigid contacts, and perhaps exact friction in joints."""
+
+    prefix: ClassVar[str] = "contact: "
+
+    def __init__(self, setup: Setup):
+        super().__init__(setup)
+        self.elements = switching(setup.mechanism)
+        self.sites = tuple(
+            Site(element, place)
+            for element in self.elements
+            for place in (range(len(element.places)) if isinstance(element, RigidContact) else (None,))
+        )
+        self._contacts = [k for k, site in enumerate(self.sites) if site.place is not None]
+        other = [e.description for e in self.elements if not isinstance(e, RigidContact | FrictionInJoint)]
+        if other:
+            raise ModelError(
+                f"{', '.join(other)} sticks and slides, which is not sorted out together with "
+                f"{self._names(self._contacts)}; take a Contact with a stiffness"
+            )
+        self._rubs = [k for k, site in enumerate(self.sites) if site.law is not None]
+        #: rows of the sites: the speeds at which places part, then those of sliding
+        self._normal = {k: row for row, k in enumerate(self._contacts)}
+        self._tangent = {k: len(self._contacts) + row for row, k in enumerate(self._rubs)}
+        loaded = self.numeric(self.free).eom.loaded_by_reactions
+        if loaded:
+            raise ModelError(
+                f"{', '.join(loaded)} depends on reactions by a smoothed law, which is not sorted out together with "
+                f"{self._names(self._contacts)}; take DryFriction there"
+            )
+
+    def _names(self, sites: Sequence[int]) -> str:
+        return ", ".join(dict.fromkeys(self.sites[k].element.description for k in sites))
+
+    # --- mechanisms in one mode ------------------------------------------------------------------
+    @cached_property
+    def free(self) -> ContactMode:
+        return ContactMode(tuple("free" if site.place is None else "open" for site in self.sites))
+
+    def variant(self, mode: ContactMode) -> Mechanism:
+        statuses = iter(status.removeprefix("pulled ") for status in mode.statuses)
+        senses = [
+            tuple(next(statuses) for _ in element.places) if isinstance(element, RigidContact) else next(statuses)
+            for element in self.elements
+        ]
+        return variant_in(self.mechanism, tuple(senses))
+
+    def notes(self, mode: ContactMode) -> list[str]:
+        together = [k for pair in mode.shares for k in pair[:2]]
+        if not together:
+            return []
+        return [f"{self._names(together)}: what sticks at several places shares its friction by least norm"]
+
+    def sliding(self, mode: ContactMode) -> list[tuple[Any, float]]:
+        both = zip(self.sites, mode.statuses, strict=True)
+        return [(site, SENSE.get(status, 0.0)) for site, status in both if site.law is not None]
+
+    def refuse_redundant_rows(self) -> None:
+        lam = equations(self.mechanism).lam
+        names = [self.sites[k].description for k in self._rubs if ca.depends_on(self.sites[k].load, lam)]
+        if names:
+            raise SingularityError(why_not_unique(list(dict.fromkeys(names))))
+
+    # --- events of a mode ----------------------------------------------------------------------------
+    def event_names(self) -> set[str]:
+        return {f"{site.name} {what}" for site in self.sites for what in WHAT}
+
+    def events(self, mode: ContactMode) -> tuple[Event, ...]:
+        return tuple(event for k in range(len(self.sites)) for event in self._events_of(k, mode))
+
+    def _events_of(self, k: int, mode: ContactMode) -> list[Event]:
+        """Events at which a site leaves its mode."""
+        site, status, found = self.sites[k], mode.statuses[k], []
+        if status in ("open", "idle"):
+            gap = site.element.gaps[site.place]
+            if status == "idle":  # beyond what is rounding
+                gap += 2 * NEGLIGIBLE * self._fineness * (1 + ca.norm_2(equations(self.mechanism).q))
+            return [Event(f"{site.name} touches", gap, direction=-1, terminal=True)]
+        if site.place is not None:
+            found = [Event(f"{site.name} opens", site.normal_force, direction=-1, terminal=True)]
+            within = site.element.places[site.place].touch.within
+            if within is not None:
+                found.append(Event(f"{site.name} slips off", within, direction=-1, terminal=True))
+        if status == "sticks":
+            limit = site.law.static_coefficient * site.load
+            for leader, member, ratio in mode.shares:
+                if leader == k:
+                    other = self.sites[member]
+                    limit += abs(ratio) * other.law.static_coefficient * other.load
+            excess = ca.fabs(site.friction) - limit
+            found.append(Event(f"{site.name} breaks away", excess, direction=1, terminal=True))
+        elif SENSE.get(status):
+            speed, direction = site.sliding_speed, -int(SENSE[status])
+            found.append(Event(f"{site.name} stops", speed, direction=direction, terminal=True))
+        elif status.startswith("pulled") or status == "free":
+            leaves = ca.fabs(site.sliding_speed) - self.rest
+            found.append(Event(f"{site.name} breaks away", leaves, direction=1, terminal=True))
+        return found
+
+    # --- results of the whole mechanism ------------------------------------------------------------
+    def multipliers(self, mode: ContactMode, motion: Trajectory | State) -> np.ndarray:
+        whole = equations(self.mechanism)
+        terms = self.mechanism.cache.get_or_create(("multipliers", mode), lambda: self._multipliers(mode))
+        columns = np.reshape(motion[terms], (-1, whole.lam.numel()))
+        leaders = dict.fromkeys(leader for leader, _, _ in mode.shares)
+        if leaders:
+            columns = columns.copy()
+        for leader in leaders:
+            members = {leader: 1.0} | {member: ratio for first, member, ratio in mode.shares if first == leader}
+            rows = [self._row(k, "friction") for k in members]
+            limits = [self.sites[k].law.static_coefficient * self.sites[k].load for k in members]
+            most = np.reshape(motion[ca.vertcat(*limits)], (-1, len(members)))
+            columns[:, rows] = _least_split(columns[:, rows[0]], np.array(list(members.values())), most)
+        return columns
+
+    def _row(self, k: int, kind: str) -> int:
+        """Row of a site in the whole mechanism."""
+        return equations(self.mechanism).row_elements.index(self.sites[k].element) + self.sites[k].row(kind)
+
+    def _multipliers(self, mode: ContactMode) -> ca.SX:
+        """Multipliers of the whole mechanism in a mode; of friction that is shared, all at the first place."""
+        terms = ca.vertsplit(equations(self.mechanism).lam)
+        for k, (site, status) in enumerate(zip(self.sites, mode.statuses, strict=True)):
+            if status in ("open", "idle"):
+                terms[self._row(k, "normal")] = ca.SX(0)
+            sense = status.removeprefix("pulled ")
+            if sense in ("forth", "back"):
+                terms[self._row(k, "friction")] = -site.sliding_friction(sense)
+            elif status != "sticks":
+                terms[self._row(k, "friction")] = ca.SX(0)
+        return ca.vertcat(*terms)
+
+    # --- what a state is like ---------------------------------------------------------------------------
+    @cached_property
+    def _expressions(self) -> tuple[ca.SX, ...]:
+        """Gaps, distances from the ends of edges and their rates (s, 2), speeds of the rows, their rates and slopes."""
+        none, contacts = ca.SX(0, 1), [self.sites[k] for k in self._contacts]
+        gaps = ca.vertcat(none, *[s.element.gaps[s.place] for s in contacts])
+        touches = [s.element.places[s.place].touch for s in contacts]
+        within = ca.vertcat(none, *[ca.SX(1) if t.within is None else t.within for t in touches])
+        speeds = [s.element.normal_speeds[s.place] for s in contacts]
+        speeds += [self.sites[k].sliding_speed for k in self._rubs]
+        rows = ca.vertcat(none, *speeds)
+        sides = ca.horzcat(within, time_derivative(within, self.mechanism))
+        return gaps, sides, rows, time_derivative(rows, self.mechanism), ca.jacobian(rows, equations(self.mechanism).v)
+
+    def _viewed(self, state: State) -> _View:
+        """Everything that a decision needs of a state.
+
+        Raises
+        ------
+        SimulationError
+            If outlines penetrate each other.
+        """
+        free, numeric = self.at(self.free, state.t, state.q, state.v, state.z), self.numeric(self.free)
+        if free.obstacle is not None:
+            raise free.obstacle
+        gaps, sides, speeds, rates, rows = (self._value(free, e) for e in self._expressions)
+        gaps, speeds, rates = gaps.ravel(), speeds.ravel(), rates.ravel()
+        jacobian, _ = numeric.velocity(free.t, free.q)
+        response, joints = impulse_response(numeric, jacobian, rows)
+        deepest = int(np.argmin(gaps))
+        if gaps[deepest] < -float(position_limits(numeric, np.array([False]))[0]):
+            site = self.sites[self._contacts[deepest]]
+            raise SimulationError(
+                f"{site.element.description}: the outlines penetrate each other by {-gaps[deepest]:.3g} m at t = "
+                f"{free.t:.6g} s, and a rigid contact does not push them apart; start with a gap that is not negative",
+                time=free.t,
+            )
+        return _View(free, gaps, sides, speeds, rates, rows, response, joints, at_rest(free))
+
+    def _near(self, view: _View) -> float:
+        """Gap below which a place counts as closed, m."""
+        return NEGLIGIBLE * self._fineness * (1 + largest(view.free.q))
+
+    def _touching(self, view: _View, events: Sequence[Event], before: ContactMode | None) -> list[int]:
+        """Sites of contacts that are closed."""
+        near, names, touching = self._near(view), {event.name for event in events}, list[int]()
+        for i, k in enumerate(self._contacts):
+            site, (within, rate) = self.sites[k], view.within[i]
+            if abs(within) <= near:  # at the end of an edge it is where it goes
+                covers = site.element.places[site.place].touch.covers_ends
+                within = rate if abs(rate) > view.rest else 1.0 if covers else -1.0
+            was = before is not None and before.statuses[k] not in ("open", "idle")
+            if within > 0 and (was or view.gaps[i] <= near or f"{site.name} touches" in names):
+                touching.append(k)
+        return touching
+
+    def _coefficients(self, k: int, free: State) -> tuple[float, float]:
+        """Coefficients of sliding and of rest of a site."""
+        law = self.sites[k].law
+        if law is None:
+            return 0.0, 0.0
+        sliding, static = np.asarray(free[ca.vertcat(law.coefficient, law.static_coefficient)])
+        return float(sliding), float(static)
+
+    @staticmethod
+    def _value(state: State, expression: ca.SX) -> np.ndarray:
+        """Value of an expression at a state, as a matrix."""
+        return np.reshape(state[expression], expression.shape)
+
+    # --- impacts ---------------------------------------------------------------------------------------
+    def struck(
+        self, state: State, events: Sequence[Event] = (), before: ContactMode | None = None
+    ) -> tuple[State, Mapping[Any, np.ndarray] | None]:
+        view = self._viewed(state)
+        touching = self._touching(view, events, before)
+        if not any(view.speeds[self._normal[k]] < -view.rest for k in touching):
+            return state, None
+        rows = self._rows(touching)
+        spots = [self._striking(view, k, rows) for k in touching]
+        solution = self._solution(view, rows, view.speeds[rows], [spots], touching, "velocities")
+        self._refuse_gain(view, rows, solution, touching)
+        v = view.free.v + view.response[:, rows] @ solution.forces
+        impulses = dict(by_element(self.numeric(self.free).eom, view.joints[:, rows] @ solution.forces))
+        for k, spot in zip(touching, spots, strict=True):
+            site = self.sites[k]
+            own = impulses.setdefault(site.element, np.zeros(site.element.multipliers.numel()))
+            own[site.row("normal")] = -solution.forces[spot.normal]
+            if spot.tangent is not None:
+                own[site.row("friction")] = -solution.forces[spot.tangent]
+        return self.at(self.free, state.t, state.q, v, state.z), impulses
+
+    def _rows(self, sites: Sequence[int]) -> list[int]:
+        """Rows of some sites."""
+        return [rows[k] for rows in (self._normal, self._tangent) for k in sites if k in rows]
+
+    def _places(self, k: int, rows: Sequence[int]) -> tuple[int | None, int | None]:
+        """Places of the normal and the tangent of a site among some rows."""
+        normal, tangent = (rows.index(own[k]) if k in own else None for own in (self._normal, self._tangent))
+        return normal, tangent
+
+    def _striking(self, view: _View, k: int, rows: Sequence[int]) -> Spot:
+        """What a place may do in an impact."""
+        normal, tangent = self._places(k, rows)
+        mu, _ = self._coefficients(k, view.free)
+        stands = ("closed",) if tangent is None else ("sticks", "forth", "back")
+        target = -self._restitution(view, k) * min(view.speeds[self._normal[k]], 0.0)
+        return Spot(normal, tangent, ("open", *stands), mu, mu, target)
+
+    def _restitution(self, view: _View, k: int) -> float:
+        """Coefficient of restitution of a place."""
+        site = self.sites[k]
+        e = float(view.free[ca.SX(site.element.restitution)])
+        if not 0 <= e <= 1:
+            raise ModelError(f"{site.element.description}: restitution must be from 0 to 1, got {e:g}")
+        return e
+
+    def _refuse_gain(self, view: _View, rows: Sequence[int], solution: Solution, sites: Sequence[int]) -> None:
+        """Raise if restitution and friction add energy to an impact."""
+        twice = view.speeds[rows] + solution.rates
+        gain, exchanged = solution.forces @ twice / 2, np.abs(solution.forces) @ np.abs(twice) / 2
+        if gain > NEGLIGIBLE * exchanged:
+            raise SimulationError(
+                f"{self._names(sites)}: the impact at t = {view.free.t:.6g} s would gain {gain:.3g} J by Newton's "
+                "restitution while friction turns the sliding back (Kane's paradox); lower the restitution or the "
+                "friction, or take a Contact with a stiffness",
+                time=view.free.t,
+            )
+
+    # --- which mode holds -----------------------------------------------------------------------------
+    def decided(
+        self, state: State, events: Sequence[Event] = (), before: ContactMode | None = None
+    ) -> tuple[ContactMode, State]:
+        view, names = self._viewed(state), {event.name for event in events}
+        touching = self._touching(view, events, before)
+        slowest = self._lost_speed(view, touching)
+        touching = [k for k in touching if view.speeds[self._normal[k]] <= slowest]
+        sites = [k for k, site in enumerate(self.sites) if site.place is None or k in touching]
+        rows, broken = self._rows(sites), self._broken(state, names, before)
+        spots = [self._resting(view, k, rows, names) for k in sites]
+        likely = [self._likely(spot, k, names, broken) for spot, k in zip(spots, sites, strict=True)]
+        loads = self._loads(view, rows, sites)
+        solution = self._solution(view, rows, view.rates[rows], [likely, spots], sites, "accelerations", loads)
+        statuses, held = list(self.free.statuses), []
+        for k, spot, status in zip(sites, spots, solution.statuses, strict=True):
+            statuses[k] = status.removeprefix("pulled ") if k in broken else status
+            held += [spot.normal] if status not in ("open", "idle") else []
+            held += [spot.tangent] if status in ("sticks", "shares") else []
+        shares = tuple((sites[one], sites[other], ratio) for one, other, ratio in solution.shares)
+        mode = ContactMode(tuple(statuses), shares)
+        v = self._at_rest(view, [rows[n] for n in held if n is not None])
+        state = self.at(mode, state.t, state.q, v, state.z)
+        if state.obstacle is not None:
+            raise state.obstacle
+        return mode, state
+
+    def _resting(self, view: _View, k: int, rows: Sequence[int], names: set[str]) -> Spot:
+        """What a site that is closed, or a friction, may do from an instant on."""
+        normal, tangent = self._places(k, rows)
+        options: tuple[str, ...] = ("closed",) if tangent is None else ("sticks", "forth", "back")
+        speed = 0.0 if tangent is None else float(view.speeds[self._tangent[k]])
+        rests = abs(speed) <= view.rest or f"{self.sites[k].name} stops" in names
+        if not rests:
+            options = ("forth" if speed > 0 else "back",)
+        if normal is not None:
+            options = (*options, "open")
+        sliding, static = self._coefficients(k, view.free)
+        return Spot(normal, tangent, options, sliding, static, rests=rests)
+
+    def _lost_speed(self, view: _View, touching: Sequence[int]) -> float:
+        """Speed of parting below which a place stays closed: it would rise to where it still counts as closed, m/s."""
+        pressing = max(0.0, -float(np.min(view.rates[[self._normal[k] for k in touching]], initial=0.0)))
+        return max(view.rest, math.sqrt(2 * pressing * self._near(view)))
+
+    def _broken(self, state: State, names: set[str], before: ContactMode | None) -> dict[int, str]:
+        """Sites that break away just there, and the sense in which they begin to slide."""
+        broken: dict[int, str] = {}
+        for k, site in enumerate(self.sites):
+            if before is None or before.statuses[k] != "sticks" or f"{site.name} breaks away" not in names:
+                continue
+            pull = -float(state[site.friction])
+            for other, ratio in [(k, 1.0), *((m, r) for leader, m, r in before.shares if leader == k)]:
+                broken[other] = "forth" if pull * ratio > 0 else "back"
+        return broken
+
+    def _likely(self, spot: Spot, k: int, names: set[str], broken: dict[int, str]) -> Spot:
+        """What a site may be if what has just taken place there is not undone at once."""
+        options = tuple(spot.options)
+        if f"{self.sites[k].name} opens" in names:
+            options = ("open",)
+        elif k in broken:
+            options = tuple(o for o in options if o in ("open", broken[k]))
+        return replace(spot, options=options)
+
+    def _loads(self, view: _View, rows: Sequence[int], sites: Sequence[int]) -> Any:
+        """Loads of the frictions in joints by the forces of the rows; None if there are none."""
+        if all(self.sites[k].place is not None for k in sites):
+            return None
+        eom = view.free.equations
+        loads = ca.vertcat(*[self.sites[k].load if self.sites[k].place is None else ca.SX(0) for k in sites])
+        function = eom.function(ca.horzcat(loads, ca.jacobian(loads, eom.lam)))
+        joints = view.joints[:, rows]
+
+        def at(forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            arguments = list(view.free.arguments)
+            arguments[5] = view.free.lam + joints @ forces
+            values = function(*arguments).full()
+            return values[:, 0].copy(), values[:, 1:] @ joints
+
+        return at
+
+    def _solution(
+        self,
+        view: _View,
+        rows: Sequence[int],
+        constant: np.ndarray,
+        attempts: Sequence[Sequence[Spot]],
+        sites: Sequence[int],
+        what: str,
+        loads: Any = None,
+    ) -> Solution:
+        """The one motion that meets the laws: of the parts of the mechanism that do not act on each other, one each."""
+        matrix = view.matrix[np.ix_(rows, rows)]
+        alone = np.sum(view.rows[rows] ** 2 / self.numeric(self.free).weights, axis=1)
+        whole = Complementarity(matrix, constant, alone, attempts[-1], loads)
+        statuses, shares = np.full(len(sites), "", object), list[tuple[int, int, float]]()
+        forces, rates = np.zeros(len(rows)), np.zeros(len(rows))
+        for own, lines in whole.parts():
+            place: dict[int | None, int] = {row: n for n, row in enumerate(lines)}
+            problems = [
+                Complementarity(
+                    matrix[np.ix_(lines, lines)],
+                    constant[lines],
+                    alone[lines],
+                    [
+                        replace(spots[k], normal=place.get(spots[k].normal), tangent=place.get(spots[k].tangent))
+                        for k in own
+                    ],
+                    loads,
+                )
+                for spots in attempts
+            ]
+            part = self._unique(problems, [sites[k] for k in own], what, view.free.t)
+            forces[lines], rates[lines], statuses[own] = part.forces, part.rates, part.statuses
+            shares += [(own[one], own[other], ratio) for one, other, ratio in part.shares]
+        return Solution(tuple(statuses), forces, rates, tuple(shares))
+
+    def _unique(self, attempts: Sequence[Complementarity], sites: Sequence[int], what: str, time: float) -> Solution:
+        """The one motion that meets the laws, among the first choices that have any.
+
+        Raises
+        ------
+        SimulationError
+            If there is none, or more than one, and if there are too many choices.
+        """
+        for problem in attempts:
+            if problem.count > CHOICES:
+                raise SimulationError(
+                    f"{self._names(sites)}: {len(sites)} places that act on each other are closed at t = {time:.6g} s, "
+                    'more than are sorted out at once; take a Contact with a stiffness, and method="bdf"',
+                    time=time,
+                )
+            found = problem.solutions()
+            if not found:
+                continue
+            if problem.may_fall:  # what can stick does not slide
+                found = [one for one in found if one.sticking == found[0].sticking]
+            if any(problem.different(found[0], other) for other in found[1:]):
+                raise SimulationError(
+                    f"{self._names(sites)}: more than one set of {what} meets the laws of contact and friction at t = "
+                    f"{time:.6g} s (Painlevé's paradox); lower the friction, or take a Contact with a stiffness",
+                    time=time,
+                )
+            return found[0]
+        raise SimulationError(
+            f"{self._names(sites)}: no {what} meet the laws of contact and friction at t = {time:.6g} s: friction is "
+            "so large that it jams (Painlevé's paradox); lower the friction, or take a Contact with a stiffness",
+            time=time,
+        )
+
+    @staticmethod
+    def _at_rest(view: _View, rows: Sequence[int]) -> np.ndarray:
+        """Velocities with the speeds of some rows at zero exactly."""
+        v: np.ndarray = view.free.v
+        if not rows:
+            return v
+        return v - view.response[:, rows] @ least_norm(view.matrix[np.ix_(rows, rows)], view.speeds[rows])
+
+
+def modes_of(setup: Setup) -> SwitchingModes:
+    """Modes of a mechanism with exact friction or rigid contacts."""
+    touches = any(isinstance(element, RigidContact) for element in switching(setup.mechanism))
+    return ContactModes(setup) if touches else FrictionModes(setup)
+
+
+def start_in_mode(setup: Setup) -> State:
+    """Find the consistent start; accelerations and reactions belong to the mode that the laws allow there."""
+    modes, time = modes_of(setup), float(setup.grid[0])
+    free = modes.numeric(modes.free)
+    state = consistent_start(free, setup.initial, time, setup.signals)
+    if free.has_redundant_rows(time, state.q):
+        modes.refuse_redundant_rows()
+    try:
+        if modes.struck(state)[1] is not None:
+            raise SimulationError("bodies strike each other", time=time)
+        return modes.whole(*modes.decided(state))
+    except SimulationError as error:
+        obstacle = SingularityError(f"there are no accelerations at t = {time:.6g} s: {error}", time=time)
+    lam = modes.multipliers(modes.free, state)[0]
+    values = state.q, state.v, state.a, state.z, lam, state.inputs, state.parameters
+    return State(setup.mechanism, time, *values, obstacle)
+
+
+def _least_split(total: np.ndarray, ratios: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    """Frictions (k, s) of least norm with ``ratios · frictions = total`` (k,) and sizes up to limits (k, s)."""
+    slopes, split = np.abs(ratios), np.zeros(limits.shape)
+    for row, (sum_, most) in enumerate(zip(total, np.maximum(limits, 0.0), strict=True)):
+        levels = np.r_[0.0, np.sort(most / slopes)]
+        sums = np.minimum(np.outer(levels, slopes), most) @ slopes
+        level = np.interp(abs(sum_), sums, levels)
+        split[row] = np.sign(sum_) * np.sign(ratios) * np.minimum(level * slopes, most)
+    return split

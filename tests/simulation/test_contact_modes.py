@@ -1,0 +1,376 @@
+"""Rigid contacts: touch, stick, slip and impacts, against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import mbdcasadi as mbd
+
+G = 9.81
+WIDE, HIGH = 0.1, 0.2
+
+
+def ball_above(height=1.0, friction=None, restitution=0.0, forces=(), plane=None, **more):
+    """A ball of 0.6 kg above the ground."""
+    ball = mbd.Body("ball", mass=0.6, inertia=2.4e-3, pose=(0, 0.1 + height, 0))
+    plane = mbd.HalfPlane(mbd.ground.at(0, 0)) if plane is None else plane
+    floor = mbd.RigidContact("floor", mbd.Circle(ball.at(0, 0), 0.1), plane, friction, restitution)
+    return ball, floor, mbd.Mechanism([ball], forces=[mbd.Gravity(), floor, *forces], **more)
+
+
+def block_on_floor(friction=None, restitution=0.0, pose=(0, HIGH, 0), force=None):
+    """A block of 2 kg, 0.2 m wide and 0.4 m high, on the ground; `force` is the place and the vector of a push."""
+    block = mbd.Body("block", mass=2.0, inertia=2 / 3 * (WIDE**2 + HIGH**2), pose=pose)
+    corners = [(-WIDE, -HIGH), (WIDE, -HIGH), (WIDE, HIGH), (-WIDE, HIGH)]
+    box = mbd.PolygonEdges(block.at(0, 0), corners)
+    stands = mbd.RigidContact("stands", box, mbd.HalfPlane(mbd.ground.at(0, 0)), friction, restitution)
+    forces = [mbd.Gravity(), stands]
+    if force is not None:
+        forces.append(mbd.Force("push", block.at(*force[0]), force[1]))
+    return block, stands, mbd.Mechanism([block], forces=forces)
+
+
+def happenings(motion):
+    """Names of the events."""
+    return [event.name for event in motion.events]
+
+
+# --- touch --------------------------------------------------------------------------------------------------
+def test_plastic_impact():
+    """A ball that does not bounce is at rest from the impact on; its impulse is its momentum."""
+    ball, floor, mechanism = ball_above()
+    motion = mbd.simulate(mechanism, np.linspace(0, 1, 21))
+    (event,) = motion.events
+    assert event.name == "floor touches" and event.t == pytest.approx(np.sqrt(2 / G), abs=1e-9)
+    assert event.after[floor.impulse] == pytest.approx(0.6 * np.sqrt(2 * G), rel=1e-9)
+    late = motion.t > event.t
+    np.testing.assert_allclose(motion[ball.y][late], 0.1, atol=1e-12)
+    np.testing.assert_allclose(motion[floor.normal_force][late], 0.6 * G, rtol=1e-12)
+    assert not motion[floor.normal_force][~late].any() and motion[floor.gap][0] == pytest.approx(1.0)
+    np.testing.assert_allclose(motion[floor.reaction_on(ball).force][late], np.tile([0, 0.6 * G], (late.sum(), 1)))
+    assert "contact" in motion.statistics.formulation
+
+
+@pytest.mark.parametrize("restitution", [0.2, pytest.param(0.7, marks=pytest.mark.slow)])
+def test_bounces_end_at_rest(restitution):
+    """The limit of the bounces is ``(1 + e)/(1 - e) √(2 h/g)``; what is left out rises by 1 nm a metre at most."""
+    ball, floor, mechanism = ball_above(restitution=restitution)
+    motion = mbd.simulate(mechanism, np.linspace(0, 4, 41))
+    first, last = motion.events[0], motion.events[-1]
+    assert first.after[ball.vy] == pytest.approx(restitution * np.sqrt(2 * G), rel=1e-9)
+    limit = np.sqrt(2 / G) * (1 + restitution) / (1 - restitution)
+    left_out = 2 * np.sqrt(2 * 2.1e-9 / G) / (1 - restitution)
+    assert limit - left_out < last.t <= limit + 1e-8
+    assert motion.final[ball.y] == pytest.approx(0.1, abs=1e-12) and motion.final[ball.vy] == 0
+    assert motion.final[floor.normal_force] == pytest.approx(0.6 * G, rel=1e-12)
+
+
+def test_leaves_a_table_that_shakes():
+    """A ball on a table that moves with time lifts off where the table falls faster than g."""
+    size, rate = 0.01, 40.0
+    table = mbd.HalfPlane(mbd.ground.at(0, size * mbd.sin(rate * mbd.t)))
+    ball, _, mechanism = ball_above(height=0, plane=table)
+    motion = mbd.simulate(mechanism, np.linspace(0, 0.1, 11), initial=[ball.vy == size * rate])
+    assert happenings(motion) == ["floor opens"]
+    assert motion.events[0].t == pytest.approx(np.arcsin(G / size / rate**2) / rate, abs=1e-8)
+
+
+def test_ladder_leaves_the_wall():
+    """A ladder on smooth ground and wall leaves the wall at two thirds of the height at which it began."""
+    length, first, speed = 2.0, np.radians(70), 0.02
+    pose = (length / 2 * np.cos(first), length / 2 * np.sin(first), -first)
+    ladder = mbd.Body("ladder", mass=5, inertia=5 * length**2 / 12, pose=pose)
+    wall = mbd.RigidContact(
+        "wall", mbd.Point(ladder.at(-length / 2, 0)), mbd.HalfPlane(mbd.ground.at(0, 0, angle=-np.pi / 2))
+    )
+    floor = mbd.RigidContact("floor", mbd.Point(ladder.at(length / 2, 0)), mbd.HalfPlane(mbd.ground.at(0, 0)))
+    sin, cos = np.sin(first), np.cos(first)
+    initial = [ladder.omega == speed, ladder.vx == speed * length / 2 * sin, ladder.vy == -speed * length / 2 * cos]
+    motion = mbd.simulate(
+        mbd.Mechanism([ladder], forces=[mbd.Gravity(), wall, floor]), np.linspace(0, 0.8, 41), initial=initial
+    )
+    assert happenings(motion) == ["wall opens"]
+    height = np.sin(-motion.events[0].state[ladder.phi])
+    assert height == pytest.approx(2 / 3 * (sin + speed**2 * length / (3 * G)), abs=1e-8)
+
+
+def test_corner_that_carries_nothing_stays_open():
+    """A guided block stands on two corners, of which the joint leaves one without a load; nothing chatters."""
+    block, stands, mechanism = block_on_floor(mbd.DryFriction(0.4), pose=(0, HIGH + 0.1, 0))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0, np.pi / 2), block.at(0, 0, np.pi / 2))
+    motion = mbd.simulate(mechanism.replace(joints=[guide]), np.linspace(0, 1, 11))
+    assert happenings(motion) == ["stands.0 touches", "stands.1 touches"]
+    assert motion.final[stands.normal_force] == pytest.approx(2 * G, rel=1e-9)
+
+
+# --- stick and slip -----------------------------------------------------------------------------------------
+def test_block_slides_on_an_incline_and_stops():
+    """Coulomb's way on two corners, and no creep after it."""
+    slope, mu, speed = np.radians(20), 0.5, 2.0
+    pose = (0.05 * np.sin(slope), 0.05 * np.cos(slope), -slope)
+    block = mbd.Body("block", mass=3.0, inertia=0.02, pose=pose)
+    box = mbd.PolygonEdges(block.at(0, 0), [(-0.1, -0.05), (0.1, -0.05), (0.1, 0.05), (-0.1, 0.05)])
+    ramp = mbd.HalfPlane(mbd.ground.at(0, 0, angle=-slope))
+    lies = mbd.RigidContact("lies", box, ramp, friction=mbd.DryFriction(mu))
+    motion = mbd.simulate(
+        mbd.Mechanism([block], forces=[mbd.Gravity(), lies]),
+        np.linspace(0, 3, 31),
+        initial=[block.vx == speed * np.cos(slope), block.vy == -speed * np.sin(slope), block.omega == 0],
+    )
+    assert happenings(motion) == ["lies.0 stops", "lies.1 stops"]
+    braking = G * (mu * np.cos(slope) - np.sin(slope))
+    along = np.cos(slope) * motion[block.x] - np.sin(slope) * motion[block.y]
+    assert along[-1] - along[0] == pytest.approx(speed**2 / 2 / braking, abs=1e-9)
+    assert motion.events[0].t == pytest.approx(speed / braking, abs=1e-9)
+    late = motion.t > motion.events[0].t
+    assert np.ptp(along[late]) < 1e-12
+    assert motion[lies.friction_force][late] == pytest.approx(-3 * G * np.sin(slope), rel=1e-9)
+    assert motion[lies.normal_force] == pytest.approx(3 * G * np.cos(slope), rel=1e-9)
+    power = motion[lies.power][~late]
+    np.testing.assert_allclose(power, -mu * 3 * G * np.cos(slope) * (speed - braking * motion.t[~late]), rtol=1e-8)
+
+
+def test_friction_of_a_block_is_shared_by_least_norm():
+    """Under a growing push it breaks away at the static limit of both corners together; the less loaded one is full."""
+    block, stands, mechanism = block_on_floor(mbd.DryFriction(0.2, 0.3), force=((0, -0.1), (4 * mbd.t, 0)))
+    motion = mbd.simulate(mechanism, np.linspace(0, 2, 21))
+    assert happenings(motion) == ["stands.0 breaks away"]
+    begin = 0.3 * 2 * G / 4
+    assert motion.events[0].t == pytest.approx(begin, abs=1e-9)
+    resting = (motion.t > 0) & (motion.t < begin)
+    push, normal = 4 * motion.t[resting], motion[stands.normal_forces][resting][:, :2]
+    np.testing.assert_allclose(normal[:, 1] - normal[:, 0], push * (HIGH - 0.1) / WIDE, rtol=1e-9)
+    first = np.minimum(push / 2, 0.3 * normal[:, 0])
+    assert np.any(first < push / 2)
+    np.testing.assert_allclose(motion[stands.friction_forces][resting][:, :2], -np.array([first, push - first]).T)
+    gone = motion.t[-1] - begin
+    wanted = ((0.3 - 0.2) * 2 * G * gone + 2 * gone**2) / 2
+    assert motion.final[block.vx] == pytest.approx(wanted, rel=1e-7)
+    assert any("least norm" in note for note in motion.statistics.notes)
+
+
+def test_block_tips_over_its_corner():
+    """Pushed at its top it tips where the moment of the push passes that of its weight."""
+    _, _, mechanism = block_on_floor(mbd.DryFriction(1.0), force=((0, HIGH), (4 * mbd.t, 0)))
+    motion = mbd.simulate(mechanism, np.linspace(0, 1.5, 16))
+    assert happenings(motion) == ["stands.0 opens"]
+    assert motion.events[0].t == pytest.approx(2 * G * WIDE / (2 * HIGH) / 4, abs=1e-9)
+
+
+def test_ball_slides_until_it_rolls():
+    """With the inertia ``k m r²`` it rolls with ``v/(1 + k)`` after ``v/(μ g (1 + 1/k))``."""
+    mu, speed, k = 0.2, 3.0, 2.4e-3 / 0.6 / 0.01
+    ball, floor, mechanism = ball_above(0, mbd.DryFriction(mu))
+    motion = mbd.simulate(mechanism, np.linspace(0, 2, 21), initial=[ball.vx == speed, ball.vy == 0, ball.omega == 0])
+    assert happenings(motion) == ["floor stops"]
+    assert motion.events[0].t == pytest.approx(speed / (mu * G * (1 + 1 / k)), abs=1e-9)
+    assert motion.final[ball.vx] == pytest.approx(speed / (1 + k), rel=1e-9)
+    assert motion.final[ball.omega] == pytest.approx(-speed / (1 + k) / 0.1, rel=1e-9)
+    assert motion.final[floor.friction_force] == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_friction_in_a_joint_and_contacts_together():
+    """A slider with a dry guide hits a block that rubs on the floor; each comes to rest by its own friction."""
+    slider = mbd.Body("slider", mass=1, inertia=0.1, pose=(0, 0.05, 0))
+    block = mbd.Body("block", mass=2, inertia=0.02, pose=(1.0, 0.05, 0))
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0.05), slider.at(0, 0))
+    rub = mbd.JointFriction("rub", rail, mbd.DryFriction(0.2))
+    box = mbd.PolygonEdges(block.at(0, 0), [(-0.1, -0.05), (0.1, -0.05), (0.1, 0.05), (-0.1, 0.05)])
+    floor = mbd.RigidContact("floor", box, mbd.HalfPlane(mbd.ground.at(0, 0)), mbd.DryFriction(0.1))
+    hit = mbd.RigidContact("hit", mbd.Circle(slider.at(0, 0), 0.05), box)
+    mechanism = mbd.Mechanism([slider, block], [rail], forces=[mbd.Gravity(), rub, floor, hit])
+    motion = mbd.simulate(mechanism, np.linspace(0, 2, 41), initial=[slider.vx == 3, slider.x == 0])
+    assert happenings(motion) == ["hit touches", "rub stops", "floor.0 stops", "floor.1 stops"]
+    common = np.sqrt(9 - 2 * 0.2 * G * 0.85) / 3
+    assert motion.final[slider.x] == pytest.approx(0.85 + common**2 / (0.4 * G), abs=1e-8)
+    assert motion.final[block.x] == pytest.approx(1 + common**2 / (0.2 * G), abs=1e-8)
+
+
+def test_parts_that_do_not_act_on_each_other_are_decided_apart():
+    """Ten balls at rest have four to the tenth choices, and no two of them meet."""
+    balls = [mbd.Body(f"ball{k}", mass=1, inertia=0.01, pose=(0.3 * k, 0.1, 0)) for k in range(10)]
+    plane = mbd.HalfPlane(mbd.ground.at(0, 0))
+    floors = [
+        mbd.RigidContact(f"floor{b.name}", mbd.Circle(b.at(0, 0), 0.1), plane, mbd.DryFriction(0.3)) for b in balls
+    ]
+    state = mbd.assemble(mbd.Mechanism(balls, forces=[mbd.Gravity(), *floors]))
+    np.testing.assert_allclose([state[floor.normal_force] for floor in floors], G)
+
+
+# --- impacts ------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("mu", "restitution"), [(0.1, 0.6), (1.5, 0.3)])
+def test_oblique_bounce_of_a_rod(mu, restitution):
+    """Its tip slides through the impact, or sticks in it: two equations of impulses."""
+    length, mass, angle = 1.0, 2.0, np.radians(50)
+    inertia = mass * length**2 / 12
+    height = length / 2 * np.sin(angle)
+    rod = mbd.Body("rod", mass=mass, inertia=inertia, pose=(0, height + 2e-3, -angle))
+    plane = mbd.HalfPlane(mbd.ground.at(0, 0))
+    tip = mbd.RigidContact("tip", mbd.Point(rod.at(length / 2, 0)), plane, mbd.DryFriction(mu), restitution)
+    motion = mbd.simulate(
+        mbd.Mechanism([rod], forces=[mbd.Gravity(), tip]),
+        np.linspace(0, 0.01, 3),
+        initial=[rod.vx == 1, rod.vy == -2, rod.omega == 0],
+    )
+    (event,) = motion.events
+    before, after = (np.array([s[rod.vx], s[rod.vy], s[rod.omega]]) for s in (event.state, event.after))
+    arm = length / 2 * np.array([np.cos(event.state[rod.phi]), np.sin(event.state[rod.phi])])
+    rows = np.array([[0, 1, arm[0]], [1, 0, -arm[1]]])
+    by_mass = rows / [mass, mass, inertia]
+    matrix, speeds = rows @ by_mass.T, rows @ before
+    impulse = np.linalg.solve(matrix, [-restitution * speeds[0], 0] - speeds)
+    if abs(impulse[1]) > mu * impulse[0]:
+        normal = -(1 + restitution) * speeds[0] / (matrix[0, 0] - mu * matrix[0, 1])
+        impulse = np.array([normal, -mu * normal])
+        assert (speeds + matrix @ impulse)[1] > 0
+    np.testing.assert_allclose(after, before + by_mass.T @ impulse, atol=1e-12)
+    np.testing.assert_allclose(-event.after[tip.impulses], impulse, rtol=1e-12)
+
+
+def test_carriage_hits_a_wall_through_joints():
+    """The pendulum that hangs on it answers by the impulse of its pin."""
+    carriage = mbd.Body("carriage", mass=3, inertia=0.1)
+    bob = mbd.Body("bob", mass=1, inertia=0.02, pose=(0.3, -0.4, 0))
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), carriage.at(0, 0))
+    pin = mbd.Revolute("pin", carriage.at(0, 0), bob.at(-0.3, 0.4))
+    plane = mbd.HalfPlane(mbd.ground.at(1, 0, angle=np.pi / 2))
+    wall = mbd.RigidContact("wall", mbd.Circle(carriage.at(0, 0), 0.1), plane, restitution=0.5)
+    motion = mbd.simulate(
+        mbd.Mechanism([carriage, bob], [rail, pin], forces=[mbd.Gravity(), wall]),
+        np.linspace(0, 0.5, 11),
+        initial=[carriage.vx == 2, bob.omega == 1, carriage.x == 0.3, bob.phi == 0],
+    )
+    (event,) = motion.events
+    state, after = event.state, event.after
+    phi = state[bob.phi]
+    x, y = np.array([[np.cos(phi), -np.sin(phi)], [np.sin(phi), np.cos(phi)]]) @ [0.3, -0.4]
+    mass = np.array([[4, -y], [-y, 0.02 + x**2 + y**2]])  # in the coordinates x of the carriage and phi of the bob
+    answer = np.linalg.solve(mass, [-1, 0])
+    impulse = 1.5 * state[carriage.vx] / -answer[0]
+    wanted = np.array([state[carriage.vx], state[bob.omega]]) + answer * impulse
+    np.testing.assert_allclose([after[carriage.vx], after[bob.omega]], wanted, atol=1e-12)
+    assert after[carriage.vx] == pytest.approx(-0.5 * state[carriage.vx], rel=1e-12)
+    assert after[wall.impulse] == pytest.approx(impulse, rel=1e-12)
+    jump = [after[bob.vx] - state[bob.vx], after[bob.vy] - state[bob.vy]]
+    np.testing.assert_allclose(after[pin.impulse_on(bob).force], jump, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_rocking_block():
+    """Housner 1963: ``ω⁺/ω⁻ = 1 - 1.5 sin²α`` at each change of the corner."""
+    alpha, start, radius = np.radians(15), np.radians(2), 0.5
+    wide, high = radius * np.sin(alpha), radius * np.cos(alpha)
+    x, y = np.array([[np.cos(start), np.sin(start)], [-np.sin(start), np.cos(start)]]) @ [-wide, high]
+    block = mbd.Body("block", mass=3.0, inertia=radius**2, pose=(wide + x, y, -start))
+    box = mbd.PolygonEdges(block.at(0, 0), [(-wide, -high), (wide, -high), (wide, high), (-wide, high)])
+    rocks = mbd.RigidContact("rocks", box, mbd.HalfPlane(mbd.ground.at(0, 0)), mbd.DryFriction(1.5))
+    motion = mbd.simulate(mbd.Mechanism([block], forces=[mbd.Gravity(), rocks]), np.linspace(0, 0.9, 46))
+    assert happenings(motion) == ["rocks.0 touches", "rocks.1 touches"] * 2
+    ratios = [event.after[block.omega] / event.state[block.omega] for event in motion.events]
+    np.testing.assert_allclose(ratios, 1 - 1.5 * np.sin(alpha) ** 2, rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_flat_block_bounces_on_both_corners_to_rest():
+    """Friction takes μ times the normal impulse in every bounce: in all, the speed falls as if it had slid."""
+    mu, restitution, drop, speed = 0.4, 0.3, 0.05, 1.0
+    block, _, mechanism = block_on_floor(mbd.DryFriction(mu), restitution, pose=(0, HIGH + drop, 0))
+    motion = mbd.simulate(
+        mechanism, np.linspace(0, 0.5, 11), initial=[block.vx == speed, block.vy == 0, block.omega == 0]
+    )
+    first = np.sqrt(2 * drop / G)
+    after = motion.t > motion.events[-1].t
+    assert happenings(motion)[:2] == ["stands.0 touches", "stands.1 touches"]
+    np.testing.assert_allclose(motion[block.phi], 0, atol=1e-9)
+    # the impulses balance the weight from the start of the fall on
+    stop = speed / (mu * G)
+    np.testing.assert_allclose(motion[block.vx][after], np.maximum(0, speed - mu * G * motion.t[after]), atol=1e-8)
+    assert first < stop < 0.5 and happenings(motion)[-1] == "stands.1 stops"
+
+
+def test_resets_of_the_user_act_on_what_is_closed():
+    """A kick along the floor slides it; one into the floor is taken back at once."""
+    ball, _, mechanism = ball_above(0, mbd.DryFriction(0.3))
+    kick = mbd.Event("kick", mbd.t - 0.2, reset={ball.vx: 2.0})
+    press = mbd.Event("press", mbd.t - 0.1, reset={ball.vy: -1.0})
+    motion = mbd.simulate(mechanism, np.linspace(0, 0.3, 4), events=[kick, press])
+    assert happenings(motion) == ["press", "kick"]
+    assert abs(motion.events[0].after[ball.vy]) < 1e-15
+    assert motion.final[ball.vx] == pytest.approx(2 - 0.3 * G * 0.1, rel=1e-9)
+    assert motion.final[ball.y] == pytest.approx(0.1, abs=1e-12)
+
+
+# --- what is refused ------------------------------------------------------------------------------------------
+def sliding_rod(mu):
+    """A rod that leans at 60° and slides on its tip."""
+    angle = np.radians(60)
+    rod = mbd.Body("rod", mass=1.0, inertia=1 / 12, pose=(0, np.sin(angle) / 2, angle))
+    plane = mbd.HalfPlane(mbd.ground.at(0, 0))
+    tip = mbd.RigidContact("tip", mbd.Point(rod.at(-0.5, 0)), plane, mbd.DryFriction(mu))
+    return rod, mbd.Mechanism([rod], forces=[mbd.Gravity(), tip])
+
+
+def test_painleve():
+    """Pushed, a rod at 60° jams from ``μ = (1 + 3 cos²θ)/(3 sinθ cosθ)`` on; pulled, it does not."""
+    critical = (1 + 3 * 0.25) / (3 * np.sin(np.radians(60)) * 0.5)
+    times = np.linspace(0, 1e-3, 2)
+    for mu, speed in ((1.02 * critical, 5), (0.98 * critical, -5)):
+        rod, mechanism = sliding_rod(mu)
+        mbd.simulate(mechanism, times, initial=[rod.vx == speed, rod.vy == 0, rod.omega == 0])
+    rod, mechanism = sliding_rod(1.02 * critical)
+    with pytest.raises(mbd.SimulationError, match="contact 'tip': no accelerations meet the laws .* t = 0 s.*Painlevé"):
+        mbd.simulate(mechanism, times, initial=[rod.vx == -5, rod.vy == 0, rod.omega == 0])
+
+
+def test_penetration_and_too_many_places_are_refused():
+    """A start inside the floor, and more places in one stack than are sorted out."""
+    _, _, mechanism = ball_above(-0.05)
+    with pytest.raises(mbd.SimulationError, match=r"contact 'floor': the outlines penetrate .* 0.05 m at t = 0 s"):
+        mbd.simulate(mechanism, duration=1)
+    balls = [mbd.Body(f"ball{k}", mass=1, inertia=0.01, pose=(0, 0.1 + 0.2 * k, 0)) for k in range(7)]
+    discs = [mbd.Circle(b.at(0, 0), 0.1) for b in balls]
+    below = [mbd.HalfPlane(mbd.ground.at(0, 0)), *discs]
+    law = mbd.DryFriction(0.3)
+    forces = [mbd.RigidContact(f"c{k}", *pair, law) for k, pair in enumerate(zip(discs, below, strict=False))]
+    with pytest.raises(mbd.SimulationError, match="7 places that act on each other .* Contact with a stiffness"):
+        mbd.simulate(mbd.Mechanism(balls, forces=[mbd.Gravity(), *forces]), duration=1)
+
+
+def test_gain_of_energy_is_refused():
+    """Kane's paradox: with Newton's restitution friction that turns the sliding back adds energy."""
+    angle, mass = np.radians(65), 1.0
+    rod = mbd.Body("rod", mass=mass, inertia=mass / 12, pose=(0, np.sin(angle) / 2, angle))
+    plane = mbd.HalfPlane(mbd.ground.at(0, 0))
+    tip = mbd.RigidContact("tip", mbd.Point(rod.at(-0.5, 0)), plane, mbd.DryFriction(2.0), restitution=1.0)
+    mechanism = mbd.Mechanism([rod], forces=[mbd.Gravity(), tip])
+    with pytest.raises(mbd.SimulationError, match="contact 'tip': the impact at t = 0 s would gain .*Kane"):
+        mbd.simulate(mechanism, duration=0.1, initial=[rod.vx == 0.2, rod.vy == -1, rod.omega == 0])
+
+
+def test_names_of_its_events_are_taken():
+    """An event of the user may not be called as one of the contact."""
+    ball, _, mechanism = ball_above()
+    with pytest.raises(mbd.SimulationError, match="'floor touches' has the name"):
+        mbd.simulate(mechanism, duration=1, events=[mbd.Event("floor touches", ball.y)])
+
+
+def test_smoothed_friction_that_depends_on_reactions_is_refused():
+    """It is not sorted out together with contacts."""
+    ball, floor, mechanism = ball_above()
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0, np.pi / 2), ball.at(0, 0, np.pi / 2))
+    rub = mbd.JointFriction("rub", rail, mbd.Coulomb(0.3, 1e-3))
+    with pytest.raises(mbd.ModelError, match="'rub' depends on reactions .* contact 'floor'; take DryFriction"):
+        mbd.simulate(mechanism.replace(joints=[rail], forces=[floor, rub]), duration=1)
+
+
+def test_assemble_knows_the_forces():
+    """At rest the weight; at an impact there are no accelerations."""
+    _, floor, mechanism = ball_above(0)
+    assert mbd.assemble(mechanism)[floor.normal_force] == pytest.approx(0.6 * G, rel=1e-12)
+    ball, floor, mechanism = ball_above(0)
+    state = mbd.assemble(mechanism, [ball.vy == -1])
+    assert state[ball.vy] == -1
+    with pytest.raises(mbd.SingularityError, match="strike each other"):
+        _ = state[floor.normal_force]
