@@ -5,6 +5,7 @@
 >>> run = mbd.kinematics(engine.driven(crank=20 * mbd.t), [0.0, 0.1, 0.2])
 """
 
+from .free_linkages import free_linkage
 from .jansen import jansen
 from .linkages import five_bar, four_bar, slider_crank
 from .machines import cam_follower, planetary_gear
@@ -17,6 +18,7 @@ __all__ = [
     "cam_follower",
     "five_bar",
     "four_bar",
+    "free_linkage",
     "jansen",
     "pendulum_chain",
     "planetary_gear",

@@ -3,78 +3,133 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from ..model.bodies import Body, ground
+from ..errors import ModelError
+from ..model.bodies import Body, Marker, ground
 from ..model.joints.lower_pairs import Revolute
-from ..model.symbols import Parameter
-from .model import Model, cranked
+from ..model.symbols import Parameter, values_of
+from .model import GRAVITY, Model, cranked, masses_of, pair_of_numbers
 
 
-class FreePoints:
-    """Points of a linkage as parameters, where they are in the drawn pose, and bodies that carry them.
+def free_linkage(
+    points: Mapping[str, Any],
+    bodies: Mapping[str, Sequence[str]],
+    masses: Any = 1.0,
+    gravity: Any = GRAVITY,
+    name: str = "linkage",
+) -> Model:
+    """Return a linkage of pins whose points are unknowns for :func:`synthesize`, with a torque on its first body.
+
+    The drawn pose is that of the first position: bodies have the axes of the ground there, and joints meet whatever
+    the points are. Two bodies that have a point in common are pinned there; of more, each to the first of them.
 
     Parameters
     ----------
-    points : mapping of str to numpy.ndarray
-        Drawn places (2,), m.
+    points : mapping of str to (float, float)
+        Names and drawn places of the points, m; no name is that of a body.
+    bodies : mapping of str to sequence of str
+        Points of each body and of the ``"ground"``; a text is a sequence of names of one letter. A point of one body
+        alone is carried by it.
+    masses : float or one for each moving body, default 1
+        Of a metre of bar, kg/m. A body with two pins is a bar, one with more the closed chain of bars between them.
+    gravity : (float, float) or None
+        m/s².
+    name : str, default "linkage"
+        Name of the mechanism.
+
+    Returns
+    -------
+    Model
+        Bodies by their names, pins by those of their points, and markers by those of the points that one body has;
+        ``unknowns``, a dictionary of the parameters ``Ax, Ay, …``; input ``tau``; coordinates are the angles of the
+        bodies that are pinned to the ground.
+
+    Raises
+    ------
+    ModelError
+        For points that are not given or belong to no body, and a linkage that is not pinned to the ground.
+
+    Examples
+    --------
+    >>> places = {"A": (0, 0), "D": (1, 0), "B": (0.1, 0.3), "C": (0.9, 0.7), "P": (0.5, 0.9)}
+    >>> free_linkage(places, {"ground": "AD", "crank": "AB", "coupler": "BCP", "rocker": "DC"}).unknowns["Bx"].value
+    0.1
     """
+    what = "free_linkage"
+    drawn = {key: np.array(pair_of_numbers(place, what, f"point {key}")) for key, place in points.items()}
+    of_point: dict[str, list[str]] = {key: [] for key in drawn}
+    for body, names in bodies.items():
+        for key in names:
+            if key not in drawn:
+                raise ModelError(f"{what}: {body} has the point {key!r}, which is not among points")
+            of_point[key].append(body)
+    for key, owners in of_point.items():
+        if not owners or key in bodies:
+            raise ModelError(f"{what}: point {key!r} {'has the name of a body' if owners else 'belongs to no body'}")
+    unknowns = {
+        key + axis: Parameter(key + axis, float(value))
+        for key, place in drawn.items()
+        for axis, value in zip("xy", place, strict=True)
+    }
+    place = {key: ca.vertcat(unknowns[key + "x"], unknowns[key + "y"]) for key in drawn}
+    moving = [body for body in bodies if body != "ground"]
+    made: dict[str, tuple[Body, ca.SX]] = {"ground": (ground, ca.SX.zeros(2))}
+    for body, mass in zip(moving, masses_of(masses, len(moving), what), strict=True):
+        pinned = [key for key in bodies[body] if len(of_point[key]) > 1] or list(bodies[body])
+        made[body] = _body(body, [place[key] for key in pinned], mass)
 
-    def __init__(self, points: Mapping[str, np.ndarray]):
-        self.unknowns = {
-            name + axis: Parameter(name + axis, float(value))
-            for name, point in points.items()
-            for axis, value in zip("xy", point, strict=True)
-        }
-        self._drawn = points
+    def at(body: str, key: str) -> Marker:
+        return made[body][0].at(*ca.vertsplit(place[key] - made[body][1]))
 
-    def place(self, name: str) -> ca.SX:
-        """The point (2,), in global axes."""
-        return ca.vertcat(self.unknowns[name + "x"], self.unknowns[name + "y"])
-
-    def bar(self, name: str, start: str, end: str, mass: float) -> FreeBar:
-        """Uniform bar between two points, of a mass per length, kg/m."""
-        length = ca.norm_2(self.place(end) - self.place(start))
-        middle = (self._drawn[start] + self._drawn[end]) / 2
-        body = Body(name, mass=mass * length, inertia=mass * length**3 / 12, pose=(*middle, 0.0))
-        return FreeBar(self, body, (self.place(start) + self.place(end)) / 2)
+    pins, carried, turning = dict[str, Revolute](), dict[str, Marker](), dict[str, ca.SX]()
+    for key, (first, *others) in of_point.items():
+        if not others:
+            carried[key] = at(first, key)
+        for k, other in enumerate(others):
+            label = key if not k else f"{key}{k + 1}"
+            pins[label] = Revolute(label, at(first, key), at(other, key))
+        if "ground" in (first, *others):
+            turning |= {body: made[body][0].phi for body in (first, *others) if body != "ground"}
+    if not turning:
+        raise ModelError(f"{what}: no body is pinned to the ground; give it points, as in {{'ground': 'AD', …}}")
+    parts = {**{body: made[body][0] for body in moving}, **pins, **carried}
+    return cranked(name, turning, gravity, parts, parameters=list(unknowns.values()), unknowns=unknowns)
 
 
-class FreeBar:
-    """A body with the axes of the ground in the drawn pose."""
-
-    def __init__(self, points: FreePoints, body: Body, middle: ca.SX):
-        self._points, self.body, self._middle = points, body, middle
-
-    def at(self, name: str) -> Any:
-        """Marker at a point."""
-        return self.body.at(*ca.vertsplit(self._points.place(name) - self._middle))
+def _body(name: str, pins: Sequence[ca.SX], mass: float) -> tuple[Body, ca.SX]:
+    """A body of uniform bars between its pins, and its centre of mass in the drawn pose."""
+    edges = [*pairwise(pins), *([(pins[-1], pins[0])] if len(pins) > 2 else [])]
+    if not edges:
+        return Body(name, mass=0.0, inertia=0.0, pose=(*values_of(pins[0]).ravel(), 0.0)), pins[0]
+    lengths, middles = [ca.norm_2(b - a) for a, b in edges], [(a + b) / 2 for a, b in edges]
+    total = sum(lengths[1:], lengths[0])
+    center = sum((x * m for x, m in zip(lengths[1:], middles[1:], strict=True)), lengths[0] * middles[0]) / total
+    inertia = ca.SX(0)
+    for length, middle in zip(lengths, middles, strict=True):
+        inertia += length**3 / 12 + length * ca.sumsqr(middle - center)
+    if len(edges) == 1:  # as they are, without a division by the length
+        center, inertia = middles[0], lengths[0] ** 3 / 12
+    return Body(name, mass=mass * total, inertia=mass * inertia, pose=(*values_of(center).ravel(), 0.0)), center
 
 
 def free_four_bar(points: Mapping[str, np.ndarray], masses: Sequence[float], gravity: Any) -> Model:
-    """Four-bar of the pins A, B, C, D and the coupler point P; see :func:`four_bar`."""
-    free = FreePoints(points)
-    crank, coupler, rocker = (
-        free.bar(name, ends[0], ends[1], mass)
-        for name, ends, mass in zip(("crank", "coupler", "rocker"), ("AB", "BC", "DC"), masses, strict=True)
+    """Four-bar of the pins A, B, C, D and the coupler point P, with the map of its cognates; see :func:`four_bar`."""
+    bodies = {"ground": "AD", "crank": "AB", "coupler": "BCP", "rocker": "DC"}
+    model = free_linkage(points, bodies, masses, gravity, "four-bar")
+    unknowns = model.unknowns
+    parts = {name: getattr(model, name) for name in ("crank", "coupler", "rocker", *"ABCD", "tau", "unknowns")}
+    return Model(
+        model.mechanism,
+        model.coordinates,
+        **parts,
+        point=model.P,
+        cognates=lambda values: _cognates(unknowns, values),
     )
-    pins = {
-        "A": Revolute("A", ground.at(*ca.vertsplit(free.place("A"))), crank.at("A")),
-        "B": Revolute("B", crank.at("B"), coupler.at("B")),
-        "C": Revolute("C", coupler.at("C"), rocker.at("C")),
-        "D": Revolute("D", ground.at(*ca.vertsplit(free.place("D"))), rocker.at("D")),
-    }
-    coordinates = {"crank": crank.body.phi, "rocker": rocker.body.phi}
-    bodies = {"crank": crank.body, "coupler": coupler.body, "rocker": rocker.body}
-    parts = {**bodies, **pins, "point": coupler.at("P")}
-    unknowns = free.unknowns
-    return cranked(
-        "four-bar", coordinates, gravity, parts, parameters=list(unknowns.values()),
-        unknowns=unknowns, cognates=lambda values: _cognates(unknowns, values),
-    )  # fmt: skip
 
 
 def _cognates(unknowns: Mapping[str, Parameter], values: Mapping[Parameter, float]) -> list[dict[Parameter, float]]:

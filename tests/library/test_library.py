@@ -199,3 +199,33 @@ def test_a_free_four_bar_is_the_four_bar_with_its_cognates():
         back = free.cognates(image)
         assert any(np.isclose(one[free.unknowns["Bx"]], own[free.unknowns["Cx"]]) or
                    np.isclose(one[free.unknowns["Bx"]], own[free.unknowns["Bx"]]) for one in back)  # fmt: skip
+
+
+def test_a_free_linkage_is_pinned_where_bodies_have_points_in_common():
+    """Stephenson's six-bar: one degree of freedom, masses of bars, markers at points of one body; bad input."""
+    places = {"A": (0, 0), "D": (1.1, 0), "B": (0.1, 0.35), "C": (1.2, 0.95), "E": (0.6, 1.1), "F": (1.4, 1.6)}
+    places |= {"G": (1.9, 0.4), "P": (0.9, 1.7)}
+    bodies = {"ground": "ADG", "crank": "AB", "coupler": "BCE", "rocker": "DC", "link": "EFP", "output": "GF"}
+    model = mbd.library.free_linkage(places, bodies, masses=2.0)
+    assert mbd.check(model.mechanism).degrees_of_freedom == 1 and len(model.mechanism.joints) == 7
+    state = mbd.assemble(model.mechanism)
+    assert state[model.P.position] == pytest.approx(places["P"]) and state[model.E.a.position] == pytest.approx(
+        places["E"]
+    )
+    b, c, e = (np.array(places[name]) for name in "BCE")
+    sides = [(b, c), (c, e), (e, b)]
+    mass = sum(2.0 * np.hypot(*(y - x)) for x, y in sides)
+    center = sum(np.hypot(*(y - x)) * (x + y) / 2 for x, y in sides) * 2.0 / mass
+    assert state[model.coupler.mass] == pytest.approx(mass) and state[model.coupler.position] == pytest.approx(center)
+    grid = np.linspace(0, 1, 2001)
+    points = [x + s * (y - x) for x, y in sides for s in (grid[1:] + grid[:-1]) / 2]
+    weights = [2.0 * np.hypot(*(y - x)) / 2000 for x, y in sides for _ in range(2000)]
+    inertia = np.sum(weights * np.sum((np.array(points) - center) ** 2, axis=1))
+    assert state[model.coupler.inertia] == pytest.approx(inertia, rel=1e-5)
+    for wrong, match in (
+        (bodies | {"output": "GX"}, "output has the point 'X', which is not among points"),
+        ({"ground": "AD", "crank": "AB"}, "point 'C' belongs to no body"),
+        ({name: given for name, given in bodies.items() if name != "ground"}, "no body is pinned to the ground"),
+    ):
+        with pytest.raises(mbd.ModelError, match=match):
+            mbd.library.free_linkage(places, wrong)
