@@ -123,6 +123,7 @@ if _typing.TYPE_CHECKING:
     from .sweeping.result import Sweep
     from .sweeping.sweep import sweep
     from .synthesis.linkage import Linkage
+    from .synthesis.linkage_files import read_linkages
     from .synthesis.linkages import Linkages
     from .synthesis.synthesize import synthesize
     from .visual.animate import animate
@@ -172,6 +173,7 @@ _LATER = {
     "sweeping.result": "Sweep",
     "sweeping.sweep": "sweep",
     "synthesis.linkage": "Linkage",
+    "synthesis.linkage_files": "read_linkages",
     "synthesis.linkages": "Linkages",
     "synthesis.synthesize": "synthesize",
     "visual.animate": "animate",
@@ -210,8 +212,9 @@ __all__ = [
     "equilibrium_path", "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness", "identify",
     "impact", "integral", "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize", "optimize",
     "plot", "plot_energy", "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution", "positive_part",
-    "reachable", "read_acf", "read_adm", "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise",
-    "sensitivities", "shaking_force", "simulate", "soft", "stability", "sweep", "synthesize", "t", "time_derivative",
+    "reachable", "read_acf", "read_adm", "read_linkages", "read_mjcf", "read_solution", "read_trajectory", "read_urdf",
+    "rise", "sensitivities", "shaking_force", "simulate", "soft", "stability", "sweep", "synthesize", "t",
+    "time_derivative",
 ]  # fmt: skip
 __all__ += _expressions.__all__
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time as clock
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,8 +60,10 @@ class Range:
         return self.y + np.where(self.turning, turned, moved), p
 
 
-def descend(residuals: Residuals, y: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Damped Gauss-Newton steps from starts: poses, unknowns and sums of squares at their ends."""
+def descend(
+    residuals: Residuals, y: np.ndarray, p: np.ndarray, end: float = np.inf
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Damped Gauss-Newton steps from starts: poses, unknowns and sums of squares at their ends, or at a time (s)."""
     y, value = residuals.settled(y, p, FIRST)
     damping, active = np.full(len(p), DAMPING), np.arange(len(p))
     for _ in range(ITERATIONS):
@@ -75,13 +78,13 @@ def descend(residuals: Residuals, y: np.ndarray, p: np.ndarray) -> tuple[np.ndar
         stalls = nearer & (there > (1 - PROGRESS) * before)
         within = np.max(np.abs(p[active]) / residuals.sizes, axis=1) < FARTHEST
         active = active[(damping[active] < MOST) & (value[active] > ROUNDING) & within & ~stalls]
-        if not active.size:
+        if not active.size or clock.monotonic() > end:
             break
     return y, p, value
 
 
 def searched(
-    residuals: Residuals, within: Range, count: int, seed: tuple[int, ...], coarse: Residuals | None
+    residuals: Residuals, within: Range, count: int, seed: tuple[int, ...], coarse: Residuals | None, end: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Ends of descents from random starts that meet all residuals, without those where joints of a body coincide.
 
@@ -93,6 +96,8 @@ def searched(
         Of the random numbers.
     coarse : Residuals, optional
         Those of some of the positions: the starts go down on these, then the nearest ends on all; these are returned.
+    end : float
+        Time at which starts that still go down are left, on the clock that never goes back, s.
 
     Returns
     -------
@@ -105,13 +110,13 @@ def searched(
         y, p = within.starts(count, first.count, random)
         if coarse is None and first.m:  # first what holds of the dimensions alone
             p = descend(residuals.only([]), y[:, :0], p)[1]
-        y, p, value = descend(first, y, p)
+        y, p, value = descend(first, y, p, end)
         value = _counted(first, p, value)
         if coarse is None:
             chosen = np.flatnonzero(value < MET)
             return y[chosen], p[chosen], value[chosen]
         p = p[np.argsort(value)[: max(1, int(NEAREST * count))]]
-        y, p, value = descend(residuals, posed(residuals, within, p, random), p)
+        y, p, value = descend(residuals, posed(residuals, within, p, random), p, end)
         value = _counted(residuals, p, value)
     chosen = np.flatnonzero(np.isfinite(value))
     return y[chosen], p[chosen], value[chosen]

@@ -17,6 +17,7 @@ from ..model.quantities import whole
 from ..model.symbols import Parameter, number
 from ..model.symbols import t as time
 from ..numerics.lazy import cached_property
+from ..numerics.least_squares import largest
 from ..results.state import State
 from ..results.trajectory import Trajectory
 from ..simulation.assemble import assemble
@@ -65,6 +66,8 @@ class Linkage:
         Relations that are missed most, by name, the largest first.
     found : int
         Number of starts that led to it.
+    independent_poses : numpy.ndarray
+        The coordinates of these that pins do not give (positions, k).
     """
 
     parameters: dict[Parameter, float]
@@ -81,7 +84,7 @@ class Linkage:
         residual: float,
         found: int,
     ):
-        self._shared, self._y = shared, poses
+        self._shared, self.independent_poses = shared, poses
         self.parameters = dict(zip(shared.unknowns, values.tolist(), strict=True))
         self.misses, self.residual, self.found = misses, residual, found
 
@@ -107,7 +110,13 @@ class Linkage:
     @cached_property
     def poses(self) -> np.ndarray:
         """Coordinates of all bodies at the positions (positions, n)."""
-        return self._shared.poses.coordinates(self._y, self._p)
+        return self._shared.poses.coordinates(self.independent_poses, self._p)
+
+    @property
+    def gap(self) -> float:
+        """Largest gap of a joint at a position, m or rad."""
+        rows = [self._shared.poses.rows(y, self._p)[0] for y in self.independent_poses]
+        return largest(np.array(rows))
 
     @cached_property
     def mechanism(self) -> Mechanism:
@@ -126,7 +135,7 @@ class Linkage:
     def _circuit(self) -> Circuit | None:
         poses = self._shared.poses
         extent = max(float(np.ptp(self.poses[:, : 2 * (self.poses.shape[1] // 2)])), np.finfo(float).tiny)
-        return circuit_through(poses, self._y, self._p, np.where(poses.turning, 1.0, extent))
+        return circuit_through(poses, self.independent_poses, self._p, np.where(poses.turning, 1.0, extent))
 
     @property
     def one_branch(self) -> bool | None:
@@ -168,7 +177,7 @@ class Linkage:
         first, second = poses.angles(curve.points[:2], self._p)[:, self._crank]
         one_branch = bool(self.one_branch)
         sense = float(np.sign(second - first)) * (self._circuit.sense if one_branch else 1)
-        start = float(poses.angles(self._y[:1], self._p)[0, self._crank])
+        start = float(poses.angles(self.independent_poses[:1], self._p)[0, self._crank])
         return Driver(f"crank {body.name}", body.phi, start + sense * self._shared.speed * time)
 
     @property

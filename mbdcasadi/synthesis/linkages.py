@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
 from ..errors import ModelError
+from ..results.archives import write_arrays
 from ..results.notebook import html_table
 from .linkage import Linkage
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+#: Kind of the files.
+FORMAT = "mbdcasadi linkages 1"
 #: Rows of the table in a notebook, and pictures in a figure, at most.
 SHOWN, PICTURES = 20, 24
 #: Width of a picture among others, inches.
@@ -98,7 +103,9 @@ class Linkages(Sequence[Linkage]):
 
     @property
     def missing(self) -> float | None:
-        """Estimate of the number of linkages that were not found; None if they are a sample, or approximate.
+        """Estimate of the number of linkages that were not found.
+
+        None if they are a sample, or approximate, or some of them were brought by a map and no start led there.
 
         By those that were found once, n1, and twice, n2: at least ``n1 (n1 - 1) / (2 (n2 + 1))``, if all are as likely.
 
@@ -107,7 +114,7 @@ class Linkages(Sequence[Linkage]):
         Chao, "Nonparametric estimation of the number of classes in a population", Scandinavian Journal of Statistics
         11 (1984) 265.
         """
-        if self.search.free or not self.search.exact:
+        if self.search.free or not self.search.exact or any(not x.found for x in self._linkages):
             return None
         once, twice = (sum(x.found == count for x in self._linkages) for count in (1, 2))
         return once * (once - 1) / (2 * (twice + 1))
@@ -137,6 +144,21 @@ class Linkages(Sequence[Linkage]):
             else:
                 place.set_axis_off()
         return figure
+
+    def save(self, path: str | Path) -> None:
+        """Write dimensions and poses to one NumPy file, without pickle; :func:`read_linkages` reads it."""
+        labels = [p.label for p in self[0].parameters] if len(self) else []
+        content = {
+            "format": FORMAT,
+            "unknowns": np.array(labels, dtype=str),
+            "values": np.array([list(x.parameters.values()) for x in self], float).reshape(len(self), len(labels)),
+            "poses": np.array([x.independent_poses for x in self], float),
+            "residuals": np.array([x.residual for x in self], float),
+            "found": np.array([x.found for x in self], int),
+            "misses": json.dumps([x.misses for x in self]),
+            "search": json.dumps(asdict(self.search)),
+        }
+        write_arrays(path, content)
 
     def __repr__(self) -> str:
         search, count = self.search, len(self)

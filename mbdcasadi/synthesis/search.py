@@ -18,12 +18,14 @@ from .descent import MET, Range, descend, posed, searched
 from .exchanges import exchanges
 from .positions import Positions
 from .residuals import Residuals
-from .solving import Solution, Solving
+from .solving import SOLVED, Solution, Solving
 
 #: Poses of all starts of a batch: as many as fit a processor's cache.
 POSES = 8000
-#: Starts of the first batch; each following one has twice as many, up to those poses.
-FIRST = 200
+#: Starts of a batch, at least.
+FEWEST = 16
+#: Share of these in the first batch; each following one has twice as many.
+FIRST = 1 / 16
 #: Times that each linkage was found from which the list counts as complete.
 COMPLETE = 20
 #: Linkages of a sample, if positions leave dimensions free, and of a list that is not exact.
@@ -33,6 +35,8 @@ SEARCHING, FOLLOWED = 0.8, 20
 #: Distance of two linkages that are the same, relative to their size, in what Newton's method makes of them, and in the
 #: end of a descent.
 SAME, SAME_END = 1e-6, 1e-4
+#: Times that poses of a linkage that a map has brought are looked for.
+TRIES = 5
 #: Starts by which it is seen whether a position is in reach.
 PROBED = 100
 
@@ -121,9 +125,9 @@ class SynthesisSearch:
         """Search until the list is complete or the time is over."""
         end = clock.monotonic() + (seconds if self.exact else SEARCHING * seconds)
         coarse = None if self.exact else self._coarse()
-        size = max(16, POSES // max(1, (coarse or self.residuals).count))
-        sizes = (min(size, FIRST * 2**k) for k in itertools.count())
-        tasks = ((self.residuals, self.range, n, (self._seed, k), coarse) for k, n in enumerate(sizes))
+        size = max(FEWEST, POSES // max(1, (coarse or self.residuals).count))
+        sizes = (min(size, int(FEWEST + FIRST * size * 2**k)) for k in itertools.count())
+        tasks = ((self.residuals, self.range, n, (self._seed, k), coarse, end) for k, n in enumerate(sizes))
         ends = _here(tasks) if executor is None else _elsewhere(executor, tasks)
         near: list[tuple[float, np.ndarray, np.ndarray]] = []
         for y, p, value, count in ends:
@@ -153,7 +157,7 @@ class SynthesisSearch:
         if self.solving.free and self.exact:
             return len(self.found) >= MOST
         if not self.exact:
-            return any(x.count >= COMPLETE for x in self.found)  # of those that meet all, which alone are there
+            return any(x.solution.residual < SOLVED for x in self.found)  # nothing is nearer
         return bool(self.found) and min(x.count for x in self.found) >= COMPLETE
 
     def _take(self, y: np.ndarray, p: np.ndarray) -> None:
@@ -200,7 +204,10 @@ class SynthesisSearch:
             for image in symmetry(dict(values)):
                 given = {**values, **image}
                 p = np.array([number(given[x], f"symmetries=: '{x.label}'", "value") for x in unknowns])
-                mapped = self.solving.newton(posed(self.residuals, self.range, p[None], random)[0], p)
+                tries = (
+                    self.solving.newton(posed(self.residuals, self.range, p[None], random)[0], p) for _ in range(TRIES)
+                )
+                mapped = next((one for one in tries if one is not None), None)
                 if mapped is not None and self._within(mapped.p):
                     yield mapped
 

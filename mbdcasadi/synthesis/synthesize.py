@@ -62,8 +62,8 @@ def synthesize(
         False if relations hold as nearly as can be: then the sum of squares of what they miss, in lengths of the
         drawing and radians, is least. The linkage closes exactly in any case, and conditions hold.
     seconds : float, default 60
-        Longest wall-clock time of the search. It ends before if each linkage was found 20 times, of those that miss
-        relations the best one.
+        Longest wall-clock time of the search. It ends before if each linkage was found 20 times, or, if relations need
+        not be exact, with one that meets them all.
     executor : concurrent.futures.Executor, optional
         Threads or processes that search; without, this thread.
     seed : int, default 0
