@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time as clock
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from ..results.state import State
 from .code import STATUSES, Horizon, source_files
 from .engine import Engine
 from .functions import ControlFunctions
+from .unit import ControllerUnit, controller_unit, unit_files
 
 #: Turn or decay of the fastest mode of the start in a Runge-Kutta step, rad: it then errs by a part in a million.
 TURN = 0.25
@@ -303,6 +304,11 @@ class Controller(SampledController):
             paths.append(place / name)
             paths[-1].write_text(text, encoding="utf-8")
         return tuple(paths)
+
+    def unit(self, name: str, version: int, units: Mapping[str, str]) -> tuple[ControllerUnit, dict[str, str]]:
+        """Return the functional mock-up unit that :func:`export_fmu` writes, and its C files by name."""
+        unit = controller_unit(self._model, self.horizon, self._p, units, name, version)
+        return unit, unit_files(unit, self._files)
 
     def __repr__(self) -> str:
         h = self.horizon

@@ -54,6 +54,8 @@ class Unit:
         Tolerances in co-simulation, if the importer gives none.
     stop, step : float or None
         End and communication step of the default experiment, s.
+    is_differentiable : bool
+        Whether it gives directional derivatives, and takes slopes of inputs.
     """
 
     model: Model
@@ -65,6 +67,7 @@ class Unit:
     abstol: float
     stop: float | None
     step: float | None
+    is_differentiable: bool = True
 
     @property
     def identifier(self) -> str:
@@ -139,6 +142,12 @@ class Unit:
             if kind in self.kinds:
                 tag = kind.title().replace("-", "")
                 abilities = _ABILITIES[self.version][tag] | _ABILITIES[self.version]["both"]
+                if not self.is_differentiable:
+                    abilities = {
+                        name: able
+                        for name, able in abilities.items()
+                        if "Derivative" not in name and name != "canInterpolateInputs"
+                    }
                 element = ET.SubElement(root, tag, {"modelIdentifier": self.identifier, **abilities})
                 if self.version == 2:
                     files = ET.SubElement(element, "SourceFiles")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
@@ -34,9 +34,16 @@ from .variables import variables_of
 DRIFT_RATE = 10.0
 
 
+class Sampled(Protocol):
+    """What is sampled and has a unit of its own: a controller."""
+
+    def unit(self, name: str, version: int, units: Mapping[str, str]) -> tuple[Unit, dict[str, str]]:
+        """Return its unit and the C files of this, of which the interface of FMI includes the others."""
+
+
 @keyboard_interrupts("export_fmu")
 def export_fmu(
-    mechanism: Mechanism,
+    mechanism: Mechanism | Sampled,
     path: str | Path,
     *,
     inputs: Sequence[Input] | None = None,
@@ -63,8 +70,10 @@ def export_fmu(
 
     Parameters
     ----------
-    mechanism : Mechanism
-        The model.
+    mechanism : Mechanism or Controller
+        The model; or a :class:`Controller`, which takes `version`, `units` and `binary` alone, for co-simulation. Its
+        inputs are the measured states, its outputs the inputs of the machine and the status; a sample is taken at
+        the start, and then at the begin of each communication step in which it falls.
     path : str or Path
         File to write, ``engine.fmu``.
     inputs : sequence of Input, optional
@@ -129,11 +138,20 @@ def export_fmu(
     ...     mbd.export_fmu(pendulum, f"{folder}/pendulum.fmu", outputs={"angle": hinge.angle}, binary=False).name
     'pendulum.fmu'
     """
-    if not isinstance(mechanism, Mechanism):
-        raise ModelError(f"export_fmu: takes a Mechanism, got {mechanism!r}")
     target = _target(path)
     kinds = _kinds(kind)
     _refuse_settings(version, binary)
+    if isinstance(mechanism, SampledController) and hasattr(mechanism, "unit"):
+        settings = {"inputs=": inputs, "outputs=": outputs, "parameters=": parameters, "stop=": stop, "step=": step}
+        others = [name for name, value in settings.items() if value is not None]
+        if others or initial != () or kinds != {"co-simulation"}:
+            what = others[0] if others else "kind='model-exchange'" if kinds != {"co-simulation"} else "initial="
+            raise ModelError(f"export_fmu: of a controller, {what} has no meaning; it takes version=, units=, binary=")
+        own, sources = mechanism.unit(target.stem, version, _units(units))
+        _write(path, own, sources, binary)
+        return Path(path)
+    if not isinstance(mechanism, Mechanism):
+        raise ModelError(f"export_fmu: takes a Mechanism or a Controller, got {mechanism!r}")
     shown_inputs = _listed(inputs, mechanism.inputs, Input, "inputs=")
     shown_parameters = _listed(parameters, mechanism.parameters, Parameter, "parameters=")
     stop, step = _experiment(number(t, "export_fmu", "t"), stop, step)
@@ -144,10 +162,14 @@ def export_fmu(
     model = _model(setup, initial, outputs, drift)
     variables = variables_of(model, shown_inputs, shown_parameters, _units(units))
     unit = Unit(model, variables, mechanism.name or target.stem, version, kinds, reltol, abstol, stop, step)
-    content, files = _content(unit)
+    _write(path, unit, source_files(unit), binary)
+    return Path(path)
+
+
+def _write(path: Any, unit: Unit, sources: Mapping[str, str], binary: bool | None) -> None:
+    content, files = _content(unit, sources)
     binaries = {} if binary is False else _binaries(unit, files, path, required=bool(binary))
     write_archive(Path(path), content | binaries)
-    return Path(path)
 
 
 def _refuse_settings(version: Any, binary: Any) -> None:
@@ -157,9 +179,9 @@ def _refuse_settings(version: Any, binary: Any) -> None:
         raise ModelError(f"export_fmu: binary= is True, False or None, got {binary!r}")
 
 
-def _content(unit: Unit) -> tuple[dict[str, bytes], dict[str, str]]:
+def _content(unit: Unit, files: Mapping[str, str]) -> tuple[dict[str, bytes], dict[str, str]]:
     """Files of the archive but for the binary, and the C files with the token, which is a digest of all of them."""
-    draft, files = unit.model_description(""), source_files(unit)
+    draft = unit.model_description("")
     digest = hashlib.sha256(b"\0".join([draft, *(text.encode() for text in files.values())])).hexdigest()
     token = f"{{{digest[:8]}-{digest[8:12]}-{digest[12:16]}-{digest[16:20]}-{digest[20:32]}}}"
     signed = {**files, "model.h": files["model.h"] + f'#define MODEL_TOKEN "{token}"\n'}
