@@ -11,9 +11,10 @@ import numpy as np
 
 from ..errors import ModelError
 from ..model.bodies import Body, Marker, ground
+from ..model.forces.field import GRAVITY
 from ..model.joints.lower_pairs import Revolute
 from ..model.symbols import Parameter, values_of
-from .model import GRAVITY, Model, cranked, masses_of, pair_of_numbers
+from .model import Model, cranked, masses_of, pair_of_numbers
 
 
 def free_linkage(
