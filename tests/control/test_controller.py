@@ -278,3 +278,23 @@ def test_sample_may_be_shorter_than_an_interval():
     controller = mbd.Controller(problem, sample=0.02, intervals=20)
     motion = mbd.simulate(model, np.linspace(0, 2, 101), initial=[cart.x == 0.3, cart.vx == 0], inputs=controller)
     assert abs(motion[cart.x][-1]) < 2e-3
+
+
+@pytest.mark.slow
+def test_steps_of_the_integrator_make_plans_accurate():
+    """A slider-crank that moves within 0.3 s: errors fall with the fifth power of the steps, to those of optimize."""
+    linkage = mbd.library.slider_crank()
+    model, crank, tau = linkage.mechanism, linkage.mechanism.bodies[0], linkage.mechanism.inputs[0]
+    away = 10 * (crank.phi - 1.2) ** 2
+    problem = mbd.OptimalControlProblem(
+        model, duration=0.3, running_cost=away + 1e-3 * tau**2, terminal_cost=mbd.at_end(away + 0.1 * crank.omega**2)
+    )
+    start = mbd.assemble(model, [crank.phi == 0.9, crank.omega == 0])
+    best = mbd.optimize(problem, initial=start, intervals=10, control="constant", transcription=mbd.GaussLegendre(5))
+    costs = []
+    for steps in (1, 2, 4):
+        controller = mbd.Controller(problem, sample=0.03, intervals=10, iterations=60, steps=steps)
+        first = controller.inputs(start)[tau]
+        costs.append(abs(controller.plan.cost - best.cost))
+    assert first == pytest.approx(float(best.trajectory[tau][0]), abs=5e-6)
+    assert costs[1] < costs[0] / 15 and costs[2] < costs[1] / 15

@@ -50,6 +50,7 @@ def test_what_a_horizon_does_not_take(changes, words):
         ({"sample": 0}, "sample must be positive"),
         ({"sample": 2.0}, "longer than the horizon of 1 s"),
         ({"intervals": 0}, "intervals must be a whole number above zero, got 0"),
+        ({"steps": 0}, "steps must be a whole number above zero, got 0"),
         ({"iterations": 1.5}, "iterations must be a whole number above zero, got 1.5"),
     ],
 )
