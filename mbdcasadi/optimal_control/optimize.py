@@ -191,8 +191,8 @@ def optimize(
                 solution = run.solve_in_turn(steps, parameters, guess, several, accuracy)
             if accuracy is None and not run.is_known(guess):
                 warn_of_coarse_mesh(solution)
-                warn_of_false_cost(solution)
             if not run.is_known(guess):
+                warn_of_false_cost(solution)
                 warn_of_growth(solution)
                 warn_of_folding_poses(solution)
                 warn_of_saddle(solution)
@@ -233,7 +233,7 @@ def _with_exact_friction(run: Search, continuation: Any) -> FrictionSearch:
 
 
 def _check_executor(executor: Any, starts: Any) -> None:
-    if not hasattr(executor, "submit"):
+    if isinstance(executor, type) or not hasattr(executor, "submit"):
         raise ModelError(f"optimize: executor= takes a concurrent.futures executor, got {executor!r}")
     if starts is None:
         raise ModelError("optimize: executor= solves from several starts at a time; give starts=, too")

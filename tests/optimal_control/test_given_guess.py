@@ -179,6 +179,7 @@ def test_guesses_of_phases():
         ("up", "takes a number, an array over the duration, a pair"),
         (None, "got None|shape|nan"),
         (mbd.Input("stranger"), "contains input 'stranger'; it takes expressions in t alone"),
+        (mbd.t * mbd.Parameter("rate", 1.0), "contains symbol 'rate'; it takes expressions in t alone"),
         (mbd.log(mbd.t - 0.5), "is nan at t = 0"),
         (lambda times: [1, 2, 3], "no function from times"),
     ],

@@ -542,3 +542,21 @@ def test_a_tolerance_begins_at_a_solution_that_is_a_motion():
     solution = mbd.optimize(problem, tolerance=1e-4)
     assert solution.mesh_error < 1e-4 and np.max(solution.verify().defects) < 1e-4
     assert solution.cost == pytest.approx(mbd.optimize(problem).cost, rel=2e-3)
+
+
+def test_the_last_pass_counts(sharp, monkeypatch):
+    """As many passes as are needed are enough, without a warning."""
+    first = mbd.optimize(sharp, intervals=16, tolerance=1e-6)
+    assert len(first.statistics.passes) > 1
+    monkeypatch.setattr("mbdcasadi.optimal_control.search.refine.PASSES", len(first.statistics.passes) - 1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert mbd.optimize(sharp, intervals=16, tolerance=1e-6).cost == pytest.approx(first.cost, rel=1e-12)
+
+
+def test_of_meshes_that_pass_a_limit_by_far_the_finest_is_kept():
+    """A speed has to be low for a moment, between two mesh points: with the least effort it costs much more."""
+    problem, _, block = rest_to_rest()
+    slow = problem.replace(path=[block.vx <= 0.3 + 1e7 * (mbd.t - 0.5129) ** 2])
+    solution = mbd.optimize(slow)
+    assert solution.cost > 34.9 and solution.trajectory.at(0.5129)[block.vx] <= 0.3 * 1.02

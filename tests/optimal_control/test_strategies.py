@@ -6,6 +6,7 @@ import pytest
 from motions import rest_to_rest
 
 import mbdcasadi as mbd
+from mbdcasadi.optimal_control.motion.guess import Guess
 from mbdcasadi.optimal_control.search.first_guesses import FirstGuesses
 
 
@@ -35,6 +36,22 @@ def test_a_strategy_of_ones_own():
     ]
 
 
+def _strategy(name, proposals=None):
+    """A strategy that proposes what is given."""
+    attributes = {"applies": lambda self, trials: True, "proposals": lambda self, trials: proposals}
+    return type("Own", (mbd.Strategy,), attributes | ({"name": name} if name else {}))()
+
+
+def test_what_is_no_proposal():
+    """A guess is made by the package, and iterations are counted from zero."""
+    for arguments, text in (
+        ({"guess": {}, "iterations": 3}, "must be a Guess"),
+        ({"iterations": -1}, "not be negative"),
+    ):
+        with pytest.raises(mbd.ModelError, match=text):
+            mbd.Proposal(**({"guess": Guess((), np.zeros(0), "own"), "description": "own"} | arguments))
+
+
 def test_what_is_no_list_of_strategies():
     """Each error says what to give."""
     problem, *_ = rest_to_rest()
@@ -43,6 +60,10 @@ def test_what_is_no_list_of_strategies():
         ([], "is empty"),
         (["first"], "takes strategies, got 'first'; give a Strategy"),
         ([FirstGuesses], r"give FirstGuesses\(\)"),
+        ([None], "takes strategies, got None; give a Strategy"),
+        ([_strategy(None)], "has no name"),
+        ([_strategy("listed", [])], r"must yield Proposals, got \[\]"),
+        ([_strategy("nothing", (None for _ in range(1)))], "must yield Proposals, got None"),
     ):
         with pytest.raises(mbd.ModelError, match=text):
             mbd.optimize(problem, search=search)

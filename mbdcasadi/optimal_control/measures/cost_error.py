@@ -174,5 +174,5 @@ def warn_of_false_cost(solution: SolvedMotion) -> None:
             f"the mesh of {sum(part.mesh.count for part in solution.phases)} intervals is too coarse for the cost: "
             f"{solution.cost:.6g} may be off by {amount:.2g}, since the solver makes use of local errors of the motion "
             f"(up to {solution.mesh_error:.1g}), and a least time may be below the true one; take more intervals=, or "
-            "tolerance= for a mesh that is refined"
+            "tolerance=, a smaller one, for a mesh that is refined"
         )

@@ -39,8 +39,6 @@ class PassedLimits(Measure):
 class FarPassedLimits(PassedLimits):
     """Shares as multiples of the largest one that is not told, in tolerances; intervals above are halved."""
 
-    falsifies_cost = False
-
     def of(self, part: PhaseSolution) -> np.ndarray:
         """Shares of the intervals of a phase (N,)."""
         return self.tolerance * super().of(part) / LIMIT_TOLERANCE
@@ -48,6 +46,11 @@ class FarPassedLimits(PassedLimits):
     def pieces(self, part: PhaseSolution) -> np.ndarray:
         """Two of an interval in which a limit is passed by more (N,)."""
         return np.where(self.errors[part.program.number] > self.tolerance, 2, 1)
+
+    @property
+    def spread(self) -> float:
+        """Shares times their stretches, s."""
+        return self.over_stretches
 
     @property
     def loss(self) -> float:

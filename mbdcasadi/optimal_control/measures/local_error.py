@@ -47,9 +47,7 @@ class LocalErrors(Measure):
     @property
     def spread(self) -> float:
         """Errors above the tolerance times their stretches, s."""
-        pairs = zip(self.solution.phases, self.errors, strict=True)
-        lengths = [(np.diff(part.mesh_times), errors) for part, errors in pairs if errors.size]
-        return float(sum(np.sum(length * errors * (errors > self.tolerance)) for length, errors in lengths))
+        return self.over_stretches
 
     def sentences(self) -> list[str]:
         """The largest of all."""

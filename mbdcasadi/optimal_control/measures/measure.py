@@ -78,6 +78,13 @@ class Measure(ABC):
         return 0.0
 
     @property
+    def over_stretches(self) -> float:
+        """Errors above the tolerance times the lengths of their intervals, s."""
+        pairs = zip(self.solution.phases, self.errors, strict=True)
+        lengths = [(np.diff(part.mesh_times), errors) for part, errors in pairs if errors.size]
+        return float(sum(np.sum(length * errors * (errors > self.tolerance)) for length, errors in lengths))
+
+    @property
     def largest(self) -> float:
         """Largest error of an interval."""
         return float(np.max(np.concatenate(self.errors), initial=0.0))

@@ -16,11 +16,12 @@ Spong, "Partial feedback linearization of underactuated mechanical systems", IRO
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import casadi as ca
 import numpy as np
 
-from ...numerics.console import quiet
+from ...numerics.console import call
 from ...numerics.lazy import cached_property
 from ...results.interpolation import hermite, linear
 from ..poses.kinematic_guess import KinematicPath
@@ -122,14 +123,13 @@ class NaturalMotion:
         times = np.r_[begins, begin + time]
         last = np.column_stack([controls, controls[:, -1]])
         last[0, -1] = begins[-1]
-        with quiet():  # a motion that does not get to its end is no guess, and no matter of the user
-            try:
-                result = self._integrator(x0=first, p=np.r_[fixed, begin, step], u=controls)
-                states = np.column_stack([first, result["xf"].full()])
-                loads = self._loads.map(STRETCHES + 1)
-                values = loads(times, states, last, np.tile(fixed[:, None], STRETCHES + 1))
-            except RuntimeError:  # of CasADi, if a state has no accelerations
-                return None
+        try:  # a motion that does not get to its end is no guess, and no matter of the user
+            result = call(partial(self._integrator, x0=first, p=np.r_[fixed, begin, step], u=controls))
+            states = np.column_stack([first, result["xf"].full()])
+            loads = self._loads.map(STRETCHES + 1)
+            values = call(loads, times, states, last, np.tile(fixed[:, None], STRETCHES + 1))
+        except RuntimeError:  # of CasADi, if a state has no accelerations
+            return None
         a, lam, u, rate = (part.full().T for part in values)
         if not all(np.all(np.isfinite(part)) for part in (states, a, lam, u, rate)):
             return None

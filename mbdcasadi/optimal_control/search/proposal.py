@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import OptimizationError
+from ...errors import ModelError, OptimizationError
 from ..motion.guess import Guess
 from ..program.limit_sides import Slacks
 from ..program.statistics import Attempt
@@ -71,6 +71,12 @@ class Proposal:
     settles: bool = False
     ceiling: float = np.inf
     solver: ProblemSolver | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.guess, Guess):
+            raise ModelError(f"Proposal: guess must be a Guess, as trials.motions makes them, got {self.guess!r}")
+        if self.iterations is not None and self.iterations < 0:
+            raise ModelError(f"Proposal: iterations must not be negative, got {self.iterations}")
 
     @property
     def is_itself(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -96,8 +97,8 @@ def refine_if_coarse(solver: ProblemSolver, solution: Solution) -> tuple[Solutio
         The one of the solutions whose errors falsify the cost least, and whether they do so at most by a little.
     """
     refinement = Refinement(solver, solution, NOT_COARSE)
-    refinement.run()
-    return refinement.kept, refinement.false <= 1.0
+    unmet = refinement.run()
+    return (refinement.kept, refinement.false <= 1.0) if unmet else (refinement.solution, True)
 
 
 def refine(solver: ProblemSolver, solution: Solution, tolerance: float) -> Solution:
@@ -210,14 +211,14 @@ class Refinement:
 
     def run(self) -> str:
         """Make passes until the demand is met, and return why they ended before; an empty text if they did not."""
-        for _ in range(PASSES):
+        for number in range(PASSES + 1):
             self._measure()
             if self.error <= 1.0 and not self._unmet():
                 return ""
-            reason = self._pass()
+            reason = self._pass() if number < PASSES else f"{PASSES} passes are made"
             if reason:
-                return reason
-        return f"{PASSES} passes are made"
+                break
+        return reason
 
     # --- errors -----------------------------------------------------------------------------------
     def _measure(self) -> None:
@@ -315,17 +316,22 @@ class Refinement:
     def _other_meshes(self, meshes: list[Mesh]) -> list[Mesh] | None:
         """Meshes in place of those on which the solver failed; None if there are no others.
 
-        Mesh points that do not move well move no more. A motion that is not found on the mesh that was split is found
-        on one of halved intervals.
+        Mesh points that do not move well move no more. In place of split intervals all are halved, and vice versa.
         """
         if self.error > 1.0:
-            others = [mesh.split(2) for mesh in self.solution.meshes] if _can_halve(self.solution) else None
+            halved = _can_halve(self.solution) and not self.stalls
+            others = [mesh.split(2) if halved else split(part, self.motion) for part, mesh in self._parts]
         else:
             moved, self.moves = self.moves > 0, 0
             others = self._meshes() if moved else None
             if others is None or all(map(Mesh.is_same, others, meshes)):
                 others = [mesh.without_free() for mesh in meshes]
         return None if others is None or all(map(Mesh.is_same, others, meshes)) else others
+
+    @property
+    def _parts(self) -> Iterable[tuple[PhaseSolution, Mesh]]:
+        """Phases of the last solution with their meshes."""
+        return zip(self.solution.phases, self.solution.meshes, strict=True)
 
     def _split_for_motion(self) -> list[Mesh] | None:
         """Meshes with intervals split by the errors of the motion, or halved; None if these do not fall any further.

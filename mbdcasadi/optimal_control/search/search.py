@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from ...arguments.values import pairs_of
-from ...errors import OptimizationError
+from ...errors import ModelError, OptimizationError
 from ...numerics.symbolic import numeric_work, symbolic
 from ...numerics.tolerances import MET
 from ..measures.branch import branch_jump, refuse_branch_jump
@@ -232,9 +232,13 @@ class Search:
         self, proposals: Generator[Proposal, Outcome, Found], trials: Trials, strategy: Strategy | None = None
     ) -> Found | None:
         """Try proposals one after another, each of which sees how the one before ended; return their result."""
+        if not isinstance(proposals, Generator):
+            raise ModelError(f"optimize: proposals() of {strategy!r} must yield Proposals, got {proposals!r}")
         try:
             proposal = next(proposals)
             while True:
+                if not isinstance(proposal, Proposal):
+                    raise ModelError(f"optimize: proposals() of {strategy!r} must yield Proposals, got {proposal!r}")
                 outcome = tried(proposal, trials, proposal.solver or trials.solver, strategy.name if strategy else "")
                 trials.outcomes.append(outcome)
                 if strategy is not None and strategy.ends_at_solution and trials.best is not None:

@@ -37,10 +37,11 @@ def read_strategies(search: Any) -> tuple[Strategy, ...]:
         given = tuple(search)
     except TypeError:
         raise ModelError(f"optimize: search= takes a sequence of strategies, got {search!r}") from None
-    wrong = next((one for one in given if not isinstance(one, Strategy)), None)
-    if wrong is not None:
+    for wrong in (one for one in given if not isinstance(one, Strategy)):
         remedy = f"{wrong.__name__}()" if isinstance(wrong, type) and issubclass(wrong, Strategy) else "a Strategy"
         raise ModelError(f"optimize: search= takes strategies, got {wrong!r}; give {remedy}")
+    for nameless in (one for one in given if not isinstance(getattr(one, "name", None), str)):
+        raise ModelError(f'optimize: search=: {nameless!r} has no name; set name = "…" in its class')
     if not given:
         raise ModelError("optimize: search= is empty; nothing would be tried")
     return given

@@ -188,7 +188,9 @@ def _curve_of(value: ca.SX, label: str) -> Callable[[np.ndarray], np.ndarray]:
     """The values of an expression in time."""
     if not value.is_scalar():
         raise ModelError(f"optimize: {label} must be a scalar, got an expression of shape {value.shape}")
-    for symbol in symbols_of(ca.substitute(value, time, 0)):
+    for symbol in symbols_of(value):
+        if ca.is_equal(symbol, time):
+            continue
         raise ExpressionError(f"{label} contains {describe(symbol)}; it takes expressions in t alone")
     function = ca.Function("guess", [time], [ca.densify(value)])
     return lambda times: function(times[None, :]).full().ravel()

@@ -100,6 +100,11 @@ class Elsewhere:
         """Return answer and statistics of a run."""
         try:
             run = self._executor.submit(run_packed, solver, arguments)
+        except RuntimeError as error:
+            lost = isinstance(error, BrokenExecutor)
+            what = "a worker of the executor was lost" if lost else "the executor takes no more work"
+            raise MechanismError(f"optimize: {what} ({error})") from None
+        try:
             wait([run, self._stop], return_when=FIRST_COMPLETED)
             if self._stop.done():
                 run.cancel()
