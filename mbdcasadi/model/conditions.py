@@ -146,7 +146,9 @@ def soft(relations: Relations, weight: Scalar) -> Soft:
     The cost grows by ``weight`` times the amount by which a condition is passed, integrated over time: ``max(e, 0)`` of
     a limit ``e <= 0``, ``|e|`` of an equality ``e == 0``. The penalty is exact: if the weight is above the costate of
     the hard condition everywhere, see ``Solution.costates``, the soft one holds; below it, it is passed where that is
-    cheaper. Among the conditions of a waypoint, and in ``final=``, the amount at that time counts, once.
+    cheaper. A limit that a motion runs into in its positions has an impulse in its costate, and is passed by an amount
+    that falls with the weight. Among the conditions of a waypoint, and in ``final=``, the amount at that time counts,
+    once.
 
     Parameters
     ----------

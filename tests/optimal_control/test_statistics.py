@@ -36,6 +36,8 @@ def test_how_far_starts_agree():
     assert statistics(5).agreement == "one start" and statistics(5, attempt("no limits", 1)).agreement == "one start"
     alone = SolveStatistics(5, "", 0.5, 0.25, 7, 5, starts=[starts[0], starts[3]])
     assert alone.agreement == "2 starts led to 1 optimum, the lowest once"
+    none = SolveStatistics(5, "", 0.5, 0.25, 7, 5, starts=[starts[3], starts[3]])
+    assert none.agreement == "2 starts led to no motion on their meshes"
 
 
 def test_starts_of_earlier_files_are_read(tmp_path):

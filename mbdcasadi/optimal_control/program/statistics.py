@@ -111,7 +111,7 @@ class SolveStatistics:
         """How far starts agree, in words: their number, that of their optima, and how often the lowest was found."""
         solved = [start for start in self.starts if np.isfinite(start.cost)]
         if not solved:
-            return "one start"
+            return f"{len(self.starts)} starts led to no motion on their meshes" if self.starts else "one start"
         lowest = min(solved, key=lambda start: start.cost)
         optima = round(sum(1 / max(start.found, 1) for start in solved))
         times = "once" if lowest.found <= 1 else f"{lowest.found} times"

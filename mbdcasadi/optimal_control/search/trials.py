@@ -173,10 +173,18 @@ class Trials:
     # --- statistics -------------------------------------------------------------------------------
     @property
     def as_starts(self) -> list[Attempt]:
-        """Entries of the solves of the problem itself, with the number of those of the same cost; nan if one failed."""
+        """Entries of the solves of the problem itself, with the number of those of the same cost.
+
+        The cost is nan if a solve failed, or its solution is no motion of the mechanism on its mesh.
+        """
         own = [outcome for outcome in self.outcomes if outcome.proposal.is_itself]
-        costs = np.array([outcome.last.cost if outcome.is_solution else np.nan for outcome in own])
-        return [
-            replace(outcome.attempt, cost=cost, found=sum(same_cost(cost, other) for other in costs.tolist()))
-            for outcome, cost in zip(own, costs.tolist(), strict=True)
+        lost = [outcome.is_solution and self._is_lost(outcome.last) for outcome in own]
+        costs = [
+            o.last.cost if o.is_solution and not no_motion else np.nan for o, no_motion in zip(own, lost, strict=True)
         ]
+        entries = []
+        for outcome, cost, no_motion in zip(own, costs, lost, strict=True):
+            text = outcome.attempt.description + (", no motion on its mesh" if no_motion else "")
+            found = sum(same_cost(cost, other) for other in costs)
+            entries.append(replace(outcome.attempt, cost=cost, found=found, description=text))
+        return entries
