@@ -125,6 +125,10 @@ def analyses() -> None:
     course: mbd.ControlPlan = controller.plan
     timing: mbd.ControlTiming = controller.timing
     assert step.status == 0 and course.t.size == 3 and timing.feedback.size == 1
+    estimator = mbd.Estimator(mechanism, [rod.phi], [0.01], {tau: 0.1}, sample=0.1, horizon=5, unknown=[k])
+    estimator.reset(start, np.eye(len(estimator.state_names)))
+    seen: mbd.State = estimator.update([0.1], {tau: 0.0})
+    assert seen.t == 0.1 and estimator.covariance.shape == (3, 3)
     hold = mbd.SampledController(lambda time, state: {tau: 0.1 * time}, period=0.1)
     methods: list[mbd.Integrator] = [mbd.IDAS(), mbd.DOP853(), mbd.BDF(), mbd.RungeKutta(), mbd.Rosenbrock()]
     methods.append(Euler())

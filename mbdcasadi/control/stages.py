@@ -1,0 +1,171 @@
+"""A sample of a motion in the states of an estimator, with its slopes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.integrate import RK45
+
+from .tree_model import TreeModel
+
+#: Newton's steps to a pose, and the change below which the next one would be rounding (m or rad).
+POSE_STEPS, POSE_CHANGE = 20, 1e-7
+
+
+@dataclass(frozen=True)
+class TreePoint:
+    """Coordinates, velocities and first-order states of the tree (n_s,), and their slopes by the states (n_s, n_x)."""
+
+    s: np.ndarray
+    by_x: np.ndarray
+
+
+class StageFunctions:
+    """Motion over a sample and measurements, in states ``x = (positions, rates, first-order states, unknown)``.
+
+    Parameters
+    ----------
+    model : TreeModel
+        States and equations.
+    measured : casadi.SX
+        What is measured (n_y,).
+    disturbed, unknown : sequence of int
+        Places of the inputs that disturbances are added to, and of the parameters that are states.
+    length : float
+        Sample, s.
+    steps : int
+        Runge-Kutta steps over it.
+    """
+
+    def __init__(
+        self,
+        model: TreeModel,
+        measured: ca.SX,
+        disturbed: Sequence[int],
+        unknown: Sequence[int],
+        length: float,
+        steps: int,
+    ):
+        self.model, self.disturbed, self.unknown = model, list(disturbed), list(unknown)
+        eom = model.eom
+        self._n, self._length = model.q.numel(), length
+        x, t, q, v, p = model.state, eom.t, model.q, model.v, eom.p
+        s = ca.vertcat(q, v, eom.z)
+        rows, _, speeds, *_ = (pose := model.pose())(t, q, v, p)
+        theta = _picked(p, self.unknown)
+        slopes = [ca.jacobian(rows, theta), ca.jacobian(speeds, theta)]
+        self._pose, self._pose_by_unknown = pose, model.function("estimator_pose", [t, q, v, p], slopes)
+        known = [t, q, v, eom.z, p]
+        state = model.along(x)
+        self._state = model.function("estimator_state", known, [state, ca.jacobian(state, ca.vertcat(s, theta))])
+        y, moving = model.along(measured), ca.vertcat(s, _picked(eom.u, self.disturbed), theta)
+        self._output = model.function("estimator_output", model.at, [y, ca.jacobian(y, moving)])
+        self._flow = self._motion(length, steps)
+
+    def _motion(self, length: float, steps: int) -> ca.Function:
+        """``(t, s, u, p, y) -> s at the end, slopes by y = (s, disturbances, unknown)``, of order 5."""
+        model, eom, n = self.model, self.model.eom, self._n
+        rate = model.function("estimator_rate", model.at, [ca.vertcat(model.v, model.rates)])
+        t, u, p = (ca.MX.sym("known", size) for size in (1, eom.u.numel(), eom.p.numel()))
+        count = 2 * n + eom.z.numel()
+        y = ca.MX.sym("y", count + len(self.disturbed) + len(self.unknown))
+        added, values = y[count : count + len(self.disturbed)], y[count + len(self.disturbed) :]
+        whole = u + ca.DM.eye(u.numel())[:, self.disturbed] @ added
+        inserted = p + ca.DM.eye(p.numel())[:, self.unknown] @ (values - _picked(p, self.unknown))
+        h, s = length / steps, y[:count]
+        for step in range(steps):
+            stages: list[ca.MX] = []
+            for c, row in zip(RK45.C, RK45.A, strict=True):
+                at = s + h * sum((a * k for a, k in zip(row, stages, strict=False)), ca.MX.zeros(count))
+                stages.append(rate(t + (step + c) * h, at[:n], at[n : 2 * n], at[2 * n :], whole, inserted))
+            s = s + h * sum(b * k for b, k in zip(RK45.B, stages, strict=True))
+        return ca.Function("estimator_flow", [t, u, p, y], [s, ca.densify(ca.jacobian(s, y))])
+
+    # --- points ------------------------------------------------------------------------------------------------
+    def parameters(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Values of the parameters with the unknown ones of a state."""
+        whole = p.copy()
+        whole[self.unknown] = x[x.size - len(self.unknown) :]
+        return whole
+
+    def complete(self, t: float, x: np.ndarray, p: np.ndarray, near: np.ndarray) -> TreePoint | None:
+        """Close the loops in a state, from coordinates of the tree that are near; None if they do not close."""
+        n, positions, rates = self._n, self.model.independent.positions.numel(), self.model.independent.rates.numel()
+        p, q, still, last = self.parameters(x, p), near[:n].copy(), np.zeros(n), np.inf
+        for _ in range(POSE_STEPS):
+            rows, by_q = (m.full() for m in self._pose(t, q, still, p)[:2])
+            miss = rows.ravel()
+            miss[n - positions :] -= x[:positions]
+            change = _solved(by_q, -miss)
+            if change is None:
+                return None
+            q, last = q + change, float(np.max(np.abs(change), initial=0.0))
+            if last <= POSE_CHANGE:
+                break
+        if not last <= POSE_CHANGE:
+            return None
+        by_q, speeds, by_v = (m.full() for m in self._pose(t, q, still, p)[1:4])
+        speeds[n - rates :, 0] -= x[positions : positions + rates]
+        v = _solved(by_v, -speeds.ravel())
+        if v is None:
+            return None
+        bend = self._pose(t, q, v, p)[4].full()
+        by_unknown = [m.full() for m in self._pose_by_unknown(t, q, v, p)]
+        z, known = x[positions + rates : x.size - len(self.unknown)], x.size - len(self.unknown)
+        wanted = np.zeros((2, n, x.size))
+        wanted[0, n - positions :, :positions] = np.eye(positions)
+        wanted[1, n - rates :, positions : positions + rates] = np.eye(rates)
+        wanted[:, :, known:] -= by_unknown
+        q_by_x = _solved(by_q, wanted[0])
+        v_by_x = None if q_by_x is None else _solved(by_v, wanted[1] - bend @ q_by_x)
+        if q_by_x is None or v_by_x is None:
+            return None
+        z_by_x = np.eye(x.size)[positions + rates : known]
+        return TreePoint(np.concatenate([q, v, z]), np.vstack([q_by_x, v_by_x, z_by_x]))
+
+    def advance(
+        self, t: float, x: np.ndarray, point: TreePoint, u: np.ndarray, d: np.ndarray, p: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """State a sample later, its slopes by the state and the disturbances, and coordinates of the tree there."""
+        theta = x[x.size - len(self.unknown) :]
+        end, slopes = (m.full() for m in self._flow(t, u, p, np.concatenate([point.s, d, theta])))
+        count, m = point.s.size, d.size
+        by_theta = np.eye(x.size)[x.size - theta.size :]
+        s_by_x = slopes[:, :count] @ point.by_x + slopes[:, count + m :] @ by_theta
+        s, n = end.ravel(), self._n
+        values = self._state(t + self._length, s[:n], s[n : 2 * n], s[2 * n :], self.parameters(x, p))
+        value, by_s = (r.full() for r in values)
+        by_x = np.vstack([by_s[:, :count] @ s_by_x + by_s[:, count:] @ by_theta, by_theta])
+        by_d = np.vstack([by_s[:, :count] @ slopes[:, count : count + m], np.zeros((theta.size, m))])
+        return np.concatenate([value.ravel(), theta]), by_x, by_d, s
+
+    def output(
+        self, t: float, x: np.ndarray, point: TreePoint, u: np.ndarray, d: np.ndarray, p: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Measurements in a state under inputs, and their slopes by the state and the disturbances."""
+        n, s, count, m = self._n, point.s, point.s.size, d.size
+        whole = u.copy()
+        whole[self.disturbed] += d
+        values = self._output(t, s[:n], s[n : 2 * n], s[2 * n :], whole, self.parameters(x, p))
+        y, slopes = (r.full() for r in values)
+        by_theta = np.eye(x.size)[x.size - len(self.unknown) :]
+        by_x = slopes[:, :count] @ point.by_x + slopes[:, count + m :] @ by_theta
+        return y.ravel(), by_x, slopes[:, count : count + m]
+
+
+def _picked(x: Any, places: Sequence[int]) -> Any:
+    """Entries of a column, also none of it."""
+    return ca.vertcat(type(x)(0, 1), *(x[k] for k in places))
+
+
+def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
+    """Solution of linear equations; None if they have none, or a number is not finite."""
+    try:
+        found = np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        return None
+    return found if np.isfinite(found).all() else None

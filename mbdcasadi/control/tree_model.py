@@ -1,0 +1,161 @@
+"""A mechanism in the coordinates of its tree of joints and in independent ones: what is compiled for control."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..assembly.setup import Setup
+from ..equations import Equations
+from ..equations.tree import tree_coordinates
+from ..errors import ExpressionError, ModelError
+from ..linear.coordinates import Independent, independent
+from ..model.mechanism import Mechanism
+from ..model.symbols import describe, symbols_of
+from ..model.units import unit_of
+from ..numerics.c_code import simplified
+from ..numerics.lazy import cached_property
+from ..results.state import State
+
+#: Difference of two ways to the accelerations of the start, relative to 1 and their size, that is rounding.
+SAME = 1e-6
+
+
+class TreeModel:
+    """States and equations of a mechanism for control.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The model.
+    eom : Equations
+        Its equations, or those of a phase.
+    chosen : sequence of expressions or None
+        Positions that describe the motion; None lets coordinates of the bodies be chosen.
+    analysis : str
+        Name in errors.
+
+    Attributes
+    ----------
+    start : State
+        A consistent state at rest near the estimated poses.
+    independent : Independent
+        States: positions and rates; first-order states follow.
+    state : casadi.SX
+        All of them (n_x,), in the symbols of the mechanism.
+    names : tuple of str
+        Of the states.
+    q, v : casadi.SX
+        Coordinates and velocities of the tree.
+    rates : casadi.SX
+        Accelerations of these, and rates of first-order states, by ``at = (t, q, v, z, u, p)``.
+    fastest : float
+        Magnitude of the largest eigenvalue of the start, 1/s.
+    """
+
+    def __init__(self, mechanism: Mechanism, eom: Equations, chosen: Any, analysis: str):
+        self.eom, self._analysis = eom, analysis
+        setup = Setup(mechanism, analysis, t=0.0)
+        self.start: State = setup.start
+        self.independent: Independent = independent(
+            setup.numeric, self.start, chosen, analysis=analysis, argument="state="
+        )
+        self._numeric = setup.numeric
+        if eom.Q_depends_on_lam:
+            raise ModelError(
+                f"{analysis}: a force depends on reactions, and no code is written for that; take "
+                f"LoadIndependentFriction in the mechanism of the {analysis.lower()}"
+            )
+        self.state = ca.vertcat(self.independent.positions, self.independent.rates, eom.z)
+        self.names = (*self.independent.names, *(z.label for z in mechanism.states))
+        #: their units; empty if not known
+        self.units = tuple(map(unit_of, ca.vertsplit(self.state)))
+        tree = self.tree = tree_coordinates(eom)
+        self.q, self.v = eom.q[tree.independent], eom.v[tree.independent]
+        self._loads = self._accelerations()
+        self.at = [eom.t, self.q, self.v, eom.z, eom.u, eom.p]
+        self.rates = self.along(ca.vertcat(self._loads[tree.independent], eom.z_rate))
+        self.fastest = self._fastest()
+
+    # --- expressions of the tree -----------------------------------------------------------------------------
+    def along(self, expression: ca.SX) -> ca.SX:
+        """An expression in the symbols of the tree, accelerations and reactions by the equations of motion."""
+        eom = self.eom
+        known = ca.vertcat(eom.a, eom.lam)
+        if ca.depends_on(expression, eom.lam):
+            expression = ca.substitute(expression, known, ca.vertcat(*self._by_all_rows()))
+        elif ca.depends_on(expression, eom.a):
+            expression = ca.substitute(expression, eom.a, self._loads)
+        full = ca.vertcat(eom.q, eom.v)
+        return ca.densify(ca.substitute(expression, full, ca.vertcat(self.tree.q, self.tree.v)))
+
+    def state_at(self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray, p: np.ndarray) -> State:
+        """The state at coordinates and velocities of the tree."""
+        bodies = self._all_coordinates(q, v, p)
+        loads = self._numeric.forward_dynamics(redundant=False)(t, *bodies, z, u, p)
+        q, v, a, lam = (x.full().ravel() for x in (*bodies, *loads))
+        return State(self.eom.mechanism, t, q, v, a, z, lam, u, p)
+
+    @cached_property
+    def _all_coordinates(self) -> ca.Function:
+        return ca.Function("all_coordinates", [self.q, self.v, self.eom.p], [self.tree.q, self.tree.v])
+
+    def _by_all_rows(self) -> tuple[ca.SX, ca.SX]:
+        eom, tree = self.eom, self.tree
+        a, lam = self._numeric.forward_dynamics(redundant=False)(eom.t, tree.q, tree.v, eom.z, eom.u, eom.p)
+        return a, lam
+
+    def _accelerations(self) -> ca.SX:
+        """Accelerations of all coordinates: by the inertia of the tree, or of all bodies if that is singular."""
+        eom = self.eom
+        symbols = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
+        start = self.start
+        values = (start.t, start.q, start.v, start.z, start.inputs, start.parameters)
+        for make in (lambda: self.tree.accelerations(eom.t, eom.z, eom.u, eom.p), lambda: self._by_all_rows()[0]):
+            loads = make()
+            found = ca.Function("a", symbols, [loads])(*values).full().ravel()
+            if np.all(np.abs(found - start.a) <= SAME * (1 + np.max(np.abs(start.a), initial=0))):
+                return loads
+        raise ModelError(
+            f"{self._analysis}: the accelerations of the assembled state have no value in the coordinates of the "
+            "joints: its constraints are redundant (see check), or mass is missing"
+        )
+
+    def _fastest(self) -> float:
+        """Magnitude of the largest eigenvalue of the equations of the tree at the start, 1/s."""
+        places, start, n = self.tree.independent, self.start, self.q.numel()
+        by_state = ca.jacobian(self.rates, ca.vertcat(self.q, self.v, self.eom.z))
+        slopes = ca.Function("slopes", self.at, [by_state])(
+            start.t, start.q[places], start.v[places], start.z, start.inputs, start.parameters
+        )
+        count = 2 * n + start.z.size
+        whole = np.vstack([np.eye(n, count, n), slopes.full()])
+        return float(np.max(np.abs(np.linalg.eigvals(whole)), initial=0.0)) if np.isfinite(whole).all() else 0.0
+
+    def pose(self) -> ca.Function:
+        """``(t, q, v, p) -> rows of the pose, slopes by q, rows of the velocities, slopes by v, slopes by q``."""
+        eom, chosen = self.eom, self.independent
+        left = self.tree.left
+        position = {int(row): place for place, row in enumerate(eom.position_rows)}
+        phi = eom.Phi[[position[k] for k in left if k in position]]
+        speeds = ca.vertcat((eom.Phi_q[left, :] @ eom.v - eom.nu[left]), chosen.rates)
+        rows, speeds = self.along(ca.vertcat(phi, chosen.positions)), self.along(speeds)
+        if rows.numel() != self.q.numel() or speeds.numel() != self.q.numel():
+            raise ModelError(
+                f"{self._analysis}: the constraints of the assembled pose are not independent; see check for the rows "
+                "that are redundant"
+            )
+        slopes = [ca.jacobian(rows, self.q), ca.jacobian(speeds, self.v), ca.jacobian(speeds, self.q)]
+        return self.function("controller_pose", [eom.t, self.q, self.v, eom.p], [rows, slopes[0], speeds, *slopes[1:]])
+
+    def function(self, name: str, arguments: Sequence[ca.SX], results: Sequence[ca.SX]) -> ca.Function:
+        """A function of symbols that are known; of any other an error."""
+        known = {s.element_hash() for group in arguments for s in ca.vertsplit(group)}
+        for result in results:
+            for symbol in symbols_of(result):
+                if symbol.element_hash() not in known:
+                    raise ExpressionError(f"{self._analysis}: it contains {describe(symbol)}, which is not known there")
+        return simplified(ca.Function(name, list(arguments), list(results)))
