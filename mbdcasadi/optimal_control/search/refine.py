@@ -318,6 +318,7 @@ class Refinement:
 
         Mesh points that do not move well move no more. In place of split intervals all are halved, and vice versa.
         """
+        others: list[Mesh] | None
         if self.error > 1.0:
             halved = _can_halve(self.solution) and not self.stalls
             others = [mesh.split(2) if halved else split(part, self.motion) for part, mesh in self._parts]
