@@ -30,8 +30,8 @@ FIRST = 1 / 16
 COMPLETE = 20
 #: Linkages of a sample, if positions leave dimensions free, and of a list that is not exact.
 MOST = 500
-#: Share of the time after which the nearest linkages are followed to the least sum of squares, and their number.
-SEARCHING, FOLLOWED = 0.8, 20
+#: Share of the time after which the nearest linkages are followed to the least sum of squares.
+SEARCHING = 0.8
 #: Distance of two linkages that are the same, relative to their size, in what Newton's method makes of them, and in the
 #: end of a descent.
 SAME, SAME_END = 1e-6, 1e-4
@@ -137,7 +137,7 @@ class SynthesisSearch:
                     self._take(y[k], p[k])
                 elif value[k] >= MET:
                     near.append((float(value[k]), y[k], p[k]))
-            near = sorted(near, key=lambda one: one[0])[:FOLLOWED]
+            near = sorted(near, key=lambda one: one[0])[:MOST]
             if clock.monotonic() > end or self._is_complete():
                 break
         ends.close()

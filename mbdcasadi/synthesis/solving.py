@@ -17,6 +17,8 @@ from .residuals import Residuals
 
 #: Iterations of Newton's method, and residual over its size from which there is a solution.
 NEWTON, SOLVED = 12, 1e-10
+#: Shares of a step of which the first one that comes nearer is taken.
+SHARES = (1.0, 0.5, 0.25, 0.125)
 #: Sum of squares, divided by sizes, below which the nearest linkage may meet all positions.
 MAY_BE_EXACT = 1e-8
 #: Singular value of scaled rows, relative to the largest one, from which a solution is a single point: at others
@@ -94,44 +96,55 @@ class Solving:
                 ranks.append(analyse_rank(unit_rows(slopes)).rank)
         return max(ranks)
 
-    def newton(self, y: np.ndarray, p: np.ndarray) -> Solution | None:
-        """The solution near to an estimate; None if there is none, or it is no linkage of its own."""
+    def _onto(self, y: np.ndarray, p: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, ...] | None:
+        """Least steps to where chosen rows vanish: poses, unknowns, all rows and slopes there; None if they do not."""
         rows, slopes = self._scaled(y, p)
         for _ in range(NEWTON):
             if not (np.isfinite(rows).all() and np.isfinite(slopes).all()):
                 return None
-            step = -self._columns * np.linalg.lstsq(slopes, rows, rcond=None)[0]
-            moved, to = y + step[: y.size].reshape(y.shape), p + step[y.size :]
-            there, then = self._scaled(moved, to)
-            if not largest(there) < largest(rows):
+            step = -self._columns * np.linalg.lstsq(slopes[chosen], rows[chosen], rcond=None)[0]
+            for share in SHARES:
+                moved, to = y + share * step[: y.size].reshape(y.shape), p + share * step[y.size :]
+                there, then = self._scaled(moved, to)
+                if nearer := largest(there[chosen]) < largest(rows[chosen]):
+                    y, p, rows, slopes = moved, to, there, then
+                    break
+            if not nearer:
                 break
-            y, p, rows, slopes = moved, to, there, then
-        if not largest(rows) < SOLVED or self.residuals.degenerate(p[None])[0]:
+        return (y, p, rows, slopes) if largest(rows[chosen]) < SOLVED else None
+
+    def newton(self, y: np.ndarray, p: np.ndarray) -> Solution | None:
+        """The solution near to an estimate; None if there is none, or it is no linkage of its own."""
+        found = self._onto(y, p, np.ones(self._is_limit.size, bool))
+        if found is None or self.residuals.degenerate(found[1][None])[0]:
             return None
+        y, p, rows, slopes = found
         if self.exact and analyse_rank(unit_rows(slopes[~self._is_limit]), ISOLATED).rank < self.rank:
             return None
         return Solution(y, p, rows * self.row_sizes)
 
     def nearest(self, y: np.ndarray, p: np.ndarray) -> Solution | None:
-        """The closed linkage near to an estimate that misses relations by the least sum of squares."""
+        """The closed linkage near to an estimate that misses relations by the least sum of squares.
+
+        It misses no more than the estimate with its joints closed and its conditions met.
+        """
         if np.sum(self.residuals.whole(y, p)[0] ** 2) < MET and (solved := self.newton(y, p)) is not None:
             return solved
-        start = np.concatenate([y.ravel(), p]) / self._columns
+        closed = self._onto(y, p, self._held)
+        if closed is None:
+            return None
+        y, p = closed[:2]
         with np.errstate(all="ignore"):
             program, lower = self._least_squares
-            found = program(x0=start, lbg=lower, ubg=0.0)
-        x = found["x"].full().ravel() * self._columns
-        y, p = x[: y.size].reshape(y.shape), x[y.size :]
-        if float(found["f"]) < MAY_BE_EXACT and (solved := self.newton(y, p)) is not None:
+            x = program(x0=np.concatenate([y.ravel(), p]) / self._columns, lbg=lower, ubg=0.0)["x"].full().ravel()
+        x *= self._columns
+        ends = (closed, self._onto(x[: y.size].reshape(y.shape), x[y.size :], self._held))
+        missed, y, p, rows = min(
+            ((float(np.sum(end[2] ** 2)), *end[:3]) for end in ends if end is not None), key=lambda end: end[0]
+        )
+        if missed < MAY_BE_EXACT and (solved := self.newton(y, p)) is not None:
             return solved
-        rows = self._scaled(y, p)[0]
-        if (
-            not np.isfinite(rows).all()
-            or largest(rows[self._held]) > SOLVED**0.5
-            or self.residuals.degenerate(p[None])[0]
-        ):
-            return None
-        return Solution(y, p, rows * self.row_sizes)
+        return None if self.residuals.degenerate(p[None])[0] else Solution(y, p, rows * self.row_sizes)
 
     @property
     def _held(self) -> np.ndarray:
