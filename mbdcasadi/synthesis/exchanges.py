@@ -20,10 +20,10 @@ SAME = 1e-9
 
 @symbolic
 def exchanges(positions: Positions) -> list[np.ndarray]:
-    """Orders of the unknowns that leave all rows what they are, but for the names of bodies; the identity is the first.
+    """Orders of the unknowns that leave all rows and loads what they are, but for the names of bodies; first as it is.
 
     The bodies of the linkage are exchanged in every way that takes joints to joints of the same kind; the unknowns of
-    their markers go along. Whether the rows are the same is seen by their values at a random point.
+    their markers go along. Whether rows, masses and forces are the same is seen by their values at a random point.
     """
     n = len(positions.unknowns)
     found = [np.arange(n)]
@@ -77,7 +77,7 @@ def _order(joint: object, bodies: list[object]) -> list[int] | None:
 
 
 class _Rows:
-    """Values of all rows at a random point, without order and sign."""
+    """Values of all rows, masses and forces at a random point, rows without order and sign."""
 
     def __init__(self, positions: Positions):
         eom = positions.eom
@@ -90,6 +90,11 @@ class _Rows:
         groups.append(ca.vertcat(positions.fixed[: positions.held], positions.limits) * sizes)
         self._function = ca.Function("rows", [eom.q, positions.p], [ca.densify(group) for group in groups])
         self._values = list(self._sorted(self._q, self._p))
+        # torques of inputs are whatever they must be; all other loads and the masses belong to bodies
+        self._v = random.normal(size=eom.q.numel())
+        loads = ca.substitute(eom.Q, ca.vertcat(eom.u, eom.lam), ca.SX.zeros(eom.u.numel() + eom.lam.numel()))
+        of_bodies = positions._with_known(ca.horzcat(eom.mass_diagonal, loads))
+        self._of_bodies = ca.Function("loads", [eom.q, eom.v, eom.z, positions.p], [ca.densify(of_bodies)])
 
     def _sorted(self, q: np.ndarray, p: np.ndarray) -> Iterator[np.ndarray]:
         results = self._function(q, p)
@@ -98,9 +103,13 @@ class _Rows:
 
     def are_same(self, order: tuple[int, ...], places: np.ndarray) -> bool:
         """True if the rows are the same after an exchange of bodies and unknowns."""
-        q, p = self._q.copy(), np.empty_like(self._p)
+        moved = np.arange(self._q.size)
         for k, to in enumerate(order):
-            q[3 * to : 3 * to + 3] = self._q[3 * k : 3 * k + 3]
+            moved[3 * to : 3 * to + 3] = np.arange(3 * k, 3 * k + 3)
+        q, p = self._q[moved], np.empty_like(self._p)
         p[places] = self._p
-        pairs = zip(self._values, self._sorted(q, p), strict=True)
+        states = np.ones(self._of_bodies.numel_in(2))
+        loads = self._of_bodies(self._q, self._v, states, self._p).full()[moved]
+        exchanged = self._of_bodies(q, self._v[moved], states, p).full()
+        pairs = [*zip(self._values, self._sorted(q, p), strict=True), (loads, exchanged)]
         return all(np.allclose(here, there, rtol=SAME, atol=SAME) for here, there in pairs)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
@@ -56,8 +58,8 @@ class Linkage:
 
     Attributes
     ----------
-    parameters : dict of Parameter to float
-        The unknowns that were found.
+    parameters : mapping of Parameter to float
+        The unknowns that were found; it cannot be changed.
     poses : numpy.ndarray
         Coordinates of all bodies at the positions (positions, n), m and rad.
     residual : float
@@ -66,14 +68,18 @@ class Linkage:
         Relations that are missed most, by name, the largest first.
     found : int
         Number of starts that led to it.
+    family : int
+        Dimensions that it has free beyond what positions leave free of any linkage: it belongs to a family of others,
+        such as parallelograms.
     independent_poses : numpy.ndarray
         The coordinates of these that pins do not give (positions, k).
     """
 
-    parameters: dict[Parameter, float]
+    parameters: Mapping[Parameter, float]
     misses: dict[str, float]
     residual: float
     found: int
+    family: int
 
     def __init__(
         self,
@@ -83,10 +89,11 @@ class Linkage:
         misses: dict[str, float],
         residual: float,
         found: int,
+        family: int = 0,
     ):
         self._shared, self.independent_poses = shared, poses
-        self.parameters = dict(zip(shared.unknowns, values.tolist(), strict=True))
-        self.misses, self.residual, self.found = misses, residual, found
+        self.parameters = MappingProxyType(dict(zip(shared.unknowns, values.tolist(), strict=True)))
+        self.misses, self.residual, self.found, self.family = misses, residual, found, family
 
     # --- values ----------------------------------------------------------------------------------
     def __getitem__(self, expression: Any) -> Any:
@@ -123,7 +130,7 @@ class Linkage:
         """The mechanism with these dimensions, in the pose of the first position; on the symbols of the given one."""
         base, eom = self._shared.mechanism, equations(self._shared.given)
         pose = zip(ca.vertsplit(eom.q), self.poses[0].tolist(), strict=True)
-        return base.replace(values=base.values | self.parameters | dict(pose))
+        return base.replace(values={**base.values, **self.parameters, **dict(pose)})
 
     @property
     def state(self) -> State:

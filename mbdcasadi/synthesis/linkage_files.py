@@ -42,10 +42,11 @@ def read_linkages(path: str | Path, mechanism: Mechanism) -> Linkages:
     values = archive.numbers("values", None, len(labels))
     count = len(values)
     poses = archive["poses"] if not count else archive.numbers("poses", count, None, shared.poses.turning.size)
-    residuals, found = archive.numbers("residuals", count), archive.numbers("found", count)
+    residuals, found, family = (archive.numbers(name, count) for name in ("residuals", "found", "family"))
     misses = archive.json_list("misses", count)
     linkages = [
-        Linkage(shared, *one) for one in zip(values, poses, misses, residuals.tolist(), found.tolist(), strict=True)
+        Linkage(shared, *one)
+        for one in zip(values, poses, misses, *(x.tolist() for x in (residuals, found, family)), strict=True)
     ]
     for linkage in linkages:
         if not linkage.gap <= APART * max(1.0, largest(linkage.poses)):

@@ -105,7 +105,7 @@ class Linkages(Sequence[Linkage]):
     def missing(self) -> float | None:
         """Estimate of the number of linkages that were not found.
 
-        None if they are a sample, or approximate, or some of them were brought by a map and no start led there.
+        None if they or families among them are a sample, or approximate, or some were brought by a map alone.
 
         By those that were found once, n1, and twice, n2: at least ``n1 (n1 - 1) / (2 (n2 + 1))``, if all are as likely.
 
@@ -114,7 +114,7 @@ class Linkages(Sequence[Linkage]):
         Chao, "Nonparametric estimation of the number of classes in a population", Scandinavian Journal of Statistics
         11 (1984) 265.
         """
-        if self.search.free or not self.search.exact or any(not x.found for x in self._linkages):
+        if self.search.free or not self.search.exact or any(not x.found or x.family for x in self._linkages):
             return None
         once, twice = (sum(x.found == count for x in self._linkages) for count in (1, 2))
         return once * (once - 1) / (2 * (twice + 1))
@@ -155,6 +155,7 @@ class Linkages(Sequence[Linkage]):
             "poses": np.array([x.independent_poses for x in self], float),
             "residuals": np.array([x.residual for x in self], float),
             "found": np.array([x.found for x in self], int),
+            "family": np.array([x.family for x in self], int),
             "misses": json.dumps([x.misses for x in self]),
             "search": json.dumps(asdict(self.search)),
         }
@@ -171,6 +172,8 @@ class Linkages(Sequence[Linkage]):
             text += f", each found {min(found)} to {max(found)} times"
             missing = self.missing or 0.0
             text += f"; by these numbers about {missing:.0f} are missing" if missing >= 0.5 else ""
+            families = sum(x.family > 0 for x in self._linkages)
+            text += f"; {families} of them are a sample of families" if families else ""
         return f"{text} ({search.starts} starts, {search.seconds:.3g} s)"
 
     def _repr_html_(self) -> str:

@@ -21,6 +21,9 @@ from ..numerics.tolerances import RANK
 
 #: Random dimensions at which it is seen whether the drawn pose closes the linkage whatever they are.
 PROBES = 3
+#: Weight of a gap of a joint beside what a relation misses, if these are met as nearly as can be: without it, the search
+#: follows linkages of endless bars that nearly close; with thirty, it finds fewer that meet all.
+CLOSING = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +39,7 @@ class Positions:
 
     Each position k has a pose ``y_k``, in the coordinates that pins do not give, and residuals ``f_k(y_k, p)``: the
     rows that close the linkage and the relations. The first pose is the drawn one if it closes the linkage whatever
-    the unknowns are; its relations then are conditions on these.
+    the unknowns are, which are among its joints; its relations then are conditions on these.
 
     Parameters
     ----------
@@ -56,7 +59,7 @@ class Positions:
     p, y : casadi.SX
         Symbols of the unknowns (n,) and of a pose (k,).
     length : float
-        Size of the drawn linkage, m.
+        Size of the drawn linkage or its distance from the positions, whichever is larger, m.
     fixed, limits : casadi.SX
         Residuals of equalities in the unknowns alone, and of limits, which are not positive.
     residuals : list of casadi.SX
@@ -65,6 +68,8 @@ class Positions:
         Names and sizes of these.
     rows : list of list of Row
         Of the residuals.
+    twins : list of int
+        Number of the first pose with the same relations as each one; -1 if that is the drawn one.
     spans : casadi.SX
         Distances of the joints of each body that depend on the unknowns.
     held : int
@@ -101,8 +106,9 @@ class Positions:
         self.closing = self._with_known(reduced.Phi)
         self.q = self._with_known(reduced.of(eom.q)[0])
         turns = eom.angular_rows[reduced.position_rows] if reduced.rows else np.zeros(0, bool)
+        self.length = max(self.length, self._reach())
         self.closing_rows = [
-            Row(reduced.row_names[k], 1.0 if turn else self.length)
+            Row(reduced.row_names[k], (1.0 if turn else self.length) / (1.0 if exact else CLOSING))
             for k, turn in zip(reduced.position_rows, turns, strict=True)
         ]
         self.drawn = self._closes_as_drawn()
@@ -112,6 +118,7 @@ class Positions:
         if self.drawn:
             self.rows.pop(0)
         self.residuals = columns
+        self.twins = self._twins()
         self.sizes = self._sizes_of_unknowns([*columns, ca.vertcat(ca.SX(0, 1), *[e for e, _ in at_drawn])])
         equal = [self._scaled_condition(c) for c in conditions if c.equality]
         equal[len(equal) * (not exact) : len(equal) * (not exact)] = at_drawn
@@ -156,8 +163,17 @@ class Positions:
         sizes = [row.size for row in self.closing_rows] + [1.0 if c.unit == "rad" else self.length for c in relations]
         return ca.vertcat(ca.SX(0, 1), self.closing, *of_relations) / ca.DM(sizes)
 
+    def _reach(self) -> float:
+        """Largest distance of the drawing from a position, m."""
+        relations = [self.reduced.of(c.expression)[0] for each in self.relations for c in each if c.unit != "rad"]
+        distances = self._with_known(ca.vertcat(ca.SX(0, 1), *relations))
+        values = ca.Function("distances", [self.y, self.p], [ca.densify(distances)])(self.start, self.drawn_values)
+        return float(np.max(np.nan_to_num(np.abs(values.full())), initial=0.0))
+
     def _closes_as_drawn(self) -> bool:
-        """True if the drawn pose closes the linkage at random dimensions."""
+        """True if unknowns are places of joints in the drawn pose, which closes the linkage at random ones."""
+        if not ca.depends_on(self.closing, self.p):
+            return False
         function = ca.Function("closing", [self.y, self.p], [ca.densify(self.closing)])
         gaps = [function(self.start, values * self.length).full() for values in scattered(PROBES, len(self.unknowns))]
         return bool(np.max(np.abs(gaps), initial=0.0) < RANK * self.length)
@@ -180,6 +196,19 @@ class Positions:
                     "point to unknowns="
                 )
         return kept
+
+    def _twins(self) -> list[int]:
+        """Number of the first pose that is asked for as each one is; -1 if that is the drawn one."""
+        columns = [self._column(relations) for relations in self.relations]
+        at = scattered(self.y.numel() + self.p.numel())
+        values = [
+            ca.Function("column", [self.y, self.p], [c])(at[: self.y.numel()], at[self.y.numel() :]) for c in columns
+        ]
+        same = [
+            [a.shape == b.shape and np.allclose(a.full(), b.full(), rtol=RANK, atol=RANK) for b in values]
+            for a in values
+        ]
+        return [row.index(True) - self.drawn for row in same][int(self.drawn) :]
 
     def _sizes_of_unknowns(self, columns: Sequence[ca.SX]) -> np.ndarray:
         """Change of each unknown that changes a residual by its size: the length of the drawing, or one radian."""

@@ -158,7 +158,10 @@ class SynthesisSearch:
             return len(self.found) >= MOST
         if not self.exact:
             return any(x.solution.residual < SOLVED for x in self.found)  # nothing is nearer
-        return bool(self.found) and min(x.count for x in self.found) >= COMPLETE
+        alone = [x.count for x in self.found if not x.solution.family]
+        if len(alone) < len(self.found) < MOST:  # a family has no end
+            return False
+        return bool(self.found) and min(alone, default=COMPLETE) >= COMPLETE
 
     def _take(self, y: np.ndarray, p: np.ndarray) -> None:
         """Enter the end of a descent: a linkage that is known, or a new one and what maps make of it."""
@@ -166,7 +169,7 @@ class SynthesisSearch:
             known.count += 1
             return
         solution = self.solving.newton(y, p) if self.exact else self.solving.nearest(y, p)
-        if solution is None or not self._within(solution.p):
+        if solution is None or not self._within(solution.p) or (solution.family and len(self.found) >= MOST):
             return
         if (known := self._known(solution.p, SAME)) is not None:
             known.count += 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -24,6 +24,8 @@ MAY_BE_EXACT = 1e-8
 #: Singular value of scaled rows, relative to the largest one, from which a solution is a single point: at others
 #: Newton's method ends at the root of rounding.
 ISOLATED = 1e-8
+#: Step along what is free at a singular solution, by which a family is told from a point, in sizes of the unknowns.
+FAMILY_STEP = 1e-3
 #: Random points at which the rank of all rows is found.
 POINTS = 3
 #: Accuracy of the least sum of squares, and its iterations.
@@ -37,6 +39,8 @@ class Solution:
     y: np.ndarray
     p: np.ndarray
     rows: np.ndarray
+    #: Dimension of the family of linkages to which it belongs, more than positions leave free in general
+    family: int = 0
 
     @property
     def residual(self) -> float:
@@ -65,16 +69,12 @@ class Solving:
         self._is_limit = np.zeros(len(rows), bool)
         self._is_limit[fixed : fixed + limits] = True
         self._columns = self._sizes(positions)
-        self.rank, self.columns = self._generic_rank(), self._columns.size
+        self.columns = self._columns.size
+        self.rank, self.equations = self._generic_ranks()
 
     def _sizes(self, positions: Positions) -> np.ndarray:
         of_pose = np.where(positions.turning, 1.0, positions.length)
         return np.concatenate([np.tile(of_pose, len(positions.residuals)), positions.sizes])
-
-    @property
-    def equations(self) -> int:
-        """Number of rows that hold."""
-        return int(np.sum(~self._is_limit))
 
     @property
     def free(self) -> int:
@@ -85,16 +85,22 @@ class Solving:
         rows, slopes = self.residuals.whole(y, p)
         return rows, slopes * self._columns
 
-    def _generic_rank(self) -> int:
-        """Rank of the rows at random dimensions and poses."""
-        random, ranks = np.random.default_rng(0), [0]
+    def _generic_ranks(self) -> tuple[int, int]:
+        """Rank of the rows at random dimensions and poses, alike if positions are, and number of those that count.
+
+        A row that follows from others has a slope and a value that follow from theirs.
+        """
+        random, ranks = np.random.default_rng(0), [(0, 0)]
         for _ in range(POINTS):
             y = random.uniform(-np.pi, np.pi, size=(self.residuals.count, self.residuals.k))
+            y = np.array([*y, self.positions.start])[self.positions.twins] if len(y) else y
             p = self.positions.drawn_values + self.positions.sizes * random.normal(size=self.residuals.n)
-            slopes = self._scaled(y, p)[1][~self._is_limit]
-            if np.isfinite(slopes).all():
-                ranks.append(analyse_rank(unit_rows(slopes)).rank)
-        return max(ranks)
+            rows, slopes = (x[~self._is_limit] for x in self._scaled(y, p))
+            if np.isfinite(slopes).all() and np.isfinite(rows).all():
+                both = np.column_stack([slopes, rows])
+                ranks.append((analyse_rank(unit_rows(slopes)).rank, analyse_rank(unit_rows(both)).rank))
+        rank, independent = max(ranks)
+        return rank, independent if independent <= self.columns else int(np.sum(~self._is_limit))
 
     def _onto(self, y: np.ndarray, p: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, ...] | None:
         """Least steps to where chosen rows vanish: poses, unknowns, all rows and slopes there; None if they do not."""
@@ -119,9 +125,25 @@ class Solving:
         if found is None or self.residuals.degenerate(found[1][None])[0]:
             return None
         y, p, rows, slopes = found
-        if self.exact and analyse_rank(unit_rows(slopes[~self._is_limit]), ISOLATED).rank < self.rank:
-            return None
-        return Solution(y, p, rows * self.row_sizes)
+        solution = Solution(y, p, rows * self.row_sizes)
+        if not self.exact:
+            return solution
+        analysis = analyse_rank(unit_rows(slopes[~self._is_limit]), ISOLATED)
+        if analysis.rank >= self.rank:
+            return solution
+        family = self._family(y, p, analysis.null_columns.T) - self.free
+        return replace(solution, family=family) if family > 0 else None
+
+    def _family(self, y: np.ndarray, p: np.ndarray, directions: np.ndarray) -> int:
+        """Number of the directions in which other linkages lie beside one; at a point where roots meet, none do."""
+        count, all_rows = 0, np.ones(self._is_limit.size, bool)
+        for direction in directions:
+            step = FAMILY_STEP * self._columns * direction
+            there = self._onto(y + step[: y.size].reshape(y.shape), p + step[y.size :], all_rows)
+            if there is not None:
+                moved = largest((there[1] - p) / self.positions.sizes)
+                count += moved > FAMILY_STEP / 2 * largest(direction[y.size :])
+        return count
 
     def nearest(self, y: np.ndarray, p: np.ndarray) -> Solution | None:
         """The closed linkage near to an estimate that misses relations by the least sum of squares.

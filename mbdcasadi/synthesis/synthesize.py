@@ -140,4 +140,4 @@ def _linkage(search: SynthesisSearch, shared: Shared, found: Found) -> Linkage:
     names = search.solving.names
     worst = np.argsort(-np.abs(solution.rows))[:NAMED].tolist()
     misses = {names[k]: abs(float(solution.rows[k])) for k in worst}
-    return Linkage(shared, solution.p, y, misses, solution.residual, found.count)
+    return Linkage(shared, solution.p, y, misses, solution.residual, found.count, solution.family)
