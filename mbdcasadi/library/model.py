@@ -155,5 +155,8 @@ def one_for_each(values: Any, count: int, what: str, name: str, single: str) -> 
 
 
 def masses_of(masses: Any, count: int, what: str) -> list[float]:
-    """One mass for each of some bodies."""
-    return one_for_each(masses, count, what, "masses", "mass")
+    """One mass for each of some bodies, none of them negative."""
+    found = one_for_each(masses, count, what, "masses", "mass")
+    if min(found, default=0.0) < 0:
+        raise ModelError(f"{what}: masses must not be negative, got {masses!r}")
+    return found

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from ..equations import equations
 from ..equations.reduced import reduced_equations
@@ -18,6 +19,10 @@ from ..numerics.symbolic import symbolic
 
 #: Turn of a body over a circuit, less than a whole one by rounding, rad.
 WHOLE = 2 * np.pi - 1e-6
+#: Distance of places on a circuit that are the same but for rounding, in points of its curve.
+SAME_PLACE = 1e-6
+#: Newton steps from a chord of the curve to the curve.
+CLOSING_STEPS = 4
 
 
 class Poses:
@@ -108,15 +113,38 @@ class Circuit:
         """True if all poses are passed in their order, one way or the other, in one round."""
         if np.isnan(self.places).any():
             return False
-        count = len(self.curve.points)
-        gaps = np.diff(self.places) % count
-        return bool(min(gaps.sum(), (-np.diff(self.places) % count).sum()) < count)
+        return min(self._way(1), self._way(-1)) <= len(self.curve.points) + SAME_PLACE
 
     @property
     def sense(self) -> int:
         """1 if poses are passed in their order along the curve, -1 if against it."""
-        gaps = np.diff(self.places) % len(self.curve.points)
-        return 1 if gaps.sum() <= (-np.diff(self.places) % len(self.curve.points)).sum() else -1
+        return 1 if self._way(1) <= self._way(-1) else -1
+
+    def _way(self, sense: int) -> float:
+        """Points of the curve that are passed from the first pose over the others to the last one."""
+        count = len(self.curve.points)
+        gaps = sense * np.diff(self.places) % count
+        return float(np.sum(np.where(gaps > count - SAME_PLACE, 0.0, gaps)))
+
+    def least_transmission(self, poses: Poses, pin: int, p: np.ndarray) -> float | None:
+        """Least angle between coupler and follower of a crank, between the points of the curve too, rad."""
+        points, period = self.curve.points, self.curve.period
+        angles = poses.transmission(pin, points, p)
+        if angles is None:
+            return None
+        least = int(np.argmin(angles))
+        near = np.vstack([points[-1:] - period, points, points[:1] + period])[least : least + 3]
+
+        def angle(place: float) -> float:
+            y = np.array([np.interp(place, (-1, 0, 1), column) for column in near.T])
+            for _ in range(CLOSING_STEPS):
+                rows, slopes = poses.rows(y, p)
+                y = y - np.linalg.lstsq(slopes, rows, rcond=None)[0]
+            found = poses.transmission(pin, y[None], p)
+            assert found is not None
+            return float(found[0])
+
+        return float(minimize_scalar(angle, bounds=(-1, 1), method="bounded", options={"xatol": SAME_PLACE}).fun)
 
 
 def circuit_through(poses: Poses, y: np.ndarray, p: np.ndarray, sizes: np.ndarray) -> Circuit | None:

@@ -141,7 +141,8 @@ class Linkage:
     @cached_property
     def _circuit(self) -> Circuit | None:
         poses = self._shared.poses
-        extent = max(float(np.ptp(self.poses[:, : 2 * (self.poses.shape[1] // 2)])), np.finfo(float).tiny)
+        places = self.poses[:, : 3 * len(poses.mechanism.bodies)].reshape(-1, 3)[:, :2]
+        extent = max(float(np.ptp(places)), np.finfo(float).tiny)
         return circuit_through(poses, self.independent_poses, self._p, np.where(poses.turning, 1.0, extent))
 
     @property
@@ -195,8 +196,7 @@ class Linkage:
         """
         if self._crank is None or self._circuit is None:
             return None
-        angles = self._shared.poses.transmission(self._crank, self._circuit.curve.points, self._p)
-        return None if angles is None else float(np.min(angles))
+        return self._circuit.least_transmission(self._shared.poses, self._crank, self._p)
 
     # --- analyses --------------------------------------------------------------------------------
     def motion(self, speed: float = 2 * np.pi, outputs: int = OUTPUTS) -> Trajectory:

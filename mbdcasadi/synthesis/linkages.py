@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from ..errors import ModelError
+from ..model.quantities import function_of, one_of, whole, yes_or_no
 from ..results.archives import write_arrays
 from ..results.notebook import html_table
 from .linkage import Linkage
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 
 #: Kind of the files.
 FORMAT = "mbdcasadi linkages 1"
+#: What lists are chosen by.
+CHECKS = ("one_branch", "in_order", "crank_turns")
 #: Rows of the table in a notebook, and pictures in a figure, at most.
 SHOWN, PICTURES = 20, 24
 #: Width of a picture among others, inches.
@@ -86,20 +89,27 @@ class Linkages(Sequence[Linkage]):
         condition : callable, optional
             ``linkage -> bool``.
         **checks
-            Attributes of :class:`Linkage` with the value that they have: ``crank_turns=True``. What is not decided,
-            None, passes no check for True or False.
+            ``one_branch``, ``in_order`` or ``crank_turns`` of :class:`Linkage` with the value that they have: True,
+            False or, of what is not decided, None.
         """
-        unknown = [name for name in checks if not hasattr(Linkage, name) and name not in Linkage.__annotations__]
-        if unknown:
-            raise ModelError(f"where: a linkage has no {unknown[0]!r}; checks are one_branch, in_order, crank_turns")
+        if condition is not None:
+            function_of(condition, "where", "condition", "linkage")
+        for name, value in checks.items():
+            one_of(name, CHECKS, "where", "a check")
+            if value is not None:
+                yes_or_no(value, "where", name)
         kept = [x for x in self._linkages if condition is None or condition(x)]
         for name, value in checks.items():
-            kept = [x for x in kept if getattr(x, name) == value]
+            kept = [x for x in kept if getattr(x, name) is (None if value is None else bool(value))]
         return Linkages(kept, self.search)
 
     def sorted(self, key: Callable[[Linkage], Any]) -> Linkages:
-        """Return the linkages in the order of a key, the smallest first."""
-        return Linkages(sorted(self._linkages, key=key), self.search)
+        """Return the linkages in the order of a key, the smallest first, those for which it is None last."""
+        function_of(key, "sorted", "key", "linkage")
+        keys = [key(linkage) for linkage in self._linkages]
+        known = [k for k, value in enumerate(keys) if value is not None]
+        order = [*sorted(known, key=lambda k: keys[k]), *(k for k, value in enumerate(keys) if value is None)]
+        return Linkages([self._linkages[k] for k in order], self.search)
 
     @property
     def missing(self) -> float | None:
@@ -131,7 +141,7 @@ class Linkages(Sequence[Linkage]):
         """
         from matplotlib.figure import Figure
 
-        shown = self._linkages[:PICTURES]
+        columns, shown = whole(columns, "draw", "columns", 1), self._linkages[:PICTURES]
         if not shown:
             raise ModelError("draw: the list has no linkage")
         rows = -(-len(shown) // columns)

@@ -14,15 +14,15 @@ from ..equations.reduced import reduced_equations
 from ..errors import ExpressionError, ModelError
 from ..model.conditions import Condition, read_conditions
 from ..model.mechanism import Mechanism
-from ..model.symbols import Parameter, describe, place_of, role_of
+from ..model.symbols import Parameter, describe, place_of
 from ..numerics.scattered import scattered
 from ..numerics.symbolic import symbolic
 from ..numerics.tolerances import RANK
 
 #: Random dimensions at which it is seen whether the drawn pose closes the linkage whatever they are.
 PROBES = 3
-#: Weight of a gap of a joint beside what a relation misses, if these are met as nearly as can be: without it, the search
-#: follows linkages of endless bars that nearly close; with thirty, it finds fewer that meet all.
+#: Weight of a gap of a joint beside what a relation misses, if these are met as nearly as can be: without it the
+#: search follows linkages of endless bars that nearly close, with ten times it finds fewer that meet all.
 CLOSING = 3.0
 
 
@@ -133,8 +133,7 @@ class Positions:
         """A condition that synthesis can use."""
         known = {x.element_hash() for x in ca.vertsplit(ca.vertcat(self.eom.q if poses else ca.SX(0, 1), self.eom.p))}
         for symbol in condition.symbols:
-            role = role_of(symbol)
-            if symbol.element_hash() not in known and (role is None or role.kind != "time" or not poses):
+            if symbol.element_hash() not in known:
                 allowed = "positions and parameters" if poses else "parameters"
                 raise ExpressionError(
                     f"synthesize: {where}: {condition.label} contains {describe(symbol)}; it takes {allowed} of the "

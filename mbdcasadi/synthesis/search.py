@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ModelError
+from ..model.quantities import is_list
 from ..model.symbols import Parameter, number
 from .descent import MET, Range, descend, posed, searched
 from .exchanges import exchanges
@@ -204,7 +205,7 @@ class SynthesisSearch:
         values = dict(zip(unknowns, solution.p.tolist(), strict=True))
         random = np.random.default_rng(self._seed)
         for symmetry in self._symmetries:
-            for image in symmetry(dict(values)):
+            for image in _images(symmetry, values):
                 given = {**values, **image}
                 p = np.array([number(given[x], f"symmetries=: '{x.label}'", "value") for x in unknowns])
                 tries = (
@@ -213,6 +214,18 @@ class SynthesisSearch:
                 mapped = next((one for one in tries if one is not None), None)
                 if mapped is not None and self._within(mapped.p):
                     yield mapped
+
+
+def _images(symmetry: SymmetryMap, values: dict[Parameter, float]) -> tuple[Mapping[Parameter, float], ...]:
+    """What a map makes of a linkage."""
+    images = symmetry(dict(values))
+    if not is_list(images) or not all(isinstance(image, Mapping) for image in images):
+        raise ModelError(f"synthesize: symmetries= takes functions that return a list of dictionaries, got {images!r}")
+    for image in images:
+        for key in image:
+            if not isinstance(key, Parameter) or key not in values:
+                raise ModelError(f"synthesize: symmetries=: a function returned {key!r}, which is not in unknowns=")
+    return tuple(images)
 
 
 def named_misses(rows: Sequence[Any], values: np.ndarray, most: int = 3) -> str:
@@ -237,7 +250,10 @@ def _elsewhere(
     workers = getattr(executor, "_max_workers", None) or os.cpu_count() or 1
     try:
         for task in tasks:
-            waiting[executor.submit(searched, *task)] = task[2]
+            try:
+                waiting[executor.submit(searched, *task)] = task[2]
+            except RuntimeError as error:
+                raise ModelError(f"synthesize: executor= takes no more work: {error}") from None
             if len(waiting) > workers:
                 for future in wait(waiting, return_when=FIRST_COMPLETED).done:
                     yield *future.result(), waiting.pop(future)

@@ -12,7 +12,7 @@ from ..equations import equations
 from ..errors import ModelError
 from ..model.conditions import Relations
 from ..model.mechanism import Mechanism
-from ..model.quantities import is_list, listed, refuse_twice, whole, yes_or_no
+from ..model.quantities import entries, is_list, listed, refuse_twice, whole, yes_or_no
 from ..model.symbols import Parameter, place_of, positive
 from ..numerics.console import keyboard_interrupts
 from .linkage import Linkage, Shared
@@ -108,8 +108,12 @@ def synthesize(
     for parameter in free:
         if place_of(parameter, mechanism.parameters) is None:
             raise ModelError(f"{what}: '{parameter.label}' in unknowns= is not among the parameters of the mechanism")
-    if not is_list(positions) or not len(positions) or not all(is_list(one) for one in positions):
+    positions = entries(positions, "positions=")
+    if not positions or not all(is_list(one) for one in positions):
         raise ModelError(f"{what}: positions= takes a list of relations for each position, got {positions!r}")
+    positions = [tuple(one) for one in positions]
+    if () in positions:
+        raise ModelError(f"{what}: position {positions.index(()) + 1} has no relation")
     if not is_list(symmetries) or not all(callable(one) for one in symmetries):
         raise ModelError(f"{what}: symmetries= takes functions, got {symmetries!r}")
     problem = Positions(mechanism, free, positions, conditions, exact=exact)

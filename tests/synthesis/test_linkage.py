@@ -96,7 +96,7 @@ def test_the_transmission_angle_is_least_where_the_crank_lies_along_the_base(fiv
             continue
         angles = [np.arccos((b**2 + c**2 - (d + s * a) ** 2) / (2 * b * c)) for s in (1, -1)]
         least = min(min(x, np.pi - x) for x in angles)
-        assert linkage.transmission_angle == pytest.approx(least, abs=2e-3)
+        assert linkage.transmission_angle == pytest.approx(least, abs=1e-9)
         checked += 1
     assert checked
 
@@ -113,8 +113,20 @@ def test_lists_are_chosen_sorted_shown_and_drawn(five_points):
     assert len(figure.axes) == 4
     turning = found.where(crank_turns=True)[0]
     assert turning.draw(trace=[model.point]).lines is not None
-    with pytest.raises(mbd.ModelError, match="no 'grashof'"):
-        found.where(grashof=True)
+    transmission = [x.transmission_angle for x in found.sorted(lambda x: x.transmission_angle)]
+    known = [x for x in transmission if x is not None]
+    assert transmission == sorted(known) + [None] * (len(found) - len(known)) and len(known) < len(found)
+    for match, wrong in (
+        ("a check must be one of .*, got 'grashof'", lambda: found.where(grashof=True)),
+        ("crank_turns must be True or False", lambda: found.where(crank_turns=1)),
+        ("condition must be a function of linkage", lambda: found.where(True)),
+        ("key must be a function of linkage", lambda: found.sorted("residual")),
+        ("columns must be a whole number of at least 1", lambda: found.draw(columns=0)),
+    ):
+        with pytest.raises(mbd.ModelError, match=match):
+            wrong()
+    with pytest.raises(TypeError):
+        found[0].parameters[model.unknowns["Bx"]] = 9.0
     with pytest.raises(mbd.ExpressionError, match="values of parameters"):
         found[0][model.crank.phi]
     rocking = found.where(crank_turns=False)[0]

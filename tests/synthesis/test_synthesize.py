@@ -290,10 +290,24 @@ def test_arguments_are_checked():
     refused("conditions=: .* it takes parameters", conditions=lambda m: [m.crank.phi == 0])
     refused("contains none of unknowns=", unknowns=joints, conditions=lambda m: [m.unknowns["Px"] == 1])
     refused("the driver 'crank drive'; positions take its place", mechanism=lambda m: m.driven(crank=mbd.t))
+    refused("position 2 has no relation", positions=lambda m: [[m.point.x == 1], []])
+    refused("position 1: .* contains time 't'", positions=lambda m: [[m.point.x == mbd.t]])
     refused("seconds must be positive", seconds=0)
     refused("executor= takes", executor=3)
     refused("symmetries= takes functions", symmetries=[1])
     refused("exact", exact="no")
+    refused("list of dictionaries, got None", symmetries=[lambda values: None])
+    refused("returned 'Bx', which is not in unknowns=", symmetries=[lambda values: [{"Bx": 1.0}]])
+    closed = ThreadPoolExecutor(1)
+    closed.shutdown()
+    refused("executor= takes no more work: cannot schedule", executor=closed)
+
+
+def test_positions_may_come_from_a_generator():
+    model = mbd.library.four_bar(**DRAWN, free=True)
+    places = ([model.point.position == p] for p in NINE[:2])
+    found = mbd.synthesize(model.mechanism, list(model.unknowns.values()), places, seconds=1)
+    assert found.search.positions == 2
 
 
 def test_more_equations_than_unknowns_are_counted():
