@@ -160,11 +160,11 @@ class Solving:
             program, lower = self._least_squares
             x = program(x0=np.concatenate([y.ravel(), p]) / self._columns, lbg=lower, ubg=0.0)["x"].full().ravel()
         x *= self._columns
-        ends = (closed, self._onto(x[: y.size].reshape(y.shape), x[y.size :], self._held))
-        missed, y, p, rows = min(
-            ((float(np.sum(end[2] ** 2)), *end[:3]) for end in ends if end is not None), key=lambda end: end[0]
-        )
-        if missed < MAY_BE_EXACT and (solved := self.newton(y, p)) is not None:
+        best = self._onto(x[: y.size].reshape(y.shape), x[y.size :], self._held)
+        if best is None or np.sum(best[2] ** 2) > np.sum(closed[2] ** 2):
+            best = closed
+        y, p, rows, _ = best
+        if np.sum(rows**2) < MAY_BE_EXACT and (solved := self.newton(y, p)) is not None:
             return solved
         return None if self.residuals.degenerate(p[None])[0] else Solution(y, p, rows * self.row_sizes)
 

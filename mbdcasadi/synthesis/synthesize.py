@@ -49,8 +49,8 @@ def synthesize(
     Parameters
     ----------
     mechanism : Mechanism
-        The linkage, without drivers. If its joints meet as drawn whatever the unknowns are, as they do if points of
-        bodies are given where they are at first, the drawn pose is that of the first position.
+        The linkage, without drivers. If unknowns are among its joints and these meet as drawn whatever they are, as they
+        do if points of bodies are given where they are at first, the drawn pose is that of the first position.
     unknowns : sequence of Parameter
         Dimensions to find, of the mechanism, with their limits.
     positions : sequence of relations
@@ -75,7 +75,8 @@ def synthesize(
     Returns
     -------
     Linkages
-        In the order of their residuals if these are not exact. If positions leave dimensions free, a sample.
+        In the order of their residuals if these are not exact. If positions leave dimensions free, a sample; so are
+        those that belong to a family, as parallelograms may.
 
     Raises
     ------
