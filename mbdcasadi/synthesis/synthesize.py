@@ -49,8 +49,8 @@ def synthesize(
     Parameters
     ----------
     mechanism : Mechanism
-        The linkage, without drivers. If unknowns are among its joints and these meet as drawn whatever they are, as they
-        do if points of bodies are given where they are at first, the drawn pose is that of the first position.
+        The linkage, without drivers. If unknowns are among its joints and these meet as drawn whatever they are, as if
+        points of bodies are given where they are at first, the drawn pose is that of the first position.
     unknowns : sequence of Parameter
         Dimensions to find, of the mechanism, with their limits.
     positions : sequence of relations
