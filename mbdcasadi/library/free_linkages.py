@@ -12,8 +12,8 @@ import numpy as np
 from ..errors import ModelError
 from ..model.bodies import Body, Marker, ground
 from ..model.forces.field import GRAVITY
-from ..model.joints.lower_pairs import Revolute
-from ..model.symbols import Parameter, values_of
+from ..model.joints.lower_pairs import Revolute, Translational
+from ..model.symbols import Parameter, number, values_of
 from .model import Model, cranked, masses_of, pair_of_numbers
 
 
@@ -23,11 +23,13 @@ def free_linkage(
     masses: Any = 1.0,
     gravity: Any = GRAVITY,
     name: str = "linkage",
+    guides: Mapping[str, float] | None = None,
 ) -> Model:
-    """Return a linkage of pins whose points are unknowns for :func:`synthesize`, with a torque on its first body.
+    """Return a linkage of pins and sliders whose points are unknowns for :func:`synthesize`, driven by a torque.
 
     The drawn pose is that of the first position: bodies have the axes of the ground there, and joints meet whatever
-    the points are. Two bodies that have a point in common are pinned there; of more, each to the first of them.
+    the points are. Two bodies that have a point in common are pinned there; of more, each to the first of them. The
+    torque acts on the first body.
 
     Parameters
     ----------
@@ -37,18 +39,23 @@ def free_linkage(
         Points of each body and of the ``"ground"``; a text is a sequence of names of one letter. A point of one body
         alone is carried by it.
     masses : float or one for each moving body, default 1
-        Of a metre of bar, kg/m. A body with two pins is a bar, one with more the closed chain of bars between them.
+        Of a metre of bar, kg/m. A body with two pins is a bar, one with more the closed chain of bars between them; a
+        slider with one pin has its mass there, kg.
     gravity : (float, float) or None
         m/s².
     name : str, default "linkage"
         Name of the mechanism.
+    guides : mapping of str to float, optional
+        Sliders, which are bodies, with the drawn angles of their guides on the ground, through their first pins, rad;
+        these angles are unknowns too.
 
     Returns
     -------
     Model
-        Bodies by their names, pins by those of their points, and markers by those of the points that one body has;
-        ``unknowns``, a dictionary of the parameters ``Ax, Ay, …``; input ``tau``; coordinates are the angles of the
-        bodies that are pinned to the ground.
+        Bodies by their names, pins by those of their points, markers by those of the points that one body has, and
+        guides by those of their sliders, ``slider_guide``; ``unknowns``, a dictionary of the parameters ``Ax, Ay, …``
+        and ``slider_angle``; input ``tau``; coordinates are the angles of the bodies that are pinned to the ground, and
+        the displacements of sliders.
 
     Raises
     ------
@@ -79,10 +86,16 @@ def free_linkage(
     }
     place = {key: ca.vertcat(unknowns[key + "x"], unknowns[key + "y"]) for key in drawn}
     moving = [body for body in bodies if body != "ground"]
+    angles = dict[str, Parameter]()
+    for body, angle in (guides or {}).items():
+        if body not in moving:
+            raise ModelError(f"{what}: guides= has {body!r}, which is not among the moving bodies")
+        angles[body] = Parameter(f"{body}_angle", number(angle, what, f"angle of the guide of {body}"))
+    unknowns |= {f"{body}_angle": angle for body, angle in angles.items()}
     made: dict[str, tuple[Body, ca.SX]] = {"ground": (ground, ca.SX.zeros(2))}
     for body, mass in zip(moving, masses_of(masses, len(moving), what), strict=True):
         pinned = [key for key in bodies[body] if len(of_point[key]) > 1] or list(bodies[body])
-        made[body] = _body(body, [place[key] for key in pinned], mass)
+        made[body] = _body(body, [place[key] for key in pinned], mass, slides=body in angles)
 
     def at(body: str, key: str) -> Marker:
         return made[body][0].at(*ca.vertsplit(place[key] - made[body][1]))
@@ -98,15 +111,21 @@ def free_linkage(
             turning |= {body: made[body][0].phi for body in (first, *others) if body != "ground"}
     if not turning:
         raise ModelError(f"{what}: no body is pinned to the ground; give it points, as in {{'ground': 'AD', …}}")
-    parts = {**{body: made[body][0] for body in moving}, **pins, **carried}
+    sliding = dict[str, Translational]()
+    for body, angle in angles.items():
+        on_guide = place[next(key for key in bodies[body] if len(of_point[key]) > 1 or len(bodies[body]) == 1)]
+        x, y = ca.vertsplit(on_guide - made[body][1])
+        guide = Translational(f"{body}_guide", ground.at(*ca.vertsplit(on_guide), angle), made[body][0].at(x, y, angle))
+        sliding[f"{body}_guide"], turning[body] = guide, guide.displacement
+    parts = {**{body: made[body][0] for body in moving}, **pins, **sliding, **carried}
     return cranked(name, turning, gravity, parts, parameters=list(unknowns.values()), unknowns=unknowns)
 
 
-def _body(name: str, pins: Sequence[ca.SX], mass: float) -> tuple[Body, ca.SX]:
+def _body(name: str, pins: Sequence[ca.SX], mass: float, *, slides: bool = False) -> tuple[Body, ca.SX]:
     """A body of uniform bars between its pins, and its centre of mass in the drawn pose."""
     edges = [*pairwise(pins), *([(pins[-1], pins[0])] if len(pins) > 2 else [])]
     if not edges:
-        return Body(name, mass=0.0, inertia=0.0, pose=(*values_of(pins[0]).ravel(), 0.0)), pins[0]
+        return Body(name, mass=mass if slides else 0.0, inertia=0.0, pose=(*values_of(pins[0]).ravel(), 0.0)), pins[0]
     lengths, middles = [ca.norm_2(b - a) for a, b in edges], [(a + b) / 2 for a, b in edges]
     total = sum(lengths[1:], lengths[0])
     center = sum((x * m for x, m in zip(lengths[1:], middles[1:], strict=True)), lengths[0] * middles[0]) / total
@@ -116,6 +135,15 @@ def _body(name: str, pins: Sequence[ca.SX], mass: float) -> tuple[Body, ca.SX]:
     if len(edges) == 1:  # as they are, without a division by the length
         center, inertia = middles[0], lengths[0] ** 3 / 12
     return Body(name, mass=mass * total, inertia=mass * inertia, pose=(*values_of(center).ravel(), 0.0)), center
+
+
+def free_slider_crank(points: Mapping[str, np.ndarray], masses: Sequence[float], gravity: Any) -> Model:
+    """Slider-crank of the pins A, B, C on a guide through C; see :func:`slider_crank`."""
+    bodies = {"ground": "A", "crank": "AB", "rod": "BC", "slider": "C"}
+    model = free_linkage(points, bodies, masses, gravity, "slider-crank", guides={"slider": 0.0})
+    parts = {name: getattr(model, name) for name in ("crank", "rod", "slider", "tau", "unknowns")}
+    joints = {"main": model.A, "pin": model.B, "wrist": model.C, "guide": model.slider_guide}
+    return Model(model.mechanism, model.coordinates, **parts, **joints)
 
 
 def free_four_bar(points: Mapping[str, np.ndarray], masses: Sequence[float], gravity: Any) -> Model:

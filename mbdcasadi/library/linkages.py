@@ -15,7 +15,7 @@ from ..model.joints.lower_pairs import Revolute, Translational
 from ..model.mechanism import Mechanism
 from ..model.quantities import yes_or_no
 from ..model.symbols import Input, number
-from .free_linkages import free_four_bar
+from .free_linkages import free_four_bar, free_slider_crank
 from .model import (
     Model,
     at_angle,
@@ -162,6 +162,8 @@ def slider_crank(
     angle: float = 0.3,
     masses: Any = (0.12, 0.5, 2.0),
     gravity: Any = GRAVITY,
+    *,
+    free: bool = False,
 ) -> Model:
     """Return a slider-crank on the x axis, with a torque on the crank.
 
@@ -177,12 +179,16 @@ def slider_crank(
         Of crank, rod and slider, kg.
     gravity : (float, float) or None
         m/s².
+    free : bool, default False
+        True if the places of the pins A, B, C and the angle of the guide are unknowns for :func:`synthesize`: the pose
+        is that of its first position, all angles are zero there, and masses of crank and rod are of a metre, kg/m.
 
     Returns
     -------
     Model
         Bodies ``crank, rod, slider``; joints ``main, pin, wrist, guide``; input ``tau``;
-        coordinates ``crank`` (angle) and ``slider`` (displacement).
+        coordinates ``crank`` (angle) and ``slider`` (displacement). With free points also ``unknowns``, a dictionary of
+        the parameters ``Ax … Cy`` and ``slider_angle``.
     """
     what = "slider_crank"
     r, long = lengths(what, crank=crank, rod=rod)
@@ -195,6 +201,8 @@ def slider_crank(
         )
     end = np.array([tip[0] + np.sqrt(long**2 - (height - tip[1]) ** 2), height])
     m = masses_of(masses, 3, what)
+    if yes_or_no(free, what, "free"):
+        return free_slider_crank({"A": np.zeros(2), "B": tip, "C": end}, m, gravity)
     first, second = bar("crank", (0, 0), tip, m[0]), bar("rod", tip, end, m[1])
     block = Rectangle(r, 0.6 * r)
     slider = Body("slider", m[2], m[2] * (r**2 + (0.6 * r) ** 2) / 12, pose=(*end, 0.0), shape=block)

@@ -201,6 +201,28 @@ def test_a_free_four_bar_is_the_four_bar_with_its_cognates():
                    np.isclose(one[free.unknowns["Bx"]], own[free.unknowns["Bx"]]) for one in back)  # fmt: skip
 
 
+def test_a_free_slider_crank_is_the_slider_crank():
+    """The same displacements over the angle of the crank, on a guide of any angle; masses."""
+    given = dict(crank=0.4, rod=1.3, offset=0.1, angle=0.3)
+    free, plain = mbd.library.slider_crank(**given, free=True), mbd.library.slider_crank(**given)
+    times = np.linspace(0, 1, 21)
+    way, reference = (
+        mbd.kinematics(model.driven(crank=start + 2 * np.pi * mbd.t), times)[model.coordinates["slider"]]
+        for model, start in ((free, 0.0), (plain, 0.3))
+    )
+    assert np.allclose(way - way[0], reference - reference[0]) and np.ptp(way) > 0.7
+    turned = free.mechanism.replace(values={free.unknowns["slider_angle"]: 0.2})
+    motion = mbd.kinematics(turned.replace(drivers=[mbd.Driver("turn", free.crank.phi, mbd.t)]), [0, 0.5, 1.0])
+    moved = np.diff(np.column_stack([motion[free.slider.x], motion[free.slider.y]]), axis=0)
+    assert np.allclose(np.arctan(moved[:, 1] / moved[:, 0]), 0.2) and np.allclose(motion[free.slider.phi], 0)
+    assert motion[free.slider.mass][0] == 2.0 and motion[free.crank.mass][0] == pytest.approx(0.4 * 0.12)
+    for match, options in (("has 'x', which is not among", {"x": 0}), ("angle of the guide of b must", {"b": "no"})):
+        with pytest.raises(mbd.ModelError, match=match):
+            mbd.library.free_linkage({"A": (0, 0), "B": (1, 0)}, {"ground": "A", "b": "AB"}, guides=options)
+    with pytest.raises(mbd.ModelError, match="masses must not be negative"):
+        mbd.library.slider_crank(masses=(1, -1, 1), free=True)
+
+
 def test_a_free_linkage_is_pinned_where_bodies_have_points_in_common():
     """Stephenson's six-bar: one degree of freedom, masses of bars, markers at points of one body; bad input."""
     places = {"A": (0, 0), "D": (1.1, 0), "B": (0.1, 0.35), "C": (1.2, 0.95), "E": (0.6, 1.1), "F": (1.4, 1.6)}

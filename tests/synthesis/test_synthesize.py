@@ -64,6 +64,26 @@ def test_searches_in_an_executor(pool):
     assert len(found) == 1 and np.hypot(found[0][u["Bx"]], found[0][u["By"]]) == pytest.approx(crank, abs=1e-12)
 
 
+def test_three_displacements_of_a_slider_are_a_linear_problem():
+    """``2 r x cos a + 2 r e sin a + (l² - r² - e²) = x²`` is linear in r, r e and the rest."""
+    angles, long = np.radians([20, 80, 150]), 1.2
+    ways = 0.35 * np.cos(angles) + np.sqrt(long**2 - (0.15 - 0.35 * np.sin(angles)) ** 2)
+    matrix = np.column_stack([2 * ways * np.cos(angles), 2 * np.sin(angles), np.ones(3)])
+    r, r_e, rest = np.linalg.solve(matrix, ways**2)
+    model = mbd.library.slider_crank(0.4, 1.3, 0.1, free=True)
+    u, slider = model.unknowns, model.coordinates["slider"]
+    held = [u["Ax"] == 0, u["Ay"] == 0, u["slider_angle"] == 0, mbd.atan2(u["By"], u["Bx"]) == angles[0]]
+    held += [u["Cx"] == ways[0]]
+    positions = [[model.crank.phi == a - angles[0], slider == x - ways[0]] for a, x in zip(angles, ways, strict=True)]
+    found = mbd.synthesize(model.mechanism, list(u.values()), positions, held, seconds=10)
+    places = {name: found[0][value] for name, value in u.items()}
+    assert len(found) == 1 and np.hypot(places["Bx"], places["By"]) == pytest.approx(r, abs=1e-12)
+    assert places["Cy"] == pytest.approx(r_e / r, abs=1e-12)
+    rod = np.hypot(places["Cx"] - places["Bx"], places["Cy"] - places["By"])
+    assert rod == pytest.approx(np.sqrt(rest + r**2 + (r_e / r) ** 2), abs=1e-12)
+    assert found[0].one_branch and found[0].crank_turns and found[0].transmission_angle is None
+
+
 def freudenstein_of_five(inputs, outputs):
     """Places of B and C by the determinants of Freudenstein's equations, zeros of which a grid of angles leads to."""
 
