@@ -94,7 +94,7 @@ def free_linkage(
     unknowns |= {f"{body}_angle": angle for body, angle in angles.items()}
     made: dict[str, tuple[Body, ca.SX]] = {"ground": (ground, ca.SX.zeros(2))}
     for body, mass in zip(moving, masses_of(masses, len(moving), what), strict=True):
-        pinned = [key for key in bodies[body] if len(of_point[key]) > 1] or list(bodies[body])
+        pinned = _pinned(bodies[body], of_point)
         made[body] = _body(body, [place[key] for key in pinned], mass, slides=body in angles)
 
     def at(body: str, key: str) -> Marker:
@@ -109,16 +109,21 @@ def free_linkage(
             pins[label] = Revolute(label, at(first, key), at(other, key))
         if "ground" in (first, *others):
             turning |= {body: made[body][0].phi for body in (first, *others) if body != "ground"}
-    if not turning:
-        raise ModelError(f"{what}: no body is pinned to the ground; give it points, as in {{'ground': 'AD', …}}")
     sliding = dict[str, Translational]()
     for body, angle in angles.items():
-        on_guide = place[next(key for key in bodies[body] if len(of_point[key]) > 1 or len(bodies[body]) == 1)]
-        x, y = ca.vertsplit(on_guide - made[body][1])
-        guide = Translational(f"{body}_guide", ground.at(*ca.vertsplit(on_guide), angle), made[body][0].at(x, y, angle))
+        first_pin = _pinned(bodies[body], of_point)[0]
+        (x, y), (u, v) = (ca.vertsplit(place[first_pin] - origin) for origin in (ca.SX.zeros(2), made[body][1]))
+        guide = Translational(f"{body}_guide", ground.at(x, y, angle), made[body][0].at(u, v, angle))
         sliding[f"{body}_guide"], turning[body] = guide, guide.displacement
+    if not turning:
+        raise ModelError(f"{what}: no body is pinned to the ground; give it points, as in {{'ground': 'AD', …}}")
     parts = {**{body: made[body][0] for body in moving}, **pins, **sliding, **carried}
     return cranked(name, turning, gravity, parts, parameters=list(unknowns.values()), unknowns=unknowns)
+
+
+def _pinned(points: Sequence[str], of_point: Mapping[str, Sequence[str]]) -> list[str]:
+    """Points of a body that others have too; all of them if there are none."""
+    return [key for key in points if len(of_point[key]) > 1] or list(points)
 
 
 def _body(name: str, pins: Sequence[ca.SX], mass: float, *, slides: bool = False) -> tuple[Body, ca.SX]:
