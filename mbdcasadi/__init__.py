@@ -91,6 +91,7 @@ if _typing.TYPE_CHECKING:
     from . import library
     from .control.controller import Controller, ControlPlan, ControlStep, ControlTiming
     from .control.estimator import Estimator
+    from .control.fed import FedController
     from .files.acf import read_acf
     from .files.adm import read_adm
     from .files.mjcf import read_mjcf
@@ -142,6 +143,7 @@ _LATER = {
     "": "library",
     "control.controller": "ControlPlan ControlStep ControlTiming Controller",
     "control.estimator": "Estimator",
+    "control.fed": "FedController",
     "files.acf": "read_acf",
     "files.adm": "read_adm",
     "files.mjcf": "read_mjcf",
@@ -197,10 +199,10 @@ __all__ = [
     "Constraint", "ConstraintElement", "Contact", "ControlPlan", "ControlStep", "ControlTiming", "Controller",
     "Coordinate", "CostFunction", "Coulomb", "Coupler", "Curve", "Cylinder", "DCMotor", "DataLaw", "Disc", "Distance",
     "Driver", "Drum", "DryFriction", "Element", "EndStop", "EnergyMeter", "Equations", "Equilibrium",
-    "EquilibriumError", "EquilibriumPath", "Estimator", "Event", "Experiment", "ExpressionError", "FieldForce",
-    "FileError", "FirstOrderLag", "Fit", "Force", "FrictionLaw", "GasSpring", "GaussLegendre", "Gear",
-    "GeneralizedForce", "Glyph", "Gravity", "HalfPlane", "HermiteSimpson", "HollowCircle", "HuntCrossley",
-    "HydraulicCylinder",
+    "EquilibriumError", "EquilibriumPath", "Estimator", "Event", "Experiment", "ExpressionError",
+    "FedController", "FieldForce", "FileError", "FirstOrderLag", "Fit", "Force", "FrictionLaw", "GasSpring",
+    "GaussLegendre", "Gear", "GeneralizedForce", "Glyph", "Gravity", "HalfPlane", "HermiteSimpson", "HollowCircle",
+    "HuntCrossley", "HydraulicCylinder",
     "IdentificationError", "Input", "Integrator", "IntegratorStep", "Interrupted", "Joint", "JointFriction",
     "KnifeEdge", "LinearModel", "Linkage", "Linkages", "LoadIndependentFriction", "LuGre", "Marker", "Mechanism",
     "MechanismError", "MechanismWarning", "ModelError", "MotionProgram", "NonholonomicConstraint", "OneWayClutch",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time as clock
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -21,11 +20,11 @@ from ..optimal_control.problem import OptimalControlProblem
 from ..results.state import State
 from .code import STATUSES, Horizon, source_files
 from .engine import Engine
+from .estimator import Estimator
+from .fed import FedController
 from .functions import ControlFunctions
 from .unit import ControllerUnit, controller_unit, unit_files
 
-#: Turn or decay of the fastest mode of the start in a Runge-Kutta step, rad: it then errs by a part in a million.
-TURN = 0.25
 #: Steps whose times are kept.
 KEPT_TIMES = 10_000
 
@@ -173,7 +172,7 @@ class Controller(SampledController):
         if period > length:
             raise ModelError(f"Controller: the sample {period:g} s is longer than the horizon of {length:g} s")
         interval = length / intervals
-        taken = max(1, math.ceil(model.fastest * interval / TURN)) if steps is None else int(steps)
+        taken = model.steps_over(interval) if steps is None else int(steps)
         horizon = Horizon(period, interval, int(intervals), int(iterations), taken)
         self._files = source_files(model, horizon)
         self._times = deque[tuple[float, float]](maxlen=KEPT_TIMES)
@@ -275,6 +274,32 @@ class Controller(SampledController):
         other._files, other._times = self._files, self._times
         other._share(self.problem, self._model, self.horizon, self._engine, self._values(parameters))
         return other
+
+    def fed_by(
+        self, estimator: Estimator, covariance: Any, *, initial: State | None = None, seed: int | None = None
+    ) -> FedController:
+        """Return a controller for ``simulate(inputs=…)`` that is given estimates in place of the states of the run.
+
+        Estimates of unknown parameters take the place of the values of the controller, if it has these parameters.
+
+        Parameters
+        ----------
+        estimator : Estimator
+            With the same sample. Each run resets it.
+        covariance : array
+            Of the state at the start, as in :meth:`Estimator.reset`.
+        initial : State, optional
+            Mean of the state at the start. By default the start of the run.
+        seed : int, optional
+            Measurements have normal noise with the deviations of the estimator, the same in each run with a seed;
+            without one they are exact.
+
+        Raises
+        ------
+        ModelError
+            If the samples of the two differ.
+        """
+        return FedController(self, estimator, covariance, initial, seed)
 
     # --- results -----------------------------------------------------------------------------------------------
     @property

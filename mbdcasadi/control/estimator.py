@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -19,7 +18,6 @@ from ..model.quantities import entries, refuse_twice
 from ..model.symbols import Parameter, as_expression, number, positive
 from ..numerics.real import real_array
 from ..results.state import State
-from .controller import TURN
 from .moving_horizon import Arrival, Stage, best_changes
 from .stages import StageFunctions, TreePoint
 from .tree_model import TreeModel
@@ -70,6 +68,8 @@ class Estimator:
     ----------
     state_names : tuple of str
         Positions, rates, first-order states and unknown parameters: the order of the covariance.
+    measured, noise, unknown : casadi.SX, numpy.ndarray, tuple of Parameter
+        As given.
 
     Raises
     ------
@@ -119,22 +119,22 @@ class Estimator:
             raise ModelError(f"Estimator: horizon must be a whole number of samples above zero, got {horizon!r}")
         self.horizon = int(horizon)
         rows = [as_expression(x, "measured=") for x in entries(measured, "measured=")]
-        self._noise = np.array([positive(x, "Estimator", "noise") for x in entries(noise, "noise=")])
+        self.noise = np.array([positive(x, "Estimator", "noise") for x in entries(noise, "noise=")])
         outputs = ca.vertcat(ca.SX(0, 1), *rows)
-        if not rows or outputs.numel() != self._noise.size:
+        if not rows or outputs.numel() != self.noise.size:
             raise ModelError(
-                f"Estimator: noise= takes a deviation for each measured quantity, got {self._noise.size} for "
+                f"Estimator: noise= takes a deviation for each measured quantity, got {self.noise.size} for "
                 f"{outputs.numel()}"
             )
         pairs = pairs_of(disturbance, "disturbance=")
         disturbed = [position_in(mechanism.inputs, key, "disturbance=") for key, _ in pairs]
         self._deviation = np.array([positive(s, f"disturbance of '{key.label}'", "deviation") for key, s in pairs])
-        sought = entries(unknown, "unknown=")
-        refuse_twice(sought, "unknown=")
-        places = [position_in(mechanism.parameters, x, "unknown=") for x in sought]
+        self.measured, self.unknown = outputs, tuple(entries(unknown, "unknown="))
+        refuse_twice(self.unknown, "unknown=")
+        places = [position_in(mechanism.parameters, x, "unknown=") for x in self.unknown]
         self._model = TreeModel(mechanism, equations(mechanism), state, "Estimator")
         self.state_names = (*self._model.names, *(mechanism.parameters[k].label for k in places))
-        steps = max(1, math.ceil(self._model.fastest * self.sample / TURN))
+        steps = self._model.steps_over(self.sample)
         self._stages = StageFunctions(self._model, outputs, disturbed, places, self.sample, steps)
         self._window: _Window | None = None
 
@@ -199,9 +199,9 @@ class Estimator:
             y = real_array(measured).ravel()
         except (TypeError, ValueError):
             y = np.zeros(0)
-        if y.shape != self._noise.shape or np.isinf(y).any():
+        if y.shape != self.noise.shape or np.isinf(y).any():
             raise ModelError(
-                f"Estimator.update: takes {self._noise.size} measured values, numbers or nan if missing, got "
+                f"Estimator.update: takes {self.noise.size} measured values, numbers or nan if missing, got "
                 f"{measured!r}"
             )
         u = self._inputs(inputs)
@@ -295,7 +295,7 @@ class Estimator:
             end, by_x, by_d, _ = stages.advance(t, x, points[-1], u, d, p)
             points.append(self._complete(window.times[k + 1], after, window.near[k + 1], window))
             y, seen, seen_by_d = stages.output(window.times[k + 1], after, points[-1], u, d, p)
-            weight = np.where(np.isnan(window.measured[k]), 0.0, 1 / self._noise)
+            weight = np.where(np.isnan(window.measured[k]), 0.0, 1 / self.noise)
             miss = weight * (np.nan_to_num(window.measured[k]) - y)
             stage = Stage(by_x, by_d, end - after, weight[:, None] * seen, weight[:, None] * seen_by_d, miss, d)
             self._refuse_nan(t, *vars(stage).values())
@@ -319,6 +319,6 @@ class Estimator:
 
     def __repr__(self) -> str:
         return (
-            f"Estimator({len(self.state_names)} states of {self._noise.size} measured quantities; every "
+            f"Estimator({len(self.state_names)} states of {self.noise.size} measured quantities; every "
             f"{self.sample:g} s over {self.horizon} samples)"
         )

@@ -175,3 +175,58 @@ def test_exact_friction_is_refused():
     rubbing = model.replace(forces=[mbd.JointFriction("rub", model.joints[0], mbd.DryFriction(0.3))])
     with pytest.raises(mbd.ModelError, match="'rub' switches"):
         mbd.Estimator(rubbing, [cart.x], [0.1], sample=0.1, horizon=5)
+
+
+@pytest.mark.slow
+def test_controller_is_fed_by_estimates():
+    """A cart-pole whose rates nobody measures is kept up, from a wrong start; runs with one seed are the same."""
+    force = mbd.Input("force", lower=-10, upper=10)
+    cart = mbd.Body("cart", mass=1.0, inertia=0.0)
+    bob = mbd.Body("bob", mass=0.3, inertia=0.0, pose=(0, 0.5, np.pi / 2))
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), cart.at(0, 0))
+    pole = mbd.Revolute("pole", cart.at(0, 0), bob.at(-0.5, 0))
+    drive = mbd.Force("drive", cart.at(0, 0), (force, 0))
+    model = mbd.Mechanism([cart, bob], [rail, pole], forces=[mbd.Gravity(), drive], inputs=[force])
+    lean = bob.phi - np.pi / 2
+    away = 5 * cart.x**2 + cart.vx**2 + 10 * lean**2 + bob.omega**2
+    plan = mbd.OptimalControlProblem(
+        model, duration=1.0, running_cost=away + 0.01 * force**2, terminal_cost=5 * mbd.at_end(away)
+    )
+    controller = mbd.Controller(plan, sample=0.05, intervals=20)
+    estimator = mbd.Estimator(model, [cart.x, lean], [1e-3, 2e-3], {force: 0.05}, sample=0.05, horizon=10)
+    start = mbd.assemble(model, [cart.x == 0, cart.vx == 0, lean == 0.2, bob.omega == 0])
+    guess = mbd.assemble(model, [cart.x == 0.05, cart.vx == 0, lean == 0.1, bob.omega == 0])
+    fed = controller.fed_by(estimator, np.diag([0.1, 0.2, 0.1, 0.1]) ** 2, initial=guess, seed=4)
+    times = np.linspace(0, 3, 61)
+    runs = [mbd.simulate(model, times, initial=start, inputs=fed) for _ in range(2)]
+    assert np.array_equal(runs[0][force], runs[1][force])
+    assert abs(runs[0][lean][-1]) < 0.01 and abs(runs[0][cart.x][-1]) < 0.02
+    assert [state.t for state in fed.estimates][:60] == pytest.approx(times[:60])
+    rates = np.array([state[bob.omega] for state in fed.estimates])
+    assert np.max(np.abs(rates[20:60] - runs[0][bob.omega][20:60])) < 0.05
+    exact = mbd.simulate(model, times, initial=start, inputs=controller.fed_by(estimator, np.zeros((4, 4))))
+    direct = mbd.simulate(model, times, initial=start, inputs=controller)
+    assert exact[force] == pytest.approx(direct[force], abs=1e-4)
+    other = mbd.Estimator(model, [cart.x], [1e-3], sample=0.02, horizon=10)
+    with pytest.raises(mbd.ModelError, match=r"samples every 0\.02 s, the controller every 0\.05 s"):
+        controller.fed_by(other, np.eye(4))
+    with pytest.raises(mbd.ModelError, match="takes an Estimator"):
+        controller.fed_by(controller, np.eye(4))
+
+
+@pytest.mark.slow
+def test_unknown_parameters_are_those_of_the_plans():
+    """The first input of a fed controller is that under the mean of an unknown mass, and not under its own value."""
+    model, rod, torque, mass = pendulum()
+    cost = (rod.phi + np.pi / 2) ** 2 + 0.1 * rod.omega**2 + 0.01 * torque**2
+    controller = mbd.Controller(
+        mbd.OptimalControlProblem(model, duration=0.5, running_cost=cost), sample=0.1, intervals=5
+    )
+    estimator = mbd.Estimator(model, [rod.phi], [0.01], {torque: 0.1}, sample=0.1, horizon=5, unknown=[mass])
+    start = [rod.phi == -1.0, rod.omega == 0]
+    heavy = mbd.assemble(model, start, parameters={mass: 2.0})
+    fed = controller.fed_by(estimator, np.diag([0.1, 0.1, 0.1]) ** 2, initial=heavy)
+    run = mbd.simulate(model, [0, 0.05], initial=start, inputs=fed)
+    values = [controller.with_parameters({mass: m}).inputs(heavy)[torque] for m in (1.0, 2.0)]
+    assert run[torque][0] == pytest.approx(values[1], abs=1e-9)
+    assert abs(values[1] - values[0]) > 0.1

@@ -128,7 +128,9 @@ def analyses() -> None:
     estimator = mbd.Estimator(mechanism, [rod.phi], [0.01], {tau: 0.1}, sample=0.1, horizon=5, unknown=[k])
     estimator.reset(start, np.eye(len(estimator.state_names)))
     seen: mbd.State = estimator.update([0.1], {tau: 0.0})
-    assert seen.t == 0.1 and estimator.covariance.shape == (3, 3)
+    assert seen.t > 0.0 and estimator.covariance.shape == (4, 4)
+    fed: mbd.FedController = controller.fed_by(estimator, np.eye(4), seed=1)
+    assert fed.estimates == ()
     hold = mbd.SampledController(lambda time, state: {tau: 0.1 * time}, period=0.1)
     methods: list[mbd.Integrator] = [mbd.IDAS(), mbd.DOP853(), mbd.BDF(), mbd.RungeKutta(), mbd.Rosenbrock()]
     methods.append(Euler())
