@@ -144,8 +144,9 @@ class SynthesisSearch:
         ends.close()
         end += (1 - SEARCHING) * seconds
         for _, y, p in near:
-            if clock.monotonic() < end or not self.found:
-                self._take(y, p)
+            if self.found and (clock.monotonic() > end or self._is_complete()):
+                break
+            self._take(y, p)
 
     def _coarse(self) -> Residuals:
         """The residuals of some of the positions, evenly among them: of as many as there are unknowns."""
