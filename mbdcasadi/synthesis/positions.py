@@ -11,7 +11,7 @@ import numpy as np
 from ..assembly.setup import kept_numeric
 from ..equations import equations
 from ..equations.reduced import reduced_equations
-from ..errors import ExpressionError, ModelError
+from ..errors import ConditionError, ExpressionError, ModelError
 from ..model.conditions import Condition, read_conditions
 from ..model.mechanism import Mechanism
 from ..model.symbols import Parameter, describe, place_of
@@ -99,10 +99,10 @@ class Positions:
         numbers = [mechanism.value_of(x, x.value) for x in others]
         self._known = ca.vertcat(ca.SX(0, 1), *others, eom.t), ca.DM([*numbers, 0.0])
         self.relations = [
-            [self._checked(c, f"position {k}", poses=True) for c in read_conditions(given)]
+            [self._checked(c, f"position {k}", poses=True) for c in _read(given, f"position {k}")]
             for k, given in enumerate(positions, start=1)
         ]
-        conditions = [self._checked(c, "conditions=", poses=False) for c in read_conditions(conditions)]
+        conditions = [self._checked(c, "conditions=", poses=False) for c in _read(conditions, "conditions=")]
         self.closing = self._with_known(reduced.Phi)
         self.q = self._with_known(reduced.of(eom.q)[0])
         turns = eom.angular_rows[reduced.position_rows] if reduced.rows else np.zeros(0, bool)
@@ -239,6 +239,14 @@ class Positions:
         x, size = self.unknowns[k], float(self.sizes[k])
         sides = ((x.lower, x.lower - self.p[k], ">="), (x.upper, self.p[k] - x.upper, "<="))
         return [(e / size, Row(f"{x.label} {sign} {v:g}", size)) for v, e, sign in sides if np.isfinite(v)]
+
+
+def _read(conditions: object, where: str) -> tuple[Condition, ...]:
+    """Relations, or an error that says where they are."""
+    try:
+        return read_conditions(conditions)
+    except ConditionError as error:
+        raise ConditionError(f"synthesize: {where}: {error}") from None
 
 
 def place_of_hash(symbol: ca.SX, symbols: Sequence[ca.SX]) -> bool:

@@ -311,6 +311,8 @@ def test_arguments_are_checked():
     refused("conditions=: .* it takes parameters", conditions=lambda m: [m.crank.phi == 0])
     refused("contains none of unknowns=", unknowns=joints, conditions=lambda m: [m.unknowns["Px"] == 1])
     refused("the driver 'crank drive'; positions take its place", mechanism=lambda m: m.driven(crank=mbd.t))
+    refused("position 2: condition 1 is 2, which is not a relation", positions=lambda m: [[m.point.x == 1], [2]])
+    refused("conditions=: condition 1 is 3", conditions=[3])
     refused("position 2 has no relation", positions=lambda m: [[m.point.x == 1], []])
     refused("position 1: .* contains time 't'", positions=lambda m: [[m.point.x == mbd.t]])
     refused("seconds must be positive", seconds=0)
