@@ -35,7 +35,7 @@ def table(
         Arguments of the same shape, or one of them scalar, such as a speed and a throttle.
     xs, ys : sequence of float, (n,) and (m,)
         The grid; both increase strictly.
-    values : array_like, (n, m)
+    values : sequence of sequence of float, (n, m)
         ``values[i, j]`` belongs to ``xs[i]`` and ``ys[j]``.
     kind : {"cubic", "monotone", "linear"}, default "cubic"
         - ``"cubic"``: C2, the product of splines with not-a-knot ends, which reproduces products of cubics; at least
