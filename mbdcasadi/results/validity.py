@@ -13,6 +13,7 @@ from ..model.mechanism import Mechanism
 from ..model.validity import ValidityCondition
 from ..numerics.tolerances import MET
 from .columns import has_multipliers
+from .state import State
 from .trajectory import Trajectory
 
 #: Findings that are warned of one by one; more are one warning.
@@ -72,6 +73,15 @@ def report_validity(motion: Trajectory, others: Sequence[str] = ()) -> None:
         remarks = [f"{'; '.join(remarks[:MOST_WARNINGS])}; and {more} more of this kind: see motion.statistics.notes"]
     for text in remarks:
         warn(text)
+
+
+def report_validity_at(state: State, mechanism: Mechanism, analysis: str) -> None:
+    """Warn of conditions that are broken at a state with its multipliers."""
+    for condition in validity_conditions(mechanism):
+        value = float(state[condition.expression])
+        if value < -MET * (1 + abs(value)):
+            unit = f" ({float(state[condition.reported]):.6g} {condition.unit})" if condition.unit else ""
+            warn(f"{analysis}: {condition.message}{unit}")
 
 
 def _broken_at_outputs(motion: Trajectory) -> list[str]:

@@ -20,6 +20,7 @@ from ..model.symbols import Input, Parameter, place_of
 from ..numerics.console import keyboard_interrupts
 from ..numerics.least_squares import largest
 from ..results.state import Conditions, State
+from ..results.validity import report_validity_at
 from .amplification import amplification, warn_of
 from .search import newton, newton_nearby, to_stable
 from .small_motions import SmallMotions
@@ -129,7 +130,8 @@ def equilibrium(
     -----
     MechanismWarning
         If the pose is singular, or so near to a singular one that the reactions are amplified a thousandfold; if
-        first-order states remember more of the way to rest than the pose.
+        first-order states remember more of the way to rest than the pose; if the pose is one that an element does not
+        allow, such as a cable that would have to push.
 
     References
     ----------
@@ -189,6 +191,7 @@ def equilibrium_of(setup: Setup, wanted: tuple[Any, ...] = (), prefer: str = "st
     result = Equilibrium(statics, rest)
     _check_inequalities(rows, result)
     _check_reactions(statics, rest)
+    report_validity_at(result, setup.mechanism, "equilibrium")
     by_the_way = statics.states_by_the_way(rest)
     if by_the_way:
         remember = f"s {', '.join(by_the_way)} remember" if len(by_the_way) > 1 else f" {by_the_way[0]} remembers"

@@ -79,6 +79,16 @@ def test_a_limit_that_the_equilibrium_breaks_is_told():
         mbd.equilibrium(p.mechanism, [p.rod.phi >= 0])
 
 
+def test_a_rest_that_an_element_does_not_allow_is_told():
+    """A mass of 3 kg stands on a cable, which would have to push with its weight."""
+    mass = mbd.Body("mass", mass=3.0, inertia=1.0, pose=(0, 1, 0))
+    cable = mbd.Cable("cable", mbd.ground.at(0, 0), mass.at(0, 0))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0, np.pi / 2), mass.at(0, 0, np.pi / 2))
+    mechanism = mbd.Mechanism([mass], [cable, guide], forces=[mbd.Gravity((0, -9.81))])
+    with pytest.warns(mbd.MechanismWarning, match=r"equilibrium: cable 'cable': a strand would .*-29\.43 N"):
+        mbd.equilibrium(mechanism)
+
+
 def test_torque_that_holds_a_pose():
     tau = mbd.Input("tau")
     p = pendulum(forces=lambda rod: [mbd.Torque("motor", rod, tau)], inputs=[tau])

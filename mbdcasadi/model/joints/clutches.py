@@ -171,6 +171,7 @@ class Clutch(ShaftClutch):
             raise ModelError(
                 f"{self.description}: static_capacity {self.static_capacity} is below the capacity {self.capacity}"
             )
+        self.read(ca.SX(self.static_capacity) - self.capacity, "static_capacity - capacity", at_least=0.0)
 
     @property
     def falls(self) -> bool:
