@@ -37,7 +37,7 @@ class PassedLimits(Measure):
 
 
 class FarPassedLimits(PassedLimits):
-    """Shares as multiples of the largest one that is not told, in tolerances; intervals above are halved."""
+    """Shares as multiples of the largest one without a warning, in tolerances; intervals above are halved."""
 
     def of(self, part: PhaseSolution) -> np.ndarray:
         """Shares of the intervals of a phase (N,)."""
