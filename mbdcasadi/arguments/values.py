@@ -61,15 +61,15 @@ def mapping_of(values: Any, argument: str) -> dict[Any, Any]:
     return dict(pairs)
 
 
-def position_in(symbols: Iterable[Any], key: Any, argument: str) -> int:
-    """Index of a symbol among those of the mechanism, or an error that names it."""
+def position_in(symbols: Iterable[Any], key: Any, argument: str, owner: str = "the mechanism") -> int:
+    """Index of a symbol among those of the mechanism or of another owner, or an error that names it."""
     known = list(symbols)
     place = place_of(key, known)
     if place is not None:
         return place
     label = getattr(key, "label", repr(key))
     names = ", ".join(repr(s.label) for s in known) or "none"
-    raise ModelError(f"{argument} holds '{label}', which is not in the mechanism; it has {names}")
+    raise ModelError(f"{argument} holds '{label}', which is not in {owner}; it has {names}")
 
 
 def pairs_with(symbols: Iterable[Any], pairs: Iterable[tuple[Any, Any]]) -> list[tuple[Any, Any]]:

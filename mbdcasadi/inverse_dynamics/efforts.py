@@ -12,6 +12,7 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..errors import MechanismError, SingularityError
+from ..numerics.least_squares import least_norm, least_norm_within, null_space
 from ..numerics.tolerances import DEPENDENT, MET, RANK
 from ..results.trajectory import Trajectory
 
@@ -26,11 +27,13 @@ class EffortProblem:
     ----------
     unknown : sequence of int
         Inputs to find, by position.
+    weights : sequence of float
+        Weight of each of them in the sum of squares that is least if they are more than the degrees of freedom.
     """
 
-    def __init__(self, numeric: NumericEquations, unknown: Sequence[int]):
+    def __init__(self, numeric: NumericEquations, unknown: Sequence[int], weights: Sequence[float]):
         self.numeric = numeric
-        self.unknown = [int(k) for k in unknown]
+        self.unknown, self.weights = [int(k) for k in unknown], np.array(weights)
         self.redundant = False
         eom = numeric.eom
         self._labels = [eom.mechanism.inputs[k].label for k in self.unknown]
@@ -54,13 +57,18 @@ class EffortProblem:
         residual, matrix = self._at(frame, unknowns)
         if self._linear:
             right = -residual
-            self._check_rank(frame.t, matrix, m, w)
-            unknowns = _least_norm(matrix, right)
+            spare = self._check_rank(frame.t, matrix, m, w)
+            unknowns = self._least_efforts(frame.t, matrix, right) if spare else _least_norm(matrix, right)
         else:
             unknowns = self._by_newton(frame, unknowns)
             residual, matrix = self._at(frame, unknowns)
             right = np.einsum("kij,kj->ki", matrix, unknowns) - residual
-            self._check_rank(frame.t, matrix, m, w)
+            if self._check_rank(frame.t, matrix, m, w):
+                names = ", ".join(map(repr, self._labels))
+                raise MechanismError(
+                    f"inverse_dynamics: {names} are more than the degrees of freedom, and friction depends on the "
+                    "reactions, so that the problem is not linear; fix some of them by inputs="
+                )
         self._check_balance(frame.t, matrix, right, unknowns)
         lam = unknowns[:, :m]
         if self.redundant and self._linear:
@@ -99,7 +107,34 @@ class EffortProblem:
                 break
         return unknowns
 
-    def _check_rank(self, times: np.ndarray, matrix: np.ndarray, m: int, w: int) -> None:
+    def _least_efforts(self, times: np.ndarray, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Multipliers and efforts (k, m + w), the efforts of least weighted sum of squares within their limits."""
+        m = self.numeric.eom.lam.numel()
+        inputs = [self.numeric.eom.mechanism.inputs[k] for k in self.unknown]
+        lower, upper = (np.array([getattr(u, side) for u in inputs]) for side in ("lower", "upper"))
+        efforts = np.empty((times.size, len(inputs)))
+        for k, time in enumerate(times):
+            free = null_space(matrix[k, :, :m].T)
+            needed, acting = free.T @ right[k], free.T @ matrix[k, :, m:]
+            found = least_norm_within(acting, needed, self.weights, lower, upper)
+            if found is None:
+                unlimited = least_norm(acting / np.sqrt(self.weights), needed) / np.sqrt(self.weights)
+                beyond = np.maximum(lower - unlimited, unlimited - upper)
+                worst = int(np.argmax(beyond))
+                side = "lower" if unlimited[worst] < lower[worst] else "upper"
+                raise MechanismError(
+                    f"no efforts within their limits make the motion at t = {time:.6g} s: of those of least sum of "
+                    f"squares '{self._labels[worst]}' is {unlimited[worst]:.6g}, with {side} = "
+                    f"{getattr(inputs[worst], side):.6g}, and the others cannot take it over; raise the limits, name "
+                    "more inputs in efforts=, or move more slowly",
+                    time=float(time),
+                )
+            efforts[k] = found
+        rest = right - np.einsum("kij,kj->ki", matrix[:, :, m:], efforts)
+        return np.c_[_least_norm(matrix[:, :, :m], rest), efforts]
+
+    def _check_rank(self, times: np.ndarray, matrix: np.ndarray, m: int, w: int) -> int:
+        """Number of efforts beyond the degrees of freedom; errors for too few, and in poses in which they fail."""
         n = matrix.shape[1]
         rank_rows = _rank(matrix[:, :, :m]) if m else np.zeros(times.size, int)
         freedom = n - int(np.median(rank_rows))
@@ -110,12 +145,7 @@ class EffortProblem:
                 f"the motion is over-determined by {freedom - w}: the mechanism has {freedom} degrees of freedom and "
                 f"{w} effort{'s' if w != 1 else ''} ({names}) to move them; name more inputs in efforts="
             )
-        if w > freedom:
-            raise MechanismError(
-                f"the efforts are under-determined by {w - freedom}: {w} efforts ({names}) for {freedom} degree"
-                f"{'s' if freedom != 1 else ''} of freedom; fix some of them by inputs="
-            )
-        short = rank_rows + w - _rank(matrix)
+        short = np.minimum(rank_rows + w, n) - _rank(matrix)
         if np.any(short > 0):
             k = int(np.argmax(short > 0))
             raise SingularityError(
@@ -123,6 +153,7 @@ class EffortProblem:
                 "the joints alone (a dead point for them); apply them at another place",
                 time=float(times[k]),
             )
+        return w - freedom
 
     def _check_balance(self, times: np.ndarray, matrix: np.ndarray, right: np.ndarray, unknowns: np.ndarray) -> None:
         left_over = np.abs(np.einsum("kij,kj->ki", matrix, unknowns) - right)

@@ -20,7 +20,7 @@ from ..model.drivers import Driver
 from ..model.geometry.splines import expression_of, through_samples
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries, yes_or_no
-from ..model.symbols import Numbers, place_of, positive
+from ..model.symbols import Input, Numbers, place_of, positive
 from ..model.symbols import t as time
 from ..numerics.console import call_each, keyboard_interrupts
 from ..numerics.tolerances import MET
@@ -39,6 +39,7 @@ def inverse_dynamics(
     duration: float | None = None,
     motion: Any = None,
     efforts: Sequence[Any] = (),
+    weights: Mapping[Input, float] | None = None,
     inputs: Any = None,
     parameters: Mapping[Any, Any] | None = None,
     tolerance: float = MET,
@@ -67,7 +68,12 @@ def inverse_dynamics(
         must be removed before: accelerations amplify it). A list of pairs
         ``[(expression, value)]`` does the same.
     efforts : sequence of Input
-        Inputs to find, on which the forces depend linearly.
+        Inputs to find, on which the forces depend linearly. If they are more
+        than the degrees of freedom (two motors on one shaft, cables, muscles),
+        at each time the sum of ``weight * effort**2`` is least, with all of
+        them within their limits.
+    weights : mapping of Input to float, optional
+        Positive weights of efforts in that sum; 1 for those that are not named.
     inputs : mapping, optional
         Values of the other inputs: numbers, samples, expressions.
     parameters : mapping, optional
@@ -88,7 +94,8 @@ def inverse_dynamics(
     ------
     MechanismError
         For a motion that breaks the constraints: the worst one and the time;
-        for efforts that are too few or too many: by how many.
+        for efforts that are too few: by how many; for more efforts than
+        freedoms that do not make the motion within their limits: which, and the time.
     SingularityError
         At a pose in which the efforts cannot make the motion.
 
@@ -106,8 +113,9 @@ def inverse_dynamics(
         arguments = {"times": times, "duration": duration, "inputs": inputs, "parameters": parameters}
         setup = Setup(mechanism, "inverse_dynamics", fewest_times=1, **arguments)
         if motion is None:
-            if efforts:
-                raise MechanismError("inverse_dynamics: efforts= goes with motion=; drivers find their own efforts")
+            if efforts or weights:
+                name = "efforts" if efforts else "weights"
+                raise MechanismError(f"inverse_dynamics: {name}= goes with motion=; drivers find their own efforts")
             result = _of_drivers(setup, inputs, progress)
         else:
             unknown = [position_in(mechanism.inputs, effort, "efforts=") for effort in efforts]
@@ -115,7 +123,8 @@ def inverse_dynamics(
             if overridden:
                 names = ", ".join(repr(e.label) for e in overridden)
                 raise MechanismError(f"inverse_dynamics: {names} is in inputs= and in efforts=; leave one out")
-            result = _of_motion(setup, _course(setup, motion, progress), unknown, tolerance)
+            shares = _weights(efforts, weights)
+            result = _of_motion(setup, _course(setup, motion, progress), unknown, shares, tolerance)
         result.statistics.method, result.statistics.formulation = "inverse dynamics", "Phi_q^T lam = Q - M a"
         result.statistics.seconds = clock.perf_counter() - began
         report_validity(result)
@@ -235,7 +244,17 @@ def _as_driver(index: int, expression: Any, value: Any, grid: np.ndarray) -> Dri
     return Driver(name, expression, course)
 
 
-def _of_motion(setup: Setup, course: Trajectory, unknown: Sequence[int], tolerance: float) -> Trajectory:
+def _weights(efforts: Sequence[Input], weights: Any) -> list[float]:
+    """Weight of each effort."""
+    found = [1.0] * len(efforts)
+    for effort, weight in pairs_of(weights, "weights="):
+        found[position_in(efforts, effort, "weights=", "efforts=")] = positive(weight, "inverse_dynamics", "weights")
+    return found
+
+
+def _of_motion(
+    setup: Setup, course: Trajectory, unknown: Sequence[int], weights: Sequence[float], tolerance: float
+) -> Trajectory:
     numeric, eom = setup.numeric, setup.eom
     if eom.mechanism.states and not _knows_states(eom, course):
         names = ", ".join(f"'{z.label}'" for z in eom.mechanism.states)
@@ -250,12 +269,12 @@ def _of_motion(setup: Setup, course: Trajectory, unknown: Sequence[int], toleran
     frame = Trajectory(eom.mechanism, course.t, q, v, a, z, lam, u, numeric.p)
     _check_motion(frame, tolerance)
     frame.inputs = _inputs(setup, frame)
-    problem = EffortProblem(numeric, unknown)
+    problem = EffortProblem(numeric, unknown, weights)
     lam, u = problem.solve(frame)
     notes = [_LEAST_NORM] if problem.redundant else []
 
     def at(t: np.ndarray) -> Arrays:
-        part = _of_motion(setup, course.at(t), unknown, tolerance)
+        part = _of_motion(setup, course.at(t), unknown, weights, tolerance)
         return part.q, part.v, part.a, part.z, part.lam, part.inputs
 
     return _result(frame, u, lam, notes, at, numeric.p, course)

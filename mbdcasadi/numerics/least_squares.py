@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+from scipy.optimize import nnls
 
-from .tolerances import DEPENDENT, EPSILON, NEGLIGIBLE
+from .tolerances import DEPENDENT, EPSILON, NEGLIGIBLE, RANK
 
 #: Entries of a matrix, and share of them that are not zero, from which a sparse factorisation is quicker.
 LARGE, SPARSE = 40_000, 0.05
@@ -39,6 +40,50 @@ def least_norm(
     root = np.sqrt(weights)
     solution = np.linalg.lstsq(matrix / root, right, rcond=threshold)[0]
     return (solution.T / root).T
+
+
+def least_norm_within(
+    matrix: np.ndarray, right: np.ndarray, weights: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> np.ndarray | None:
+    """Solution of ``A x = b`` of least ``x^T W x`` within limits (n,), or None if there is none.
+
+    ``x = x_0 + Z y`` with the solution ``x_0`` without limits and the null space of A. The least ``|y|`` is a problem
+    of least distance, which becomes one of least squares that are not negative.
+
+    Parameters
+    ----------
+    matrix, right : numpy.ndarray
+        A (m, n) of full row rank, and b (m,).
+    weights, lower, upper : numpy.ndarray
+        Positive diagonal of W, and limits (n,), which may be infinite.
+
+    References
+    ----------
+    Lawson and Hanson 1974, chapter 23, algorithm LDP.
+    """
+    root = np.sqrt(weights)
+    known = least_norm(matrix / root, right)
+    sides = np.r_[lower * root - known, known - upper * root]
+    size = 1 + largest(known)
+    if np.all(sides <= NEGLIGIBLE * size):
+        return np.clip(known / root, lower, upper)
+    free = null_space(matrix / root)
+    slopes, within = np.r_[free, -free], np.isfinite(sides)
+    system = np.c_[slopes, sides / size][within].T
+    shares, missing = nnls(system, np.eye(len(system))[-1])
+    if missing <= NEGLIGIBLE:
+        return None
+    rest = system @ shares - np.eye(len(system))[-1]
+    x = known - size * free @ rest[:-1] / rest[-1]
+    met = np.all(np.r_[lower * root - x, x - upper * root] <= NEGLIGIBLE * (size + largest(x)))
+    return np.clip(x / root, lower, upper) if met else None
+
+
+def null_space(matrix: np.ndarray) -> np.ndarray:
+    """Orthonormal directions in which no row of a matrix (m, n) changes (n, n - rank); rows are scaled to size one."""
+    size = np.linalg.norm(matrix, axis=1, keepdims=True)
+    _, values, directions = np.linalg.svd(matrix / np.where(size > 0, size, 1.0))
+    return directions[np.sum(values > RANK * largest(values)) :].T
 
 
 def project_velocity(
