@@ -43,6 +43,15 @@ class SampledController(Immutable):
         if self.period <= 0:
             raise ModelError(f"SampledController: period must be positive, got {self.period}")
 
+    @property
+    def status(self) -> int | None:
+        """Status of the last answer, 0 if it is what was asked for; None of a controller without any."""
+        return None
+
+    def meaning(self, status: int) -> str:
+        """What a status says."""
+        raise NotImplementedError
+
 
 @dataclass(frozen=True, eq=False)
 class Signals:

@@ -16,6 +16,7 @@ from ..arguments.values import pairs_of, position_in
 from ..errors import ModelError
 from ..model.quantities import is_list
 from ..model.symbols import number, positive
+from ..numerics.real import real_array
 from ..optimal_control.problem import OptimalControlProblem
 from ..results.state import State
 from .code import STATUSES, Horizon, source_files
@@ -220,9 +221,7 @@ class Controller(SampledController):
         time : float, optional
             Time, s; one sample after the last step if left out.
         """
-        x = np.array(state, float).ravel()
-        if x.size != len(self.state_names):
-            raise ModelError(f"Controller.step: takes {len(self.state_names)} states {self.state_names}, got {x.size}")
+        x = self._vector(state)
         p, memory = self._values(parameters), self._memory
         now = float(memory.view.time) if time is None else float(time)
         began = clock.perf_counter()
@@ -233,11 +232,23 @@ class Controller(SampledController):
             now + self.horizon.interval * np.arange(self.horizon.intervals + 1),
             states, course[:, : len(self.input_names)], float(memory.view.cost),
         )  # fmt: skip
-        iterations = int(memory.view.iterations)
+        step = self._last["step"] = ControlStep(inputs, status, int(memory.view.iterations))
         resumed = clock.perf_counter()
         memory.prepare()
         self._times.append((answered - began, clock.perf_counter() - resumed))
-        return ControlStep(inputs, status, iterations)
+        return step
+
+    def _vector(self, state: Any) -> np.ndarray:
+        count = len(self.state_names)
+        try:
+            x = real_array(state).ravel()
+        except (TypeError, ValueError):
+            raise ModelError(
+                f"Controller.step: takes {count} numbers, the states {self.state_names}, got {state!r}"
+            ) from None
+        if x.size != count:
+            raise ModelError(f"Controller.step: takes {count} states {self.state_names}, got {x.size}")
+        return x
 
     def _values(self, parameters: Any) -> np.ndarray:
         if parameters is None:
@@ -302,6 +313,15 @@ class Controller(SampledController):
         return FedController(self, estimator, covariance, initial, seed)
 
     # --- results -----------------------------------------------------------------------------------------------
+    @property
+    def status(self) -> int | None:
+        """Status of the last step; None before the first."""
+        return self._last["step"].status if "step" in self._last else None
+
+    def meaning(self, status: int) -> str:
+        """Return what a status says."""
+        return [*STATUSES.values()][status]
+
     @property
     def plan(self) -> ControlPlan:
         """The plan of the last step."""

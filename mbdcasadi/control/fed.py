@@ -23,6 +23,13 @@ class Feedback(Protocol):
     def inputs(self, state: State, parameters: Any = None) -> dict[Any, float]:
         """Inputs at a state."""
 
+    @property
+    def status(self) -> int | None:
+        """Status of the last step."""
+
+    def meaning(self, status: int) -> str:
+        """What a status says."""
+
     def reset(self) -> None:
         """Forget the last motion."""
 
@@ -57,6 +64,15 @@ class FedController(SampledController):
     def estimates(self) -> tuple[State, ...]:
         """Estimates at the samples of the last run."""
         return tuple(self._run["estimates"])
+
+    @property
+    def status(self) -> int | None:
+        """Status of the last step of the controller."""
+        return self.controller.status
+
+    def meaning(self, status: int) -> str:
+        """Return what a status of the controller says."""
+        return self.controller.meaning(status)
 
     def _answer(self, time: float, state: State) -> dict[Any, float]:
         """Inputs in a run; a time that does not follow the last one begins a new motion."""

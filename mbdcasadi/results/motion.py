@@ -69,6 +69,8 @@ class Statistics:
         Number of its steps; 0 of a method without steps.
     notes : list of str
         Remarks for the user.
+    control_times, control_statuses : list of float, list of int
+        Samples of a :class:`Controller`, s, and what its steps returned; empty without one.
     """
 
     method: str = ""
@@ -77,6 +79,8 @@ class Statistics:
     restarts: int = 0
     steps: int = 0
     notes: list[str] = field(default_factory=list)
+    control_times: list[float] = field(default_factory=list)
+    control_statuses: list[int] = field(default_factory=list)
 
 
 class Motion(Protocol):

@@ -14,6 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ..arguments.inputs import SampledController
 from ..assembly.consistent_start import consistent_start
 from ..assembly.setup import Setup
 from ..equations.impact_law import jump
@@ -27,7 +28,7 @@ from ..numerics.progress import simulated_time_bar
 from ..numerics.real import distinct
 from ..results.state import State
 from ..results.steps import Stretch
-from ..results.trajectory import EventOccurrence, Trajectory
+from ..results.trajectory import EventOccurrence, Statistics, Trajectory
 from ..results.validity import validity_conditions
 from .arc import Arc, Outcome, ends_run, resets_or_ends
 from .changes.event_search import Crossing
@@ -243,7 +244,7 @@ class Run:
         refuse_singular_start(free, state)
         self._set_out_from(state)
         self._time, self._index = begin, 0
-        state = self.transitions.by_controller(self.transitions.decided(state))
+        state = self._controlled(self.transitions.decided(state))
         self._enter(state, first=True)
         impacts = self.transitions.impacts
         for remark in impacts.remarks_on_start(state):
@@ -258,9 +259,20 @@ class Run:
         self._time, self._index = state.t, self._schedule.index_after(state.t + self.instant)
         state = self.transitions.decided(state)
         if self._schedule.samples_at(self._index - 1) and self._schedule.times[self._index - 1] >= state.t:
-            state = self.transitions.by_controller(state)
+            state = self._controlled(state)
         self._enter(state, passed, first=True)
         self._reset_at(state, [], passed)
+
+    def _controlled(self, state: State) -> State:
+        """Take a sample of the controller if there is one; return the state under its answer."""
+        controller, builder = self.setup.signals.controller, self._builder
+        state, occurrences = self.transitions.by_controller(state)
+        if not builder.is_empty:  # the mode of the start is found with the first answer
+            builder.events += occurrences
+        if controller is not None and controller.status is not None:
+            builder.statistics.control_times.append(float(state.t))
+            builder.statistics.control_statuses.append(controller.status)
+        return state
 
     def _set_out_from(self, state: State) -> None:
         """Look at the rows at the first state, in the mode in which nothing is held."""
@@ -297,7 +309,7 @@ class Run:
                 if self.integrator.is_multistep and not any(map(resets_or_ends, self._arc.watch.events)):
                     size = schedule.joined(size, self._index, self._arc.stepper.counts.steps)
             if schedule.samples_at(self._index - 1) and self._time == schedule.times[self._index - 1]:
-                state = self.transitions.by_controller(self._arc.stepper.outputs.state(self._time, self._x))
+                state = self._controlled(self._arc.stepper.outputs.state(self._time, self._x))
                 self._enter(state)
                 self._reset_at(state, [])
         self._refuse_to_pass_obstacle()
@@ -594,3 +606,16 @@ class Run:
     def unresolved(self) -> list[str]:
         """Sentences on what the steps of the integrator did not resolve."""
         return list(dict.fromkeys(sentence for arc in self._arcs.values() for sentence in arc.resolution.sentences()))
+
+
+def failed_plans(controller: SampledController | None, statistics: Statistics) -> list[str]:
+    """A sentence on samples at which a controller had no plan as it was asked for, if there are any."""
+    statuses, times = np.array(statistics.control_statuses, int), statistics.control_times
+    failed = np.flatnonzero(statuses)
+    if not failed.size or controller is None:
+        return []
+    first = int(failed[0])
+    return [
+        f"at {failed.size} of {statuses.size} samples the controller had no plan as asked for, first at t = "
+        f"{times[first]:.6g} s: {controller.meaning(int(statuses[first]))}; see motion.statistics.control_statuses"
+    ]

@@ -37,6 +37,19 @@ SAME_PLACE = 1e-12
 HOLDING = "let it become a mechanism in which the joint holds, or model the contact by a force (Contact, EndStop)"
 
 
+class _ControllerOfWhole(SampledController):
+    """A controller of the whole run that answers for one of its mechanisms."""
+
+    def __init__(self, function: Callable[[float, State], Any], whole: SampledController):
+        super().__init__(function, whole.period)
+        self._whole = whole
+        self.meaning = whole.meaning
+
+    @property
+    def status(self) -> int | None:
+        return self._whole.status
+
+
 class PhasedRun:
     """A simulation through mechanisms that follow each other at events.
 
@@ -109,7 +122,7 @@ class PhasedRun:
         """Inputs that a mechanism has, of those that are given."""
         inputs = self._inputs
         if isinstance(inputs, SampledController):
-            return SampledController(self._answer_of(inputs, mechanism), inputs.period)
+            return _ControllerOfWhole(self._answer_of(inputs, mechanism), inputs)
         if hasattr(inputs, "inputs"):
             inputs = inputs.inputs
         return pairs_with(mechanism.inputs, pairs_of(inputs, "inputs="))
@@ -199,6 +212,8 @@ class PhasedRun:
             sum(run.starts for run in self.runs),
             sum(run.steps for run in self.runs),
             list(dict.fromkeys(note for s in parts for note in s.notes)) + list(dict.fromkeys(self._notes)),
+            [time for s in parts for time in s.control_times],
+            [status for s in parts for status in s.control_statuses],
         )
         return PhasedTrajectory(self._parts, self.whole, self._values, events=self._occurrences, statistics=statistics)
 

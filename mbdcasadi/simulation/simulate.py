@@ -35,7 +35,7 @@ from .checks.accuracy import (
     unresolved_range,
 )
 from .contact.compiled_elements import has_many_contacts
-from .loop import Run
+from .loop import Run, failed_plans
 from .phases import PhasedRun
 from .stepping.whole_stepper import runs_in_c
 from .tolerances import absolute_tolerance, default_abstol
@@ -165,7 +165,7 @@ def _annotated(run: Run, motion: Trajectory, ranges: np.ndarray) -> Trajectory:
     motion.statistics.notes += notes_on_range(motion, ranges, run.integrator.abstol)
     motion.statistics.notes += grown_error(motion)
     _report_exceeded_limits(run.setup.mechanism, motion)
-    report_validity(motion, run.unresolved())
+    report_validity(motion, run.unresolved() + failed_plans(run.setup.signals.controller, motion.statistics))
     return motion
 
 
@@ -180,12 +180,13 @@ def _through_phases(
 
     run = PhasedRun(mechanism, events, _modes, integrator_of, arguments, progress=progress)
     motion = run.run()
-    notes = motion.statistics.notes
+    notes, controller = motion.statistics.notes, run.runs[0].setup.signals.controller
+    found = run.unresolved() + failed_plans(controller, motion.statistics)
     for part in motion.phases:
         notes += [note for note in small_motions(part, ranges_of(part.q), run.integrator.abstol) if note not in notes]
     for part in motion.phases:
         _report_exceeded_limits(part.mechanism, part)
-        report_validity(part, run.unresolved() if part is motion.phases[0] else ())
+        report_validity(part, found if part is motion.phases[0] else ())
         notes += [note for note in part.statistics.notes if note not in notes]
     return motion
 

@@ -256,6 +256,17 @@ def test_limits_that_cannot_be_met_are_passed_by_little():
     assert step.status == 3 and "limits" in step.reason
     assert step.inputs[0] == pytest.approx(-20, abs=0.1)
     assert controller.plan.states[-1, 0] <= 0.1 + 1e-3
+    for bad in ("rest", {force: 0}, [1j, 0], None):
+        with pytest.raises(mbd.ModelError, match="takes 2 "):
+            controller.step(bad)
+    # a run keeps the statuses, and tells of them once
+    start = [cart.x == 0.5, cart.vx == 0]
+    with pytest.warns(mbd.MechanismWarning, match="samples the controller had no plan.* first at t = 0 s: no plan"):
+        motion = mbd.simulate(model, np.linspace(0, 1, 11), initial=start, inputs=controller)
+    times, statuses = motion.statistics.control_times, motion.statistics.control_statuses
+    assert times == pytest.approx(np.arange(10) * 0.1) and statuses[0] == 3 and statuses[-1] == 0
+    assert motion[cart.x][np.searchsorted(motion.t, times[statuses.index(0)])] < 0.5
+    assert sum("had no plan as asked for" in note for note in motion.statistics.notes) == 1
 
 
 @pytest.mark.slow

@@ -121,6 +121,20 @@ def test_a_clutch_is_closed_by_an_input():
 
 
 # --- said by name ----------------------------------------------------------------------------------------
+def test_a_sampled_controller_switches_a_free_wheel():
+    """At a sample at which the drive turns back, the free wheel overruns: an event, as one that is located."""
+    drive, a, b = mbd.Input("drive"), *(mbd.Body(name, mass=1, inertia=1.0) for name in "ab")
+    pins = [mbd.Revolute(f"pin {s.name}", mbd.ground.at(0, 0), s.at(0, 0)) for s in (a, b)]
+    wheel = mbd.OneWayClutch("wheel", a, b)
+    model = mbd.Mechanism([a, b], [*pins, wheel], forces=[mbd.Torque("motor", a, drive)], inputs=[drive])
+    controller = mbd.SampledController(lambda t, state: {drive: 1.0 if t < 0.45 else -1.0}, 0.1)
+    motion = mbd.simulate(model, np.linspace(0, 1, 6), initial=[a.omega == 0, b.omega == 0], inputs=controller)
+    (event,) = motion.events
+    assert (event.name, event.t) == ("wheel overruns", pytest.approx(0.5))
+    assert event.state[wheel.torque] == pytest.approx(0.5) and event.after[wheel.torque] == 0
+    assert motion[b.omega][-1] == pytest.approx(0.25) and motion[a.omega][-1] == pytest.approx(-0.25)
+
+
 def test_what_is_wrong_is_named():
     (a, b), pins = shafts(0.3, 0.2)
     free = mbd.OneWayClutch("free", a, b)

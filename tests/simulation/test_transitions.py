@@ -44,12 +44,12 @@ def test_a_controller_decides_the_accelerations():
     controller = mbd.SampledController(lambda time, state: {push: 10 * state[ball.vx]}, 0.1)
     changes, state = transitions(inputs=controller)
     assert state[ball.ax] == pytest.approx(3.0)
-    assert changes.by_controller(state)[ball.ax] == pytest.approx(10.0)
+    assert changes.by_controller(state)[0][ball.ax] == pytest.approx(10.0)
 
 
 def test_without_a_controller_nothing_changes():
     changes, state = transitions()
-    assert changes.by_controller(state) is state
+    assert changes.by_controller(state) == (state, [])
 
 
 def test_the_mechanism_changes_at_the_first_state():

@@ -236,6 +236,16 @@ class ContactModes(SwitchingModes):
             found.append(Event(f"{site.name} breaks away", leaves, direction=1, terminal=True))
         return found
 
+    def switched(self, before: ContactMode, after: ContactMode) -> list[str]:
+        names = []
+        for site, old, new in zip(self.sites, before.statuses, after.statuses, strict=True):
+            apart = [status in ("open", "idle") for status in (old, new)]
+            if apart[0] != apart[1]:
+                names.append(f"{site.name} {'opens' if apart[1] else 'touches'}")
+            elif "sticks" in (old, new) and (SENSE.get(old) or SENSE.get(new)):
+                names.append(f"{site.name} {'stops' if new == 'sticks' else 'breaks away'}")
+        return names
+
     # --- results of the whole mechanism ------------------------------------------------------------
     def multipliers(self, mode: ContactMode, motion: Trajectory | State) -> np.ndarray:
         whole = equations(self.mechanism)

@@ -162,6 +162,11 @@ class FrictionModes(SwitchingModes):
             return Event(breaks, leaves, direction=1, terminal=True)
         return Event(stops, friction.sliding_speed, direction=-int(SENSE[sense]), terminal=True)
 
+    def switched(self, before: FrictionMode, after: FrictionMode) -> list[str]:
+        rest = [[sense == "sticks" or i in mode.held for i, sense in enumerate(mode.senses)] for mode in (before, after)]
+        changes = zip(self.frictions, *rest, strict=True)
+        return [friction.event_names[0 if rests else 1] for friction, rested, rests in changes if rested != rests]
+
     def row(self, mode: FrictionMode, friction: Any) -> int:
         """Row of a friction that sticks."""
         return equations(self.variant(mode)).row_names.index(friction.sticking_row)

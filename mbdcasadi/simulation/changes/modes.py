@@ -93,6 +93,10 @@ class Modes(ABC):
         """Return the events at which a mode ends."""
         return ()
 
+    def switched(self, before: Any, after: Any) -> list[str]:
+        """Return names of the events by which a mode follows another one at once, without a zero of theirs."""
+        return []
+
     def refuse_redundant_rows(self) -> None:
         """Raise if dependent constraint rows leave something undetermined."""
         return None

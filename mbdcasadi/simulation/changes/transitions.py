@@ -111,11 +111,12 @@ class Transitions:
                 self.states[event].become(Standing.RESTING, float(moving[event.expression]))
         return state, occurrences
 
-    def by_controller(self, state: State) -> State:
-        """Call the controller if there is one; return the state under its answer."""
+    def by_controller(self, state: State) -> tuple[State, list[EventOccurrence]]:
+        """Call the controller if there is one; return the state under its answer, and what switches by it."""
         modes, signals = self._modes, self._modes.setup.signals
         if signals.controller is None:
-            return state
+            return state, []
+        mode, before = self.mode, self.whole(state)
         try:
             modes.levels[:] = read_answer(signals.controller, self.whole(state), signals.level_values)
         except (MechanismError, KeyboardInterrupt):
@@ -126,7 +127,10 @@ class Transitions:
                 "in .partial",
                 time=state.t,
             ) from error
-        return self.decided(modes.at(modes.free, state.t, state.q, state.v, state.z))
+        state = self.decided(modes.at(modes.free, state.t, state.q, state.v, state.z))
+        names = modes.switched(mode, self.mode)
+        after = self.whole(state) if names else before
+        return state, [EventOccurrence(name, state.t, before, after) for name in names]
 
     def to_another_mechanism(self, state: State, passed: Sequence[Event]) -> list[Event]:
         """Return the events by which the mechanism changes at a state at which a run begins.
