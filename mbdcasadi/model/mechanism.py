@@ -241,13 +241,24 @@ class Mechanism(Immutable, HoldsSymbols):
     @property
     def limits(self) -> list[Limit]:
         """Ranges of the quantities that depend on parameters."""
-        return self.cache.get_or_create("limits", self._limits)
+        return self._all_limits[0]
 
-    def _limits(self) -> list[Limit]:
+    @property
+    def varying_limits(self) -> list[Limit]:
+        """Ranges of the quantities that vary: in time, by inputs or states."""
+        return self._all_limits[1]
+
+    @property
+    def _all_limits(self) -> tuple[list[Limit], list[Limit]]:
+        return self.cache.get_or_create("limits", self._sorted_limits)
+
+    def _sorted_limits(self) -> tuple[list[Limit], list[Limit]]:
         mine = {p.element_hash() for p in self.parameters}
         limits = [limit for part in (*self.bodies, *self.elements) for limit in getattr(part, "limits", ())]
-        # a length that changes in time has no single value to check
-        return [x for x in limits if all(s.element_hash() in mine for s in symbols_of(x.expression))]
+        known = [all(s.element_hash() in mine for s in symbols_of(x.expression)) for x in limits]
+        both = list(zip(limits, known, strict=True))
+        varying = [x for x, is_known in both if not is_known and (x.at_least, x.above) != (None, None)]
+        return [x for x, is_known in both if is_known], varying
 
     def _values_of_limits(self) -> ca.Function:
         """Return the values of the limited quantities as a function of the parameters."""

@@ -37,12 +37,14 @@ class Limit:
 
     def check(self, value: float, because: str = "") -> None:
         """Raise an error if a value is not finite or out of the limits; `because` gives its origin."""
-        if not math.isfinite(value):
-            raise ModelError(f"{self.owner}: {self.name} must be finite, got {value}{because}")
-        if self.at_least is not None and value < self.at_least:
-            raise ModelError(f"{self.owner}: {self.name} must be at least {self.at_least:g}, got {value}{because}")
-        if self.above is not None and value <= self.above:
-            raise ModelError(f"{self.owner}: {self.name} must be above {self.above:g}, got {value}{because}")
+        low, high = self.at_least, self.above
+        if not math.isfinite(value) or (low is not None and value < low) or (high is not None and value <= high):
+            raise ModelError(f"{self.objection(value)}{because}")
+
+    def objection(self, value: float) -> str:
+        """Return what is wrong with a value that is not finite, or out of the limits."""
+        wanted = "finite" if not math.isfinite(value) else f"above {self.above:g}" if self.at_least is None else ""
+        return f"{self.owner}: {self.name} must be {wanted or f'at least {self.at_least:g}'}, got {value}"
 
 
 def quantity(

@@ -16,6 +16,7 @@ from ..results.state import State
 from .changes.event_search import Crossing, EventSearch
 from .changes.events import EventWatch
 from .checks.failure_diagnosis import singular_stop
+from .checks.ranges import Ranges
 from .checks.resolution import Resolution
 from .checks.uniqueness import Uniqueness
 from .checks.unseen_loads import UnseenLoads
@@ -87,23 +88,34 @@ class Arc:
         Its equations, and the method that advances them.
     watch : EventWatch
         Looks for the events of the run and for those of the mode itself, `own_events`.
+    ranges : Ranges
+        Looks for quantities of the model out of their ranges.
 
     Attributes
     ----------
     stepper : Stepper
         Advances it.
-    passage, resolution, unseen_loads, uniqueness
-        Look for singular poses, what the steps did not follow or passed over, and reactions that are not unique.
+    passage, resolution, unseen_loads, uniqueness, ranges
+        Look for singular poses, what the steps did not follow or passed over, reactions that are not unique, and
+        quantities out of their ranges.
     policies : tuple of Policy
         Look at the way over a piece, one after the other, before its outputs are kept.
     trail : Trail
         States since the motion last began smoothly.
     """
 
-    def __init__(self, mode: Any, state: State, system: SteppedSystem, watch: EventWatch, own_events: Sequence[Event]):
+    def __init__(
+        self,
+        mode: Any,
+        state: State,
+        system: SteppedSystem,
+        watch: EventWatch,
+        own_events: Sequence[Event],
+        ranges: Ranges,
+    ):
         self.mode, self.numeric, self.watch, self._own_events = mode, system.numeric, watch, own_events
         self._system = system
-        self.uniqueness = Uniqueness(self.numeric)
+        self.uniqueness, self.ranges = Uniqueness(self.numeric), ranges
         regularity = Regularity(self.numeric, state.t, state.q)
         looks = Looks(watch, self.decides, regularity.is_needed)
         self.stepper = kind_of_stepper(system.integrator)(system, looks)

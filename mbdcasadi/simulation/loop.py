@@ -9,7 +9,7 @@ import time as clock
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from functools import partial
-from typing import Any
+from typing import Any, NoReturn
 
 import casadi as ca
 import numpy as np
@@ -37,6 +37,7 @@ from .changes.impacts import instant_of
 from .changes.modes import Block, Modes
 from .changes.transitions import Transitions
 from .checks.failure_diagnosis import cause_of_failure, singular_event
+from .checks.ranges import Ranges
 from .checks.unseen_loads import UnseenLoads, meets_loads
 from .outputs import Outputs
 from .path import Path
@@ -374,6 +375,7 @@ class Run:
             arc.resolution.note(counted)
             if self.keeps_paths:
                 self._paths.append(counted)
+        self._refuse_out_of_range(found, passage)
         before = self._keep_outputs(found, passage)
         if deciding:
             if passage is not None and not all(c.event.terminal for c in deciding):
@@ -390,6 +392,24 @@ class Run:
         else:
             arc.trail.add(times, found.path.x[1:])
         return False
+
+    def _refuse_out_of_range(self, found: Outcome, passage: Passage | None) -> None:
+        """Raise at the first state of a piece at which a quantity is out of its range, and keep the outputs before."""
+        arc = self._arc
+        if not arc.ranges.limits:
+            return
+        path = found.path.until(found.deciding[0].time) if found.deciding else found.path
+        count, begins = path.times.size - 1, found.piece.begins
+        block = arc.outputs(passage).block(path.times, path.x, np.r_[path.times[:1], begins[:count]])
+        broken = arc.ranges.first_broken(block)
+        if broken is not None:
+            kept = found.piece.requested[:count] & (np.arange(1, count + 1) < broken[0])
+            self._keep(path.times[1:][kept], path.x[1:][kept], begins[:count][kept], arc.outputs(passage))
+            self._stop_out_of_range(float(path.times[broken[0]]), broken[1])
+
+    def _stop_out_of_range(self, time: float, objection: str) -> NoReturn:
+        kept = "" if self._builder.is_empty else "; what was computed is in .partial"
+        raise SimulationError(f"{objection} at t = {time:.6g} s{kept}", time=time)
 
     def _keep_outputs(self, found: Outcome, passage: Passage | None) -> Outputs:
         """Keep outputs and events up to the first that decides; return what makes outputs just before that one."""
@@ -478,7 +498,10 @@ class Run:
             statistics.formulation = self.modes.prefix + arc.stepper.formulation.name
             if self.redundant:
                 statistics.notes.append(LEAST_NORM)
-            self._record(tuple([np.array(part)[None] for part in state.arguments[:-1]]))
+            block = tuple([np.array(part)[None] for part in state.arguments[:-1]])
+            if broken := arc.ranges.first_broken(block):
+                self._stop_out_of_range(state.t, broken[1])
+            self._record(block)
 
     def _arc_in(self, mode: Any, state: State) -> Arc:
         """The part of the run in a mode, which is entered at a state for the first time."""
@@ -487,7 +510,7 @@ class Run:
             numeric, self.setup.signals, self.modes.levels, self.integrator, self._span, self.redundant, self._max_step
         )
         watch = EventWatch(numeric.eom, self.events, self.instant, self.transitions.states, own)
-        return Arc(mode, state, system, watch, own)
+        return Arc(mode, state, system, watch, own, Ranges(numeric, self.modes.mechanism))
 
     def _occurrence(self, crossing: Crossing, outputs: Outputs) -> EventOccurrence:
         state = self._state(outputs, crossing.time, crossing.x)

@@ -135,6 +135,43 @@ def test_a_sampled_controller_switches_a_free_wheel():
     assert motion[b.omega][-1] == pytest.approx(0.25) and motion[a.omega][-1] == pytest.approx(-0.25)
 
 
+def varying(capacity, start, **inputs):
+    """Run of a shaft that is driven by 0.5 N m, with a clutch to another one, whose capacity varies."""
+    a, b = mbd.Body("a", mass=1, inertia=1.0), mbd.Body("b", mass=1, inertia=2.0)
+    pins = [mbd.Revolute(f"pin {s.name}", mbd.ground.at(0, 0), s.at(0, 0)) for s in (a, b)]
+    clutch, motor = mbd.Clutch("clutch", a, b, capacity), mbd.Torque("motor", a, 0.5)
+    model = mbd.Mechanism([a, b], [*pins, clutch], forces=[motor], inputs=[level])
+    return mbd.simulate(model, np.linspace(0, 1, 11), initial=[a.omega == start, b.omega == 0], **inputs)
+
+
+level = mbd.Input("level", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "time", "what"),
+    [
+        (-1.0, 0.0, "at least 0, got -1"),
+        (0.45 - mbd.t, 0.45, "at least 0, got -"),
+        (mbd.if_else(mbd.logic_and(mbd.t > 0.43, mbd.t < 0.46), -2, 1), 0.43, "at least 0, got -2"),
+        (mbd.SampledController(lambda t, state: {level: 3.0 - 10 * t}, 0.1), 0.4, "at least 0, got -1"),
+    ],
+)
+def test_a_capacity_that_becomes_negative_stops_the_run(value, time, what):
+    """A negative capacity would drive: the run ends where it begins, also between outputs."""
+    inputs = value if isinstance(value, mbd.SampledController) else {level: value}
+    with pytest.raises(mbd.SimulationError, match=f"'clutch': capacity must be {what}") as failure:
+        varying(level, 3.0, inputs=inputs)
+    assert failure.value.time == pytest.approx(time, abs=0.01)
+    if time:
+        assert failure.value.partial.t[-1] == pytest.approx(0.4)
+
+
+@pytest.mark.filterwarnings("ignore:event 'clutch breaks away'")
+def test_what_sticks_does_not_hold_beyond_the_data_of_its_capacity():
+    with pytest.raises(mbd.SimulationError, match="capacity must be finite, got nan at t = 0.55"):
+        varying(mbd.spline(mbd.t, [0, 0.2, 0.4, 0.55], [3, 3, 3, 3]), 0.0)
+
+
 def test_what_is_wrong_is_named():
     (a, b), pins = shafts(0.3, 0.2)
     free = mbd.OneWayClutch("free", a, b)

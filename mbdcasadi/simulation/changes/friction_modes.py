@@ -163,7 +163,9 @@ class FrictionModes(SwitchingModes):
         return Event(stops, friction.sliding_speed, direction=-int(SENSE[sense]), terminal=True)
 
     def switched(self, before: FrictionMode, after: FrictionMode) -> list[str]:
-        rest = [[sense == "sticks" or i in mode.held for i, sense in enumerate(mode.senses)] for mode in (before, after)]
+        rest = [
+            [sense == "sticks" or i in mode.held for i, sense in enumerate(mode.senses)] for mode in (before, after)
+        ]
         changes = zip(self.frictions, *rest, strict=True)
         return [friction.event_names[0 if rests else 1] for friction, rested, rests in changes if rested != rests]
 

@@ -1,0 +1,58 @@
+"""Ranges of quantities of the model that vary along a run: capacities, coefficients of friction, loads, lengths."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from ...equations.numeric import NumericEquations
+from ...model.mechanism import Mechanism
+from ...numerics.tolerances import MET
+
+
+class Ranges:
+    """Checks of limited quantities that depend on time, inputs or states.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Equations in one mode.
+    mechanism : Mechanism
+        The whole, whose quantities are looked at.
+
+    Attributes
+    ----------
+    limits : list of Limit
+        Those whose symbols the equations have.
+    """
+
+    def __init__(self, numeric: NumericEquations, mechanism: Mechanism):
+        self._eom, self._p = numeric.eom, numeric.p
+        self.limits = [x for x in mechanism.varying_limits if numeric.eom.contains(x.expression)]
+
+    def first_broken(self, block: tuple[np.ndarray, ...]) -> tuple[int, str] | None:
+        """Index and message of the first of some outputs at which a quantity is out of its range, or has no value.
+
+        Parameters
+        ----------
+        block : tuple of numpy.ndarray
+            ``t, q, v, a, z, lam, u`` by row.
+        """
+        if not self.limits:
+            return None
+        t, *others = block
+        function = self._eom.function(ca.vertcat(*[x.expression for x in self.limits]))
+        values = function(t[None, :], *[x.T for x in others], self._p[:, None]).full()
+        slack = MET * (1 + np.max(np.abs(values), axis=1, initial=0.0, where=np.isfinite(values)))
+        found = []
+        for limit, course, rounding in zip(
+            self.limits, np.broadcast_to(values, (len(values), t.size)), slack, strict=True
+        ):
+            low = -np.inf if limit.at_least is None else limit.at_least - rounding
+            bad = ~(np.isfinite(course) & (course >= low))
+            if limit.above is not None:
+                bad |= ~(course > limit.above)
+            if np.any(bad):
+                k = int(np.argmax(bad))
+                found.append((k, limit.objection(float(course[k]))))
+        return min(found, default=None)
