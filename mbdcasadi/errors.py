@@ -17,8 +17,8 @@ from typing import Any
 
 #: What a value that is not finite may come of, for messages.
 NOT_FINITE = (
-    "a spline outside its data (or a table), a rope that has turned by more than 135° from its estimated pose, a "
-    "division by zero, or a root of a negative number"
+    "a spline outside its data (or a table), a rope that has turned by more than 135° from its estimated pose "
+    "(relative to carrier= of its drum), a division by zero, or a root of a negative number"
 )
 
 

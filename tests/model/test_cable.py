@@ -192,6 +192,43 @@ def test_length_holds_when_a_parameter_moves_a_drum():
         assert state[strand.length] - 0.1 * (angles[0] - angles[1]) == pytest.approx(1.2, abs=1e-9)
 
 
+def test_a_winch_on_an_arm_turns_with_it():
+    """A winch on an arm that turns by two turns: relative to the arm nothing turns but the drum, which lets out."""
+    arm, drum, slider = (mbd.Body(name, 1.0, 0.1, pose=pose) for name, pose in ARM.items())
+    turn, slow = 2 * np.pi * mbd.t, 0.5 * mbd.t
+    joints = [
+        mbd.Revolute("hub", mbd.ground.at(0, 0), arm.at(0, 0)),
+        mbd.Revolute("bearing", arm.at(0.2, 0), drum.at(0, 0)),
+        mbd.Translational("guide", arm.at(0, 0), slider.at(0, 0)),
+        mbd.Cable("cable", mbd.Drum(drum.at(0, 0), 0.1, "clockwise", carrier=arm), slider.at(0, 0)),
+    ]
+    drives = [mbd.Driver("turn", arm.phi, turn), mbd.Driver("slow", drum.phi, turn - slow)]
+    motion = mbd.kinematics(mbd.Mechanism([arm, drum, slider], joints, drivers=drives), np.linspace(0, 2, 41))
+    way = np.hypot(motion[slider.x], motion[slider.y]) - 1.0
+    # along the tangent from the drum: the strand is longer by what the drum has let out
+    began, strand = np.sqrt(0.8**2 - 0.1**2), np.sqrt((0.8 + way) ** 2 - 0.1**2)
+    bent = np.arcsin(0.1 / 0.8) - np.arcsin(0.1 / (0.8 + way))
+    np.testing.assert_allclose(strand - began - 0.1 * bent, 0.05 * motion.t, atol=1e-9)
+    with pytest.raises(mbd.ModelError, match="carrier= is for a pulley that grips"):
+        mbd.Pulley(mbd.ground.at(0, 0), 0.1, "clockwise", carrier=arm)
+
+
+ARM = {"arm": (0, 0, 0), "drum": (0.2, 0, 0), "slider": (1.0, 0, 0)}
+
+
+@pytest.mark.parametrize("grips", [False, True])
+def test_its_length_holds_wraps_on_pulleys_that_grip_too(grips):
+    """Half a turn round a wheel of 0.1 m between strands of 1 m and 2 m."""
+    load, wheel = mbd.Body("load", 1.0, 1.0, pose=(0.1, -2.0, 0)), mbd.Body("wheel", 1.0, 0.01)
+    axle = mbd.Revolute("axle", mbd.ground.at(0, 0), wheel.at(0, 0))
+    guide = mbd.Translational("guide", mbd.ground.at(0.1, 0, np.pi / 2), load.at(0, 0, np.pi / 2))
+    over = [mbd.Pulley(wheel.at(0, 0), 0.1, "clockwise", grips=grips)]
+    cable = mbd.Cable("cable", mbd.ground.at(-0.1, -1), load.at(0, 0), over, length=3 + 0.1 * np.pi)
+    model = mbd.Mechanism([load, wheel], [axle, guide, cable])
+    state = mbd.assemble(model, () if grips else [wheel.phi == 0])
+    assert state[load.y] == pytest.approx(-2.0, abs=1e-12) and state[wheel.phi] == pytest.approx(0.0, abs=1e-12)
+
+
 def direction(x, y, r):
     """Direction of the tangent from a clockwise circle about the origin to a point."""
     turn = np.arctan2(y, x) - np.arcsin(r / np.hypot(x, y))
@@ -222,6 +259,13 @@ def test_what_is_wrong_is_named():
         mbd.Cable("cable", here, there, over=[post(1, mbd.Viscous(1))])
     with pytest.raises(mbd.ModelError, match="itself"):
         mbd.Cable("cable", mbd.ground.at(1, 0), there)
+
+
+def test_friction_that_is_not_there_is_refused():
+    cable = mbd.Cable("cable", mbd.ground.at(0, 0), mbd.Body("load", 1, 1, pose=(1, 0, 0)).at(0, 0))
+    for name in ("friction_force", "sliding_speed"):
+        with pytest.raises(mbd.ModelError, match="rubs on no pulley"):
+            getattr(cable, name)
 
 
 def test_a_cable_that_would_push_is_reported():

@@ -203,6 +203,9 @@ def test_a_motion_that_leaves_it_stops_with_an_error(speed):
         ({"x": ca.MX.sym("x")}, "casadi.MX"),
         ({"x": ca.SX.sym("x", 2), "y": ca.SX.sym("y", 3)}, r"same shape, got \(2, 1\) and \(3, 1\)"),
         ({"x": "now"}, "x and y must be expressions or numbers of one shape"),
+        ({"x": ca.SX.sym("x"), "y": None}, "numbers of one shape, got y = None"),
+        ({"x": ca.SX.sym("x"), "y": 5.0}, "y = 5.0 is outside the data"),
+        ({"x": ca.vertcat(ca.SX.sym("x"), -3), "y": 0.2}, "x = -3.0 is outside the data"),
     ],
 )
 def test_what_is_wrong_is_named(change, message):

@@ -85,7 +85,7 @@ def table(
     corners = _corners(_data(values, axes), axes, kind)
     if not isinstance(x, ca.SX) and not isinstance(y, ca.SX):
         return _values(x, y, axes, corners)
-    x, y = ca.densify(ca.SX(x)), ca.densify(ca.SX(y))
+    x, y = _checked(x, "x", axes[0]), _checked(y, "y", axes[1])
     if x.shape != y.shape and not x.is_scalar() and not y.is_scalar():
         raise ModelError(f"table: x and y must have the same shape, got {x.shape} and {y.shape}")
     shape = y.shape if x.is_scalar() else x.shape
@@ -206,23 +206,46 @@ def _nearest(wanted: np.ndarray, rows: ca.DM, given: np.ndarray, senses: np.ndar
 # --- evaluation ------------------------------------------------------------------------------------
 def _values(x: Any, y: Any, axes: Sequence[Axis], corners: list[list[np.ndarray]]) -> Any:
     """Return the values at numbers: a float or an array as `x` and `y`."""
+    given = [_numbers(value, name, axis) for value, name, axis in zip((x, y), "xy", axes, strict=True)]
     try:
-        numbers = np.broadcast_arrays(*[real_array(at.full() if isinstance(at, ca.DM) else at) for at in (x, y)])
-    except (TypeError, ValueError):
+        numbers = np.broadcast_arrays(*given)
+    except ValueError:
         raise ModelError(f"table: x and y must be expressions or numbers of one shape, got {x!r} and {y!r}") from None
-    for name, given, (at, outside) in zip("xy", numbers, axes, strict=True):
-        slack = ROUNDING * (at[-1] - at[0])
-        if outside == "error" and np.any(bad := ~((given >= at[0] - slack) & (given <= at[-1] + slack))):
-            raise ModelError(
-                f"table: {name} = {given[bad].flat[0]} is outside the data, {at[0]} … {at[-1]}; "
-                "give outside='constant', 'linear' or 'periodic' to extend them"
-            )
     symbols = ca.SX.sym("x"), ca.SX.sym("y")
     surface = ca.Function("table", symbols, [_surface(*symbols, axes, corners)])
     if numbers[0].size == 0:
         return numbers[0].copy()
     result = surface(*[given.reshape(1, -1) for given in numbers]).full().reshape(numbers[0].shape)
     return float(result) if result.ndim == 0 else result
+
+
+def _numbers(value: Any, name: str, axis: Axis) -> np.ndarray:
+    """Return an argument that is no expression, within the data unless these are extended."""
+    at, outside = axis
+    try:
+        if value is None:  # NumPy takes it for NaN
+            raise TypeError
+        given = real_array(value.full() if isinstance(value, ca.DM) else value)
+    except (TypeError, ValueError, RuntimeError, NotImplementedError):
+        raise ModelError(
+            f"table: x and y must be expressions or numbers of one shape, got {name} = {value!r}"
+        ) from None
+    slack = ROUNDING * (at[-1] - at[0])
+    if outside == "error" and np.any(bad := ~((given >= at[0] - slack) & (given <= at[-1] + slack))):
+        raise ModelError(
+            f"table: {name} = {given[bad].flat[0]} is outside the data, {at[0]} … {at[-1]}; "
+            "give outside='constant', 'linear' or 'periodic' to extend them"
+        )
+    return given
+
+
+def _checked(value: Any, name: str, axis: Axis) -> ca.SX:
+    """Return an argument of a surface that is an expression; numbers in it are checked."""
+    column = ca.densify(ca.SX(value if isinstance(value, ca.SX) else ca.DM(_numbers(value, name, axis))))
+    for entry in ca.vertsplit(ca.vec(column)):
+        if entry.is_constant():
+            _numbers(float(entry), name, axis)
+    return column
 
 
 def _surface(x: ca.SX, y: ca.SX, axes: Sequence[Axis], corners: list[list[np.ndarray]]) -> ca.SX:

@@ -250,6 +250,11 @@ class PointOnCurve(Joint):
     ----------
     parameter : Coordinate
         Parameter of the point on the curve.
+
+    Notes
+    -----
+    Friction in it acts on the parameter, so that its reaction holds the friction; that of a :class:`PointOnLine`, as of
+    all other joints, is the normal force alone, and ``force`` of the friction comes on top.
     """
 
     def __init__(self, name: str, a: Marker, b: Marker, curve: Curve):

@@ -27,7 +27,8 @@ class Cable(Switching, ConstraintElement):
     A section reaches from an end, or a pulley that grips, to the next one; ``l_k`` is the sum of its strands, of
     its wraps, and of what has wound up at its ends. Its multiplier is the tension. Each strand pulls the bodies at its
     ends, so that bearings carry it. A cable has no mass, and a run warns if it would have to push. A strand may turn by
-    up to 135° from its direction at the estimated poses; bodies turn by any angle.
+    up to 135° from its direction at the estimated poses, relative to ``carrier=`` of the drum or pulley on which it
+    winds up; bodies turn by any angle.
 
     If it rubs on a pulley, the tensions before and after differ by at most
     ``|T_2 - T_1| <= (T_1 + T_2) tanh(μ θ/2)`` with the angle θ of the wrap: if it slips, ``T_2/T_1 = exp(±μ θ)``.
@@ -41,8 +42,9 @@ class Cable(Switching, ConstraintElement):
     over : sequence of Pulley, optional
         What it runs over, on the way from `a` to `b`. It may rub on one of them.
     length : float or expression in time and parameters, optional
-        Length of strands and wraps together, m, without what has wound up since the estimated poses; by default what
-        it is there. Sections share it as their lengths at these poses are.
+        Length of strands and wraps together at the estimated poses, m, also on pulleys that grip, without what is on
+        drums there; by default what it is there. Sections share what is not on pulleys that grip as their lengths at
+        these poses are.
 
     Attributes
     ----------
@@ -100,8 +102,8 @@ class Cable(Switching, ConstraintElement):
         if length is None:
             rows = ca.vertcat(*[from_estimate(section) for section in path.sections])
         else:
-            shares = zip(path.sections, path.shares(), strict=True)
-            rows = ca.vertcat(*[section - self.length * share for section, share in shares])
+            shares, between = zip(path.sections, path.shares(), strict=True), self.length - path.gripped
+            rows = ca.vertcat(*[section - between * share for section, share in shares])
         rows *= path.known
         labels = tuple(f"section {k}" for k in range(rows.numel())) if rows.numel() > 1 else ()
         self.switches_modes = self._law is not None and self._law.exact
@@ -173,6 +175,7 @@ class Cable(Switching, ConstraintElement):
     @cached_property
     def friction_force(self) -> ca.SX:
         """Tension after the pulley on which it rubs less that before it, N."""
+        _ = self._slip  # without friction there is none
         return -self.multipliers[-1] if self.switches_modes else self._resistance.force
 
     @cached_property

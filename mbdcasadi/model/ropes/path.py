@@ -135,8 +135,10 @@ class RopePath:
         node = self.nodes[k]
         if isinstance(node, Marker):
             return ca.SX(0)
-        u = self.strands[strand].direction
-        relative = self.markers[k].angle - self._turned(ca.DM(values_of(at_poses(u))), u)
+        u, carried = self.strands[strand].direction, node.carrier.phi
+        carried -= at_poses(carried)
+        began = rotation(carried) @ ca.DM(values_of(at_poses(u)))
+        relative = self.markers[k].angle - carried - self._turned(began, u)
         return (1 if strand < k else -1) * node.sense * ca.SX(node.radius) * (relative - at_poses(relative))
 
     def held(self, k: int) -> bool:
@@ -162,6 +164,12 @@ class RopePath:
     def pulleys(self) -> tuple[tuple[int, Pulley], ...]:
         """Pulleys with their nodes."""
         return tuple((k, node) for k, node in enumerate(self.nodes) if isinstance(node, Pulley))
+
+    @property
+    def gripped(self) -> ca.SX:
+        """Length, m, of what lies on pulleys that grip at the estimated poses, which belongs to no section."""
+        wraps = [node.radius * at_poses(self.wraps[k]) for k, node in self.pulleys if node.grips]
+        return sum(wraps, ca.SX(0))
 
     def shares(self) -> list[Any]:
         """Part of the whole length in each section at the estimated poses."""

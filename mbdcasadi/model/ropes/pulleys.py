@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ...errors import ModelError
-from ..bodies import Marker, as_marker
+from ..bodies import Body, Marker, as_body, as_marker, ground
 from ..forces.friction.laws import as_law
 from ..immutable import Immutable
 from ..quantities import HasQuantities, one_of, whole, yes_or_no
@@ -15,7 +15,34 @@ from ..symbols import Scalar
 TURNS = {"counter-clockwise": 1, "clockwise": -1}
 
 
-class Pulley(Immutable, HasQuantities):
+class RopeWheel(Immutable, HasQuantities):
+    """Base class of what a rope turns round.
+
+    Attributes
+    ----------
+    sense : int
+        Sense in which the rope turns round it, positive counter-clockwise.
+    """
+
+    def __init__(self, marker: Marker, radius: Scalar, turn: str, carrier: Body | None):
+        kind = type(self).__name__
+        self.marker = as_marker(marker, kind, "marker")
+        self.radius = self.read(radius, "radius", above=0.0, fixed=True)
+        self.turn = one_of(turn, TURNS, kind, "turn")
+        self.carrier = ground if carrier is None else as_body(carrier, kind, "carrier")
+        self.sense = TURNS[self.turn]
+
+    @property
+    def description(self) -> str:
+        """Kind and body, as messages give it."""
+        kind = type(self).__name__
+        return f"{kind.lower()} on '{self.marker.body.name}'" if hasattr(self, "marker") else kind
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.marker!r}, {self.radius}, {self.turn!r})"
+
+
+class Pulley(RopeWheel):
     """A round pulley or post that a rope runs over.
 
     Parameters
@@ -33,6 +60,8 @@ class Pulley(Immutable, HasQuantities):
     turns : int, default 0
         Whole turns of the rope in addition to the turn from strand to strand, which counts from a quarter turn back
         to three quarters ahead.
+    carrier : Body, optional
+        Of a pulley that grips, the body on which it turns; see :class:`Drum`.
 
     Raises
     ------
@@ -53,31 +82,19 @@ class Pulley(Immutable, HasQuantities):
         grips: bool = False,
         friction: Any = None,
         turns: int = 0,
+        carrier: Body | None = None,
     ):
-        self.marker = as_marker(marker, "Pulley", "marker")
-        self.radius = self.read(radius, "radius", above=0.0, fixed=True)
-        self.turn = one_of(turn, TURNS, "Pulley", "turn")
+        super().__init__(marker, radius, turn, carrier)
         self.grips = yes_or_no(grips, "Pulley", "grips")
         self.turns = whole(turns, "Pulley", "turns", 0)
         self.friction = None if friction is None else as_law(friction, "Pulley")
         if self.grips and friction is not None:
             raise ModelError("Pulley: a rope that grips does not rub; give grips=True or friction=, not both")
-
-    @property
-    def description(self) -> str:
-        """Kind and body, as messages give it."""
-        return f"pulley on '{self.marker.body.name}'" if hasattr(self, "marker") else "Pulley"
-
-    @property
-    def sense(self) -> int:
-        """Positive counter-clockwise."""
-        return TURNS[self.turn]
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.marker!r}, {self.radius}, {self.turn!r})"
+        if carrier is not None and not self.grips:
+            raise ModelError("Pulley: carrier= is for a pulley that grips; on a free one nothing winds up")
 
 
-class Drum(Immutable, HasQuantities):
+class Drum(RopeWheel):
     """A drum on which an end of a rope is fixed and winds up, over any number of turns.
 
     Parameters
@@ -88,17 +105,10 @@ class Drum(Immutable, HasQuantities):
         Radius to the middle of the rope, m.
     turn : {"clockwise", "counter-clockwise"}
         Sense in which the rope turns round it, on its way from the first end to the last.
+    carrier : Body, optional
+        Body on which it turns, if that turns far, too: an arm with a winch. Relative to it, a strand may turn by up to
+        135° from the estimated poses; by default relative to the ground.
     """
 
-    def __init__(self, marker: Marker, radius: Scalar, turn: str):
-        self.marker = as_marker(marker, "Drum", "marker")
-        self.radius = self.read(radius, "radius", above=0.0, fixed=True)
-        self.turn = one_of(turn, TURNS, "Drum", "turn")
-
-    @property
-    def sense(self) -> int:
-        """Positive counter-clockwise."""
-        return TURNS[self.turn]
-
-    def __repr__(self) -> str:
-        return f"Drum({self.marker!r}, {self.radius}, {self.turn!r})"
+    def __init__(self, marker: Marker, radius: Scalar, turn: str, carrier: Body | None = None):
+        super().__init__(marker, radius, turn, carrier)

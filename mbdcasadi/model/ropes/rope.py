@@ -66,7 +66,8 @@ class Rope(OneSided):
 
     Notes
     -----
-    A strand may turn by up to 135° from its direction at the estimated poses; bodies turn by any angle.
+    A strand may turn by up to 135° from its direction at the estimated poses, relative to ``carrier=`` of the drum or
+    pulley on which it winds up; bodies turn by any angle.
 
     ``simulate`` does not step over a rope that is taut for a short time, and warns if its steps did not resolve the
     tension. With damping, the tension jumps to ``c ė`` when the rope becomes taut.
