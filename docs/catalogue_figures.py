@@ -182,6 +182,14 @@ def point_on_curve() -> mbd.Trajectory:
 
 
 @scene
+def rolling_on_curve() -> mbd.Trajectory:
+    wheel = mbd.Body("wheel", 1.0, 5e-3, pose=(-0.38, 0.28, 0.3))
+    road = mbd.Curve(lambda s: (s, 0.8 * s**2), -0.6, 0.6)
+    rolls = mbd.Mechanism([wheel], [mbd.RollingOnCurve("road", wheel.at(0, 0), mbd.ground.at(0, 0), road, 0.1)])
+    return mbd.simulate(rolls, duration=1.0, initial=[wheel.x == -0.35, wheel.vx == 0.7])
+
+
+@scene
 def driver() -> mbd.Mechanism:
     crank = bar("crank", 1.0, (0.4, 0.25, 0.6))
     main = mbd.Revolute("main", mbd.ground.at(0, 0), crank.at(-0.45, 0))

@@ -70,6 +70,7 @@ from .model.joints.coordinates import (
 )
 from .model.joints.gears import Belt, Coupler, Gear, RackAndPinion, Rolling
 from .model.joints.lower_pairs import Distance, PointOnLine, Revolute, Translational, Weld
+from .model.joints.rolling_on_curve import RollingOnCurve
 from .model.mechanism import Mechanism
 from .model.rates import time_derivative
 from .model.ropes.cable import Cable
@@ -209,17 +210,17 @@ __all__ = [
     "OptimalControlProblem", "OptimizationError", "PIController", "Parameter", "Phase", "Point", "PointOnCurve",
     "PointOnLine", "Polygon", "PolygonEdges", "Proposal", "Pulley", "RackAndPinion", "Reachability", "Reaction",
     "Rectangle", "RelativeAngle", "RelativeX", "RelativeY", "Report", "Resistance", "Revolute", "RigidContact", "Rod",
-    "Rolling", "Rope", "Rosenbrock", "RunEquations", "RungeKutta", "SampledController", "Segment", "Sensitivities",
-    "ShakingForce", "Shape", "SimulationError", "SingularityError", "Smoothing", "Solution", "Stability", "State",
-    "StateVariable", "SteppingMethod", "Strategy", "Stribeck", "Sweep", "Torque", "Trajectory", "Transcription",
-    "Translational", "ValidityCondition", "Viscous", "Waypoint", "Weld", "absolute", "animate", "assemble", "at_end",
-    "at_start", "between", "bounded", "check", "cost_function", "draw", "dwell", "equations", "equilibrium",
-    "equilibrium_path", "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness", "identify",
-    "impact", "integral", "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize", "optimize",
-    "plot", "plot_energy", "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution", "positive_part",
-    "reachable", "read_acf", "read_adm", "read_linkages", "read_mjcf", "read_solution", "read_trajectory", "read_urdf",
-    "rise", "sensitivities", "shaking_force", "simulate", "soft", "stability", "sweep", "synthesize", "t",
-    "time_derivative",
+    "Rolling", "RollingOnCurve", "Rope", "Rosenbrock", "RunEquations", "RungeKutta", "SampledController", "Segment",
+    "Sensitivities", "ShakingForce", "Shape", "SimulationError", "SingularityError", "Smoothing", "Solution",
+    "Stability", "State", "StateVariable", "SteppingMethod", "Strategy", "Stribeck", "Sweep", "Torque", "Trajectory",
+    "Transcription", "Translational", "ValidityCondition", "Viscous", "Waypoint", "Weld", "absolute", "animate",
+    "assemble", "at_end", "at_start", "between", "bounded", "check", "cost_function", "draw", "dwell", "equations",
+    "equilibrium", "equilibrium_path", "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness",
+    "identify", "impact", "integral", "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize",
+    "optimize", "plot", "plot_energy", "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution",
+    "positive_part", "reachable", "read_acf", "read_adm", "read_linkages", "read_mjcf", "read_solution",
+    "read_trajectory", "read_urdf", "rise", "sensitivities", "shaking_force", "simulate", "soft", "stability", "sweep",
+    "synthesize", "t", "time_derivative",
 ]  # fmt: skip
 __all__ += _expressions.__all__
 

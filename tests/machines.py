@@ -93,6 +93,13 @@ def slot():
     return machine([bead], [rail, mbd.AbsoluteAngle("upright", bead.at(0, 0))], bead.x, 1.0)
 
 
+def valley():
+    """A wheel in a valley; its axle is moved."""
+    wheel = mbd.Body("wheel", mass=1.0, inertia=0.005, pose=(-0.5 + 0.1 / 2**0.5, 0.25 + 0.1 / 2**0.5, 0))
+    road = mbd.Curve(lambda s: (s, s**2), -2, 2)
+    return machine([wheel], [mbd.RollingOnCurve("road", wheel.at(0, 0), GROUND.at(0, 0), road, 0.1)], wheel.x, 0.8)
+
+
 def on_slide(force_of):
     """A block on a guide with a force from the ground."""
     block, guide = slide()
@@ -182,6 +189,7 @@ MACHINES = {
     ),
     "CamCam": cam_on_cam,
     "PointOnCurve": slot,
+    "RollingOnCurve": valley,
     "Bushing": lambda: on_slide(lambda b, g: mbd.Bushing("rubber", GROUND.at(0, 0), b.at(0, 0), (500, 100), 10)),
     "EndStop": lambda: on_slide(lambda b, g: mbd.EndStop("stop", 0.02 - g.displacement, mbd.HuntCrossley(1e4))),
     "Rope": lambda: on_slide(lambda b, g: mbd.Rope("rope", GROUND.at(-0.3, 0), b.at(0, 0), 0.32, 2e3)),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import nnls
 
 from .tolerances import DEPENDENT, EPSILON, NEGLIGIBLE, RANK
 
@@ -67,6 +66,8 @@ def least_norm_within(
     size = 1 + largest(known)
     if np.all(sides <= NEGLIGIBLE * size):
         return np.clip(known / root, lower, upper)
+    from scipy.optimize import nnls  # takes long to import
+
     free = null_space(matrix / root)
     slopes, within = np.r_[free, -free], np.isfinite(sides)
     system = np.c_[slopes, sides / size][within].T

@@ -45,7 +45,7 @@ def test_least_effort_from_rest_to_rest(name):
     problem = mbd.OptimalControlProblem(
         m.mechanism,
         duration=1.0,
-        initial=start if name == "NonholonomicConstraint" else rest,
+        initial=start if name in ("NonholonomicConstraint", "RollingOnCurve") else rest,
         final=[m.s == start[m.s] + m.by, speed == 0],
         running_cost=m.u**2,
     )

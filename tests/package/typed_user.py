@@ -31,7 +31,7 @@ def joints(a: mbd.Marker, b: mbd.Marker) -> list[mbd.ConstraintElement]:
         mbd.Coupler("coupler", a, b, 2.0), mbd.RackAndPinion("rack", a, b, 0.1), mbd.Rolling("wheel", a, b, 0.1),
         mbd.RelativeX("dx", a, b, 0.5), mbd.RelativeY("dy", a, b, 0.5), mbd.RelativeAngle("turn", a, b, mbd.t),
         mbd.PointOnCurve("rail", a, b, rail), mbd.CamCam("cams", a, b, egg, egg), mbd.CamFlatFollower("f", a, b, egg),
-        mbd.CamPointFollower("roller", a, b, egg, 0.01),
+        mbd.CamPointFollower("roller", a, b, egg, 0.01), mbd.RollingOnCurve("road", a, b, rail, 0.1, slips=True),
     ]  # fmt: skip
     wheel = mbd.Pulley(mbd.ground.at(3, 3), 0.1, "clockwise", grips=True)
     rows: list[mbd.ConstraintElement] = [

@@ -382,9 +382,9 @@ def test_plates_keep_their_distance():
 
 def test_hatching_lies_on_the_right():
     """Of the way from start to end; no strokes where there is no way."""
-    strokes = lines.hatching([0, 0], [1, 0], 0.1, 0.05)
+    strokes = lines.hatching([[0, 0], [1, 0]], 0.1, 0.05)
     assert len(strokes) == 10 and all(s[1, 1] == pytest.approx(-0.05) and s[0, 1] == 0 for s in strokes)
-    assert lines.hatching([1, 1], [1, 1], 0.1, 0.05) == []
+    assert lines.hatching([[1, 1], [1, 1]], 0.1, 0.05) == []
 
 
 def test_nice_numbers():

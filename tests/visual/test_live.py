@@ -173,9 +173,20 @@ def roped():
     return mbd.Mechanism([wheel, *loads], joints=[axle, *guides, cable], forces=[mbd.Gravity(), rope]), []
 
 
+def valley():
+    """A wheel that rolls in a valley on a cart."""
+    cart = mbd.Body("cart", mass=3.0, inertia=1.0)
+    wheel = mbd.Body("wheel", mass=2.0, inertia=0.01, pose=(-0.4, 0.35, 0))
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), cart.at(0, 0))
+    road = mbd.Curve(lambda s: (s, s**2), -1, 1)
+    rolls = mbd.RollingOnCurve("road", wheel.at(0, 0), cart.at(0, 0), road, 0.1)
+    return mbd.Mechanism([cart, wheel], joints=[rail, rolls], forces=[mbd.Gravity()]), []
+
+
 MECHANISMS = [
     four_bar, slider_crank, five_bar, planetary_gear, cam_follower, double_pendulum, long_chain, quick_return,
     scotch_yoke, jansen, parallelogram, point_mass, driven, skate, motor, rubbing, between_stops, roped,
+    valley,
 ]  # fmt: skip
 
 

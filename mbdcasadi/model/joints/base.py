@@ -28,6 +28,8 @@ class Joint(ConstraintElement):
         ``Phi`` (k,), m or rad.
     row_labels : tuple of str, optional
         Meaning of each row, for messages.
+    velocity_rows : casadi.SX, optional
+        Rows at velocity level, m/s or rad/s.
 
     Attributes
     ----------
@@ -36,12 +38,20 @@ class Joint(ConstraintElement):
     """
 
     kind = "joint"
-    #: coordinate along which b slides on a, and metres of sliding for its unit; None for what does not slide
+    #: pairs of a coordinate along which b slides on a and metres of sliding for its unit; None for what does not slide
     sliding: Any = None
 
-    def __init__(self, name: str, a: Marker, b: Marker, rows: ca.SX, row_labels: tuple[str, ...] = ()):
+    def __init__(
+        self,
+        name: str,
+        a: Marker,
+        b: Marker,
+        rows: ca.SX,
+        row_labels: tuple[str, ...] = (),
+        velocity_rows: ca.SX | None = None,
+    ):
         self.a, self.b = a, b
-        super().__init__(name, rows, row_labels, (a, b))
+        super().__init__(name, rows, row_labels, (a, b), velocity_rows)
 
     def pair(self, name: str, a: Any, b: Any, names: tuple[str, str] = ("a", "b")) -> tuple[Marker, Marker]:
         """Name the joint, and return its two markers; raise an error if they are not markers, or are on one body.
@@ -87,6 +97,11 @@ def relative_angle(a: Marker, b: Marker) -> ca.SX:
     return angle - 2 * np.pi * np.round(float(values_of(at_poses(angle))[0, 0]) / (2 * np.pi))
 
 
+def sliding_speed(sliding: Any) -> ca.SX:
+    """Return the speed at which surfaces slide, m/s, of pairs of a coordinate and metres of sliding for its unit."""
+    return ca.SX(sum(ratio * time_derivative(coordinate) for coordinate, ratio in sliding))
+
+
 class AlongLine:
     """Natural coordinate and its rate, for joints in which b moves along a's x axis."""
 
@@ -106,4 +121,4 @@ class AlongLine:
     @property
     def sliding(self) -> Any:
         """The displacement, and 1."""
-        return self.displacement, 1
+        return ((self.displacement, 1),)

@@ -32,15 +32,25 @@ from .outline_contact import (
 )
 
 
-class _Contact(Joint):
+class Pressed(Joint):
     """Base class of contacts along an outline: the parameter of the contact, its force, and its lift-off."""
 
     parameter: Coordinate
+    #: what would lift off, for messages
+    part = "follower"
 
-    def __init__(self, name: str, a: Marker, b: Marker, rows: ca.SX, row_labels: tuple[str, ...]):
-        super().__init__(name, a, b, rows, row_labels)
+    def __init__(
+        self,
+        name: str,
+        a: Marker,
+        b: Marker,
+        rows: ca.SX,
+        row_labels: tuple[str, ...],
+        velocity_rows: ca.SX | None = None,
+    ):
+        super().__init__(name, a, b, rows, row_labels, velocity_rows)
         lifted = (
-            "the contact force is negative: the follower would lift off, but the joint pulls it; "
+            f"the contact force is negative: the {self.part} would lift off, but the joint pulls it; "
             "press it on by a spring, or stop at the event that lift_off() returns"
         )
         self.validity_conditions = (ValidityCondition(self.normal_force, f"{self.description}: {lifted}"),)
@@ -55,7 +65,7 @@ class _Contact(Joint):
         return Event(f"lift-off at {self.name}", self.normal_force, direction=-1, terminal=terminal)
 
 
-class CamFlatFollower(_Contact):
+class CamFlatFollower(Pressed):
     """Cam against a flat face, the x axis of a marker.
 
     ``Phi = [y_b · (r^c - r^b), y_b · A_a g']`` (2 rows, m and m/rad): the contact
@@ -111,7 +121,7 @@ class CamFlatFollower(_Contact):
         return self.multipliers[0] * ca.dot(self.b.y_axis, outward)
 
 
-class CamPointFollower(_Contact):
+class CamPointFollower(Pressed):
     """Cam against a point (a knife edge) or a roller.
 
     ``Phi = r^a + A_a (s'(alpha) + R n'(alpha)) - r^b`` (2 rows, m): the centre of
@@ -171,7 +181,7 @@ class CamPointFollower(_Contact):
         return ca.atan2(cross(outward, self.b.velocity), ca.dot(outward, self.b.velocity))
 
 
-class CamCam(_Contact):
+class CamCam(Pressed):
     """Two outlines that touch from outside and slide on each other.
 
     ``Phi = [r^a + A_a s'_a - r^b - A_b s'_b, (R A_a g'_a) · A_b g'_b / c]`` (3 rows, m): one
@@ -259,25 +269,34 @@ class PointOnCurve(Joint):
 
     def __init__(self, name: str, a: Marker, b: Marker, curve: Curve):
         a, b = self.pair(name, a, b)
-        if not isinstance(curve, Curve):
-            raise ModelError(f"{self.description}: curve must be a Curve, got {curve!r}")
-        self.curve = curve
+        self.curve = as_curve(curve, self.description)
         self.parameter = Coordinate(f"{name}.parameter", nearest_place(curve, a, b, 0.0), curve.span)
         self.coordinates = (self.parameter,)
         rows = a.position + a.axes @ curve.point(self.parameter) - b.position
         super().__init__(name, a, b, rows, ("x", "y"))
-        if not curve.closed:
-            left = ca.fmin(self.parameter - curve.lower, curve.upper - self.parameter)
-            self.validity_conditions = (
-                ValidityCondition(left, f"{self.description}: the point has left the curve at one of its ends"),
-            )
+        self.validity_conditions = within_ends(self.description, curve, self.parameter, "point")
 
     @property
     def sliding(self) -> Any:
         """The parameter of the point, and the length of the tangent."""
-        return self.parameter, norm(self.curve.tangent(self.parameter))
+        return ((self.parameter, norm(self.curve.tangent(self.parameter))),)
 
     @cached_property
     def normal_force(self) -> ca.SX:
         """Force of the curve on the point along the normal, to the right of the tangent, N."""
         return ca.dot(self.multipliers, self.a.axes @ self.curve.normal(self.parameter))
+
+
+def as_curve(curve: Any, what: str) -> Curve:
+    """Return a curve, or raise an error for something else."""
+    if not isinstance(curve, Curve):
+        raise ModelError(f"{what}: curve must be a Curve, got {curve!r}")
+    return curve
+
+
+def within_ends(what: str, curve: Curve, parameter: Coordinate, part: str) -> tuple[ValidityCondition, ...]:
+    """Return the condition that a place is between the ends of an open curve; none for a closed one."""
+    if curve.closed:
+        return ()
+    left = ca.fmin(parameter - curve.lower, curve.upper - parameter)
+    return (ValidityCondition(left, f"{what}: the {part} has left the curve at one of its ends"),)

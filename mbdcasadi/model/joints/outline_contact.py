@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ...errors import ModelError
+from ...numerics.tolerances import NEGLIGIBLE
 from ..bodies import Marker, rotation
 from ..element import at_poses
 from ..geometry.cam_outlines import CamOutline
@@ -36,13 +37,31 @@ def touching_place(outline: CamOutline, a: Marker, b: Marker) -> float:
 
 def nearest_place(curve: Curve, a: Marker, b: Marker, beside: float) -> float:
     """Return the parameter of the point nearest to b on a curve, or on the one parallel to it at a distance."""
+    return least(_away(curve, a, b, beside), curve)
+
+
+def _away(curve: Curve, a: Marker, b: Marker, beside: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the distance of b from points of the curve that is parallel to another at a distance, by parameters."""
     point = _in_frame(a, b.position - a.position)
 
     def away(parameters: np.ndarray) -> np.ndarray:
         points, normals = curve.points_and_normals(parameters)
         return np.hypot(*(points + beside * normals - point[:, None]))
 
-    return least(away, curve)
+    return away
+
+
+def nearest_side(what: str, curve: Curve, a: Marker, b: Marker, radius: float) -> tuple[float, int]:
+    """Return the parameter at which a wheel about b comes closest to touching a curve, and its side: 1 to the right."""
+    places = {side: nearest_place(curve, a, b, side * radius) for side in (1, -1)}
+    off = {side: float(_away(curve, a, b, side * radius)(np.array([x]))[0]) for side, x in places.items()}
+    if abs(off[1] - off[-1]) <= NEGLIGIBLE * radius:
+        raise ModelError(
+            f"{what}: the centre of the wheel is on the curve at the estimated poses, which do not say on which side "
+            "it rolls; give its body a pose= beside the curve"
+        )
+    side = min(off, key=off.__getitem__)
+    return places[side], side
 
 
 def touching_places(one: CamOutline, other: CamOutline, a: Marker, b: Marker) -> tuple[float, float]:
@@ -77,9 +96,12 @@ def _place(outline: Curve, k: int) -> str:
     return f"the parameter {outline.samples[k]:.4g}, the point ({x:.4g}, {y:.4g}) m of the outline"
 
 
-def _most_hollow(outline: CamOutline) -> tuple[int, float]:
-    """Return the sample of the least curvature (most concave) of an outline, and that curvature, 1/m."""
-    bends = outline.curvatures(outline.samples)
+def _most_hollow(outline: Curve, side: int = 1) -> tuple[int, float]:
+    """Return the sample of the least curvature (most concave) of an outline, and that curvature, 1/m.
+
+    The side is 1 for a curve seen from the right of its tangent, as an outline is, and -1 from the left.
+    """
+    bends = side * outline.curvatures(outline.samples)
     k = int(np.argmin(bends))
     return k, float(bends[k])
 
@@ -94,15 +116,16 @@ def convex(what: str, outline: CamOutline) -> tuple[Limit, ...]:
     return _limits(what, "curvature of the outline", outline, outline.curvature)
 
 
-def wide_enough(what: str, outline: CamOutline, radius: Any) -> tuple[Limit, ...]:
+def wide_enough(what: str, outline: Curve, radius: Any, part: str = "roller") -> tuple[Limit, ...]:
+    """Return limits on hollows for a roller to the right of the tangent, or to the left if its radius is negative."""
     known = float(values_of(radius)[0, 0])
-    k, bend = _most_hollow(outline)
-    if 1 + known * bend <= 0:
+    k, bend = _most_hollow(outline, 1 if known >= 0 else -1)
+    if 1 + abs(known) * bend <= 0:
         raise ModelError(
-            f"{what}: the roller of radius {known:g} m does not fit into the hollow at {_place(outline, k)}: the "
-            f"radius of curvature there is {-1 / bend:.4g} m; take a smaller roller"
+            f"{what}: the {part} of radius {abs(known):g} m does not fit into the hollow at {_place(outline, k)}: the "
+            f"radius of curvature there is {-1 / bend:.4g} m; take a smaller {part}"
         )
-    name = "1 + roller radius × curvature of the outline"
+    name = f"1 + {part} radius × curvature of the outline"
     return _limits(what, name, outline, lambda place: 1 + radius * outline.curvature(place))
 
 
@@ -113,7 +136,7 @@ def positive_radius(what: str, *outlines: CamOutline) -> tuple[Limit, ...]:
     )
 
 
-def _limits(what: str, name: str, outline: CamOutline, value: Callable[[float], Any]) -> tuple[Limit, ...]:
+def _limits(what: str, name: str, outline: Curve, value: Callable[[float], Any]) -> tuple[Limit, ...]:
     """Return limits on a value that must be positive along an outline, if it depends on parameters."""
     if not symbols_of(value(0.1)):
         return ()

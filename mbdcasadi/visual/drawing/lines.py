@@ -73,17 +73,24 @@ def plate(points: Points, radius: float) -> Points:
     return convex_hull(np.vstack([circle(p, radius, 40) for p in np.atleast_2d(points)]))
 
 
-def hatching(start: Points, end: Points, spacing: float, depth: float) -> list[Points]:
-    """Oblique strokes to the right of the line from start to end."""
-    start, end = np.asarray(start, float), np.asarray(end, float)
-    length = float(np.hypot(*(end - start)))
+def hatching(points: Points, spacing: float, depth: float) -> list[Points]:
+    """Oblique strokes to the right of the line through points (k, 2)."""
+    points = np.asarray(points, float)
+    sides = np.diff(points, axis=0)
+    lengths = np.hypot(*sides.T)
+    length = float(lengths.sum())
     if length <= 0:
         return []
-    along = (end - start) / length
-    right = np.array([along[1], -along[0]])
     count = max(2, round(length / spacing))
     places = (np.arange(count) + 0.75) / count * length
-    return [np.array([start + s * along, start + (s - depth) * along + depth * right]) for s in places]
+    ends = np.r_[0.0, np.cumsum(lengths)]
+    pieces = np.clip(np.searchsorted(ends, places) - 1, 0, len(sides) - 1)
+    strokes = []
+    for k, place in zip(pieces, places, strict=True):
+        along = sides[k] / lengths[k]
+        foot = points[k] + (place - ends[k]) * along
+        strokes.append(np.array([foot, foot - depth * along + depth * np.array([along[1], -along[0]])]))
+    return strokes
 
 
 def spiral(inner: float, outer: float, turns: float) -> Points:

@@ -249,7 +249,7 @@ class Pen:
     def hatched(self, frame: Frame, start: Any, end: Any, layer: int = scene.GROUND, step: Any = None) -> None:
         """A line of the ground, hatched to the right of the line from start to end."""
         u = self.unit
-        frame.draw("hatch", *lines.hatching(start, end, 0.62 * u, 0.75 * u), layer=layer, step=step)
+        frame.draw("hatch", *lines.hatching(np.array([start, end]), 0.62 * u, 0.75 * u), layer=layer, step=step)
         frame.draw("ground line", [start, end], layer=layer, step=step)
 
     def wall(self, frame: Frame, start: Any, end: Any, endless: bool = False) -> None:

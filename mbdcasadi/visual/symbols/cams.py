@@ -10,9 +10,11 @@ import numpy as np
 from ...model.bodies import Marker
 from ...model.geometry.curves import Curve
 from ...model.joints.cams import CamCam, CamFlatFollower, CamPointFollower, PointOnCurve
+from ...model.joints.rolling_on_curve import RollingOnCurve
 from ..drawing import lines, scene
 from ..drawing.pen import Pen
 from .base import glyph
+from .gears import disc
 
 #: Points of an outline.
 POINTS = 180
@@ -77,6 +79,21 @@ def point_on_curve(joint: PointOnCurve, pen: Pen) -> None:
     elif np.min(np.hypot(*np.diff(left, axis=0).T)) > 0 and np.ptp(middle) > 2 * u:
         frame.area("slot", np.vstack([left, right[::-1]]), layer=scene.GUIDE)
     pen.pin(pen.on(joint.b), 0.5)
+
+
+@glyph.register
+def rolling_on_curve(joint: RollingOnCurve, pen: Pen) -> None:
+    """A wheel with spokes on a track, hatched on the ground, on the side of the curve away from the wheel."""
+    disc(pen, joint.b, pen.number(joint.radius))
+    frame, u = pen.on(joint.a), pen.unit
+    middle, _, _ = _slot(pen, joint.curve, joint.parameter, 0.0)
+    line, layer = ("ground line", scene.GROUND) if frame.body is None else ("body line", scene.GUIDE)
+    frame.draw(line, middle, closed=joint.curve.closed, layer=layer)
+    if frame.body is None:
+        strokes = lines.hatching(
+            middle[:: -joint.side], 0.62 * u, 0.75 * u
+        )  # to the right of a line away from the wheel
+        frame.draw("hatch", *strokes, layer=layer)
 
 
 def _slot(pen: Pen, curve: Curve, parameter: Any, half: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

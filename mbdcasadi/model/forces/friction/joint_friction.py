@@ -11,9 +11,8 @@ from ....errors import AbsentError, ModelError
 from ....numerics.lazy import cached_property
 from ...element import Element
 from ...expressions import norm
-from ...joints.base import Joint
+from ...joints.base import Joint, sliding_speed
 from ...joints.lower_pairs import Revolute, Translational
-from ...rates import time_derivative
 from ...switching import Switching
 from ...symbols import Scalar, register
 from ...validity import Smoothing
@@ -35,9 +34,11 @@ class FrictionInJoint(Switching, Element):
         super().__init__(name)
         if not isinstance(joint, Revolute) and getattr(joint, "sliding", None) is None:
             raise ModelError(
-                f"{self.description}: takes a PointOnLine, a PointOnCurve, a Revolute or a Translational joint, "
-                f"got {joint!r}"
+                f"{self.description}: takes a PointOnLine, a PointOnCurve, a RollingOnCurve that slips, a Revolute or "
+                f"a Translational joint, got {joint!r}"
             )
+        if getattr(joint, "slips", True) is False:
+            raise ModelError(f"{self.description}: {joint.description} rolls without slip; give it slips=True")
         self.joint, self.law = joint, as_law(law, self.description)
         self.markers = (joint.a, joint.b)
         self.limits, self.resolved_laws = (*self.limits, *law.limits), (law,)
@@ -64,13 +65,13 @@ class FrictionInJoint(Switching, Element):
 
     def work_of(self, force: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ...]:
         """Return the virtual work of a force between the surfaces."""
-        coordinate, ratio = self._sliding
-        return ((coordinate, ratio * force),)
+        return tuple((coordinate, ratio * force) for coordinate, ratio in self._sliding)
 
     @property
-    def _sliding(self) -> tuple[ca.SX, Any]:
-        """Coordinate along which the surfaces slide, and metres of sliding for its unit."""
-        return (self.joint.angle, self.radius) if isinstance(self.joint, Revolute) else self.joint.sliding
+    def _sliding(self) -> tuple[tuple[ca.SX, Any], ...]:
+        """Pairs of a coordinate along which the surfaces slide and metres of sliding for its unit."""
+        pairs: Any = ((self.joint.angle, self.radius),) if isinstance(self.joint, Revolute) else self.joint.sliding
+        return tuple(pairs)
 
     def in_mode(self, mode: str) -> Element:
         """Return the element in one mode: a row if it sticks, a force if it slides or is at its limit."""
@@ -118,8 +119,7 @@ class FrictionInJoint(Switching, Element):
     @cached_property
     def sliding_speed(self) -> ca.SX:
         """Speed of the second body's surface relative to the first one's, m/s."""
-        coordinate, ratio = self._sliding
-        return ratio * time_derivative(coordinate)
+        return sliding_speed(self._sliding)
 
     @cached_property
     def resistance(self) -> Resistance:
@@ -180,13 +180,14 @@ class JointFriction(FrictionInJoint):
     The load of a pin is the resultant of its reaction. A guide of length L that carries a
     normal force F and a couple T at the second body's marker, in the middle of the
     block, is loaded at its two ends: ``|F/2 + T/L| + |F/2 - T/L|``; without `length` the
-    block is long, and the couple adds no load. A point on a line or a curve is loaded by its normal force.
+    block is long, and the couple adds no load. A point on a line or a curve, or a
+    wheel that slips on one, is loaded by its normal force.
 
     Parameters
     ----------
     name : str
         Its name.
-    joint : Revolute, Translational, PointOnLine or PointOnCurve
+    joint : Revolute, Translational, PointOnLine, PointOnCurve or RollingOnCurve
         The joint.
     law : FrictionLaw
         ``Coulomb, Stribeck, LuGre, Viscous``, a sum of them, or ``DryFriction``.
@@ -262,7 +263,7 @@ class LoadIndependentFriction(FrictionInJoint):
     ----------
     name : str
         Its name.
-    joint : Revolute, Translational, PointOnLine or PointOnCurve
+    joint : Revolute, Translational, PointOnLine, PointOnCurve or RollingOnCurve
         The joint.
     law : FrictionLaw
         Law of friction.
