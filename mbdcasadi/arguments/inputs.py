@@ -17,6 +17,7 @@ from ..model.symbols import describe, number, role_of, symbols_of
 from ..numerics.evaluation import Evaluator
 from ..numerics.lazy import cached_property
 from ..numerics.real import distinct, real_array
+from ..numerics.tolerances import NEGLIGIBLE
 from .piecewise_polynomial import PiecewisePolynomial
 from .values import pairs_of, position_in
 
@@ -127,8 +128,8 @@ class Signals:
         begins = np.atleast_1d(np.asarray(begins, float))
         rows: list[np.ndarray] = []
         if self.samples:
-            # a time that misses its sample by rounding belongs to the interval that begins there
-            slack = 1e-12 * max(abs(self.grid[0]), abs(self.grid[-1]), self.grid[-1] - self.grid[0])
+            # a time that counts as that of a sample belongs to the interval that begins there
+            slack = NEGLIGIBLE * (self.grid[-1] - self.grid[0])
             steps = np.append(np.diff(self.grid), np.inf)[: max(self.grid.size - 1, 1)]
             k = np.clip(np.searchsorted(self.grid, begins + slack, side="right") - 1, 0, steps.size - 1)
             for values in self.samples.values():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import ModelError
+from ..numerics.tolerances import NEGLIGIBLE
 
 
 class PiecewisePolynomial:
@@ -37,8 +38,8 @@ class PiecewisePolynomial:
         return self.coefficients.shape[1]
 
     def interval(self, times: np.ndarray) -> np.ndarray:
-        """Interval in which each time lies; the later one at a break."""
-        slack = 1e-12 * max(1.0, abs(self.breaks[-1]))
+        """Interval in which each time lies; the later one at a break, and as near before it as times count as one."""
+        slack = NEGLIGIBLE * (self.breaks[-1] - self.breaks[0])
         index = np.searchsorted(self.breaks, np.asarray(times, float) + slack, side="right") - 1
         return np.clip(index, 0, self.breaks.size - 2)
 

@@ -1,11 +1,13 @@
 """Optimal control with exact dry friction: closed forms, and simulations with the search for stick and slip."""
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import mbdcasadi as mbd
+from mbdcasadi.optimal_control.friction.switched_solution import Switch, time_error
 
 G = 9.81
 
@@ -84,6 +86,58 @@ def test_load_that_the_push_changes(tilt):
     solution = mbd.optimize(moved(*pushed(tilt=tilt)))
     assert solution.cost == pytest.approx(least_effort(0.3 * G, 0.5, 2.0)[0] / share**2, rel=1e-8)
     assert solution.verify().final_error < 1e-8
+
+
+@pytest.mark.slow
+def test_cheapest_of_several_orders():
+    """A spring pulls to the end of the way: a rest there costs less than one at the start, which is found first.
+
+    From rest to rest in half a period, ``τ = π/ω``: by the spring and friction ``x = c (1 - cos ωt)``, ``c = d - f/k``;
+    the force ``B sin ωt`` adds ``B τ/(2 ω) = d - 2 c``, so that the cost is ``B² τ/2 = 2 k (d - 2 c)² ω/π``.
+    """
+    force, block, rail, (_, rub) = pushed(mu=0.2)
+    drawn = mbd.Force("push", block.at(0, 0), (force + 2 * (1 - block.x), 0))
+    problem = moved(force, block, rail, [drawn, rub], way=1.0, duration=3.0)
+    solution = mbd.optimize(problem)
+    missing = 1 - 2 * (1 - 0.2 * G / 2)
+    assert solution.cost == pytest.approx(4 * missing**2 * np.sqrt(2) / np.pi, rel=1e-7)
+    assert [switch.name for switch in solution.switches] == ["rub of part stops"]
+    assert solution.switches[0].t == pytest.approx(np.pi / np.sqrt(2), abs=1e-5)
+    assert solution.verify().final_error < 1e-8
+    orders = {start.description: start.cost for start in solution.statistics.starts}
+    assert orders["rub of part sticks; rub of part slides forth"] > solution.cost * (1 + 5e-4)
+    assert min(orders.values()) == pytest.approx(solution.cost, rel=1e-6)
+    assert f"{len(orders)} starts led to" in repr(solution)
+
+
+@pytest.mark.slow
+def test_order_of_the_guess():
+    """The modes of a simulated motion are an order of their own, whatever the relaxed motion does."""
+    problem = moved(*pushed())
+    (block,), force = problem.given["mechanism"].bodies, problem.given["mechanism"].inputs[0]
+    times = np.linspace(0, 2, 101)
+    pushes = np.where(times < 0.3, 0.0, np.where(times < 0.8, 6.0, 0.0))
+    start = [block.x == 0, block.vx == 0]
+    motion = mbd.simulate(problem.given["mechanism"], times, initial=start, inputs={force: pushes})
+    solution = mbd.optimize(problem, starts=[motion, motion])
+    assert solution.cost == pytest.approx(least_effort(0.3 * G, 0.5, 2.0)[0], rel=1e-8)
+    assert [switch.name for switch in solution.switches] == ["rub of part breaks away", "rub of part stops"]
+
+
+def test_switches_are_paired_by_name():
+    """Two that change places are no small error of time; of those at one instant one may be found alone."""
+    planned = [Switch(1.0, "a stops", "forth", "sticks"), Switch(1.1, "b stops", "forth", "sticks")]
+    in_order, swapped = [("a stops", 1.01), ("b stops", 1.1)], [("b stops", 1.0), ("a stops", 1.1)]
+
+    def off(found, last=(), near=1e-3):
+        return time_error(planned, [SimpleNamespace(name=name, t=t) for name, t in found], last, near)
+
+    assert off(in_order) == pytest.approx(0.01)
+    assert off(swapped) == pytest.approx(0.1)
+    assert off([("a stops", 1.0)]) == np.inf and off([("a stops", 1.0)], near=0.2) == 0.0
+    assert off([]) == np.inf
+    assert off([*in_order, ("a stops", 2.0)]) == np.inf
+    assert off([*in_order, ("a stops", 2.0)], last={"a stops"}) == pytest.approx(0.01)
 
 
 @pytest.mark.slow

@@ -50,6 +50,11 @@ class PhasedFriction:
     guess: Guess
     replaced: list[Replaced]
 
+    @property
+    def order(self) -> str:
+        """The modes in their order, in words."""
+        return "; ".join(phase.name.partition(": ")[2] for phase in self.problem.phases)
+
 
 class PhaseMaker:
     """Phases of a problem with exact friction, from a motion with friction as a force."""

@@ -14,14 +14,14 @@ from ..measures.switches import UnresolvedSwitches
 from ..problem import OptimalControlProblem
 from ..program.setup import PhaseSetup, Settings
 from ..search.first_mesh import INTERVALS, first_meshes, is_automatic
+from ..search.given_guess import read_guess
 from ..search.refine import refine, refine_if_coarse
 from ..search.search import Search, Several
 from ..solution import Solution, same_cost
 from ..solve.best_so_far import BestSoFar
 from ..solve.problem_solver import ProblemSolver
-from ..statement.dry_friction import Relaxation
 from ..transcription.mesh import Mesh
-from .pattern import Piece, joined, pattern_of
+from .pattern import Piece, joined, order_of, pattern_of, with_rests
 from .phases import PhasedFriction, PhaseMaker
 from .switched_solution import SwitchedSolution
 
@@ -29,16 +29,26 @@ from .switched_solution import SwitchedSolution
 PIECES = 20
 #: Longest of these intervals, in lengths of equal ones: long ones save cost by their errors alone.
 LONGEST = 1.5
-#: Shares of typical products of speed and missing friction that sticking may have, one after the other, and the number
-#: of the first one with which the modes are read off.
-SHARES, READ_OFF = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7), 4
+#: Shares of typical products of speed and missing friction that sticking may have, one after the other, and the first
+#: one with which modes that are read off are solved.
+SHARES, READ_OFF = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7), 1e-4
 #: Share of the cost that limits which become active within an interval may change, and passes in which mesh points move
 #: there.
 SWITCH_TOLERANCE, MOVES = 1e-6, 3
-#: Phases up to this share of the duration are left out if the motion costs no more without them.
+#: Phases up to this share of the duration are left out unless the motion costs as large a share more without them than
+#: with friction as a force.
 BRIEF = 1e-2
 #: Options of IPOPT for these: their solutions tell the modes alone.
 ROUGH = {"ipopt.tol": 1e-5, "ipopt.constr_viol_tol": 1e-6, "ipopt.max_iter": 300}
+
+
+@dataclass(frozen=True)
+class InPhases:
+    """A solution in the phases of an order of modes."""
+
+    solution: Solution
+    solver: ProblemSolver
+    phased: PhasedFriction
 
 
 @dataclass
@@ -53,7 +63,7 @@ class FrictionSearch:
     strategies: Sequence[Any]
 
     def solve(self, parameters: Any, guess: Any, starts: Several, tolerance: float | None) -> SwitchedSolution:
-        """Solve with friction as a force, read off the modes, and solve in phases.
+        """Solve with friction as a force, read off the modes, and solve in phases of each order that is found.
 
         Raises
         ------
@@ -61,22 +71,22 @@ class FrictionSearch:
             If the motion with friction as a force is not found, or that in phases of the modes read off from it.
         """
         self._refuse_intervals()
-        failure: OptimizationError | None = None
-        tried: list[tuple[Any, ...]] = []
         assert self.problem.relaxed is not None
         _, relaxation = self.problem.relaxed
-        for motion in self._with_forces(parameters, guess, starts):
-            pieces = pattern_of(motion, relaxation)
-            key = tuple((piece.senses, piece.waypoint) for piece in pieces)
-            if key in tried:
-                continue
-            tried.append(key)
-            try:
-                return self._in_phases(motion, relaxation, pieces, parameters, tolerance)
-            except OptimizationError as error:
-                failure = error
-        assert failure is not None
-        raise failure
+        orders, last = _Orders(self, parameters), tuple[Any, ...]()
+        for motion, share in self._motions(parameters, guess, starts):
+            pieces = pattern_of(motion, relaxation, forces=share > 0)
+            lasting = joined(pieces, BRIEF * motion.duration)
+            if share <= READ_OFF:
+                maker = PhaseMaker(self.problem, relaxation, motion)
+                found = orders.solve(maker, lasting)
+                if found is None or found.cost > motion.cost + BRIEF * abs(motion.cost):
+                    orders.solve(maker, pieces)
+                orders.solve(maker, with_rests(lasting, motion, relaxation))
+                if last == order_of(lasting):
+                    break
+            last = order_of(lasting)
+        return self._refined(orders.all(), tolerance)
 
     def _refuse_intervals(self) -> None:
         given = self.intervals
@@ -86,19 +96,22 @@ class FrictionSearch:
             )
 
     # --- friction as a force ------------------------------------------------------------------------
-    def _with_forces(self, parameters: Any, guess: Any, starts: Several) -> Iterator[Solution]:
-        """Motions with friction as a force, which sticks ever better."""
+    def _motions(self, parameters: Any, guess: Any, starts: Several) -> Iterator[tuple[Solution, float]]:
+        """Motions given as guesses, with a share of 0, then those with friction as a force that sticks ever better."""
         assert self.problem.relaxed is not None
         problem, relaxation = self.problem.relaxed
         settings, best = replace(self.settings, options=ROUGH | self.settings.options), BestSoFar()
         given = dict(pairs_of(parameters, "parameters="))
         count = max(PIECES, problem.phases[0].fewest_intervals)
+        for one in starts if isinstance(starts, list) else [] if guess is None else [guess]:
+            solver = ProblemSolver(problem, settings, {**given, relaxation.share: SHARES[0]})
+            yield solver.unsolved(first_meshes(solver.setups, INTERVALS), read_guess(solver, one)), 0.0
         search = Search(problem, count, None, settings, best, self.executor, self.strategies)
         motion = search.solve({**given, relaxation.share: SHARES[0]}, guess, starts, None)
         meshes = [
             replace(mesh, longest=LONGEST / mesh.count).with_moving(range(1, mesh.count)) for mesh in motion.meshes
         ]
-        for number, share in enumerate(SHARES[1:], start=1):
+        for share in SHARES[1:]:
             solver = ProblemSolver(problem, settings, {**given, relaxation.share: share}, None, best)
             try:
                 motion = solver.solve(meshes, solver.motion_of(motion), warm=True, limit_tolerance=np.inf)
@@ -107,44 +120,36 @@ class FrictionSearch:
                     raise
                 motion = error.partial
             meshes = list(motion.meshes)
-            if number >= READ_OFF:
-                yield motion
+            yield motion, share
 
     # --- in phases ------------------------------------------------------------------------------------
-    def _in_phases(
-        self, motion: Solution, relaxation: Relaxation, pieces: list[Piece], parameters: Any, tolerance: float | None
-    ) -> SwitchedSolution:
-        """The solution in phases of a pattern, on a mesh that is refined."""
-        maker = PhaseMaker(self.problem, relaxation, motion)
-        found, solver, phased = self._cheapest(maker, pieces, parameters)
-        if is_automatic(self.intervals):
-            found, _ = refine_if_coarse(solver, found)
-            found = found if tolerance is not None else _with_switches(solver, found)
-        if tolerance is not None:
-            found = refine(solver, found, tolerance)
-        return SwitchedSolution(found, self.problem, phased.pieces, phased.replaced)
-
-    def _cheapest(
-        self, maker: PhaseMaker, pieces: list[Piece], parameters: Any
-    ) -> tuple[Solution, ProblemSolver, PhasedFriction]:
-        """The solution in phases of a pattern, or without the brief ones if it costs no more."""
+    def in_phases(self, maker: PhaseMaker, pieces: list[Piece], parameters: Any) -> InPhases:
+        """Return the solution in phases of an order; raises as :meth:`solve` does."""
         phased = maker.phased(pieces)
         solver = ProblemSolver(phased.problem, self.settings, parameters, None, self.best)
-        self.best.new_stage()
-        found = solver.solve(self._meshes(solver.setups, phased), phased.guess)
-        lasting = [
-            replace(piece, end=piece.begin + (piece.duration if duration > BRIEF * found.duration else 0.0))
-            for piece, duration in zip(pieces, found.durations, strict=True)
+        return InPhases(solver.solve(self._meshes(solver.setups, phased), phased.guess), solver, phased)
+
+    def _refined(self, found: Sequence[InPhases], tolerance: float | None) -> SwitchedSolution:
+        """The cheapest solution on a mesh that is refined; its starts are the orders that were solved.
+
+        Of those that cost the same it is the one with the fewest phases.
+        """
+        least = min(one.solution.cost for one in found)
+        alike = [one for one in found if one.solution.cost <= least or same_cost(one.solution.cost, least)]
+        cheapest = min(alike, key=lambda one: len(one.phased.pieces))
+        solution, solver, phased = cheapest.solution, cheapest.solver, cheapest.phased
+        costs = [one.solution.cost for one in found]
+        starts = [
+            one.solution.as_attempt(one.phased.order, found=sum(same_cost(one.solution.cost, cost) for cost in costs))
+            for one in found
         ]
-        fewer = joined(lasting, 0.0) if len(pieces) > 1 else pieces
-        if len(fewer) < len(pieces):
-            try:
-                other = self._cheapest(maker, fewer, parameters)
-            except OptimizationError:
-                return found, solver, phased
-            if other[0].cost <= found.cost or same_cost(other[0].cost, found.cost):
-                return other
-        return found, solver, phased
+        if is_automatic(self.intervals):
+            solution, _ = refine_if_coarse(solver, solution)
+            solution = solution if tolerance is not None else _with_switches(solver, solution)
+        if tolerance is not None:
+            solution = refine(solver, solution, tolerance)
+        solution.statistics = replace(solution.statistics, starts=starts if len(starts) > 1 else [])
+        return SwitchedSolution(solution, self.problem, phased.pieces, phased.replaced)
 
     def _meshes(self, setups: Sequence[PhaseSetup], phased: PhasedFriction) -> list[Mesh]:
         """Meshes of the phases, with so many intervals together as are asked for, and two in each at least."""
@@ -152,6 +157,40 @@ class FrictionSearch:
         whole = sum(piece.duration for piece in phased.pieces)
         counts = [max(2, round(total * piece.duration / whole)) for piece in phased.pieces]
         return first_meshes(setups, counts)
+
+
+class _Orders:
+    """Orders of modes that are solved, each once."""
+
+    def __init__(self, search: FrictionSearch, parameters: Any):
+        self._search, self._parameters = search, parameters
+        self._found: dict[tuple[Any, ...], InPhases | OptimizationError] = {}
+
+    def solve(self, maker: PhaseMaker, pieces: list[Piece]) -> Solution | None:
+        """Return the solution of an order; also solved is what is left of it without its brief phases.
+
+        None if it has none.
+        """
+        order = order_of(pieces)
+        if order not in self._found:
+            try:
+                self._found[order] = self._search.in_phases(maker, pieces, self._parameters)
+            except OptimizationError as error:
+                self._found[order] = error
+        found = self._found[order]
+        if isinstance(found, OptimizationError):
+            return None
+        fewer = joined(pieces, BRIEF * found.solution.duration, found.solution.durations)
+        if fewer and len(fewer) < len(pieces):
+            self.solve(maker, fewer)
+        return found.solution
+
+    def all(self) -> list[InPhases]:
+        """Return what was found; the last failure is raised if this is nothing."""
+        found = [one for one in self._found.values() if isinstance(one, InPhases)]
+        if not found:
+            raise [one for one in self._found.values() if isinstance(one, OptimizationError)][-1]
+        return found
 
 
 def _with_switches(solver: ProblemSolver, solution: Solution) -> Solution:

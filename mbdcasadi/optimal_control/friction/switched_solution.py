@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -178,17 +179,11 @@ class SwitchedSolution(Solution):
     def _time_error(self, found: Sequence[EventOccurrence]) -> float:
         """Largest difference of the time of a switch; infinite if others take place.
 
-        What slides up to the end may stop there, and of frictions that one motion makes slide a simulation names one.
+        What slides up to the end may stop there.
         """
         sliding = zip(switching(self.mechanism), self.pieces[-1].senses, strict=True)
         last = {f"{friction.name} stops" for friction, mode in sliding if mode != "sticks"}
-        instants = (_instants([one.t for one in of], SHORTEST * self.duration) for of in (self.switches, found))
-        planned, simulated = instants
-        more = len(simulated) - len(planned)
-        known = last | {switch.name for switch in self.switches}
-        if not 0 <= more <= bool(last) or any(event.name not in known for event in found):
-            return np.inf
-        return max((abs(a - b) for a, b in zip(planned, simulated, strict=False)), default=0.0)
+        return time_error(self.switches, found, last, SHORTEST * self.duration)
 
 
 @dataclass(frozen=True)
@@ -221,10 +216,21 @@ def _switches(mechanism: Mechanism, pieces: Sequence[Piece]) -> tuple[Switch, ..
     return tuple(switches)
 
 
-def _instants(times: Sequence[float], near: float) -> list[float]:
-    """Times, s, of which those nearer to one before are left out."""
-    kept: list[float] = []
-    for time in sorted(times):
-        if not kept or time - kept[-1] > near:
-            kept.append(time)
-    return kept
+def time_error(planned: Sequence[Switch], found: Sequence[Any], last: Collection[str], near: float) -> float:
+    """Return the largest difference of the times, s, of switches that were planned and found, paired by their names.
+
+    It is infinite if one has no other. Names in `last` may be found once more; and of what switches at one instant,
+    nearer than a time, s, as where one motion makes several frictions slide, one may be found alone.
+    """
+    left, paired, errors = list(planned), list[Switch](), [0.0]
+    for event in found:
+        alike = [switch for switch in left if switch.name == event.name]
+        if alike:
+            paired.append(min(alike, key=lambda switch: abs(switch.t - event.t)))
+            errors.append(abs(paired[-1].t - event.t))
+            left.remove(paired[-1])
+        elif event.name not in last:
+            return np.inf
+    if any(all(abs(one.t - other.t) > near for other in paired) for one in left):
+        return np.inf
+    return max(errors)

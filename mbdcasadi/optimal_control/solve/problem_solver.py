@@ -21,7 +21,7 @@ from ..program.elastic_program import ElasticProgram
 from ..program.limit_sides import LimitSides, Slacks
 from ..program.problem_setup import ProblemSetup
 from ..program.setup import PhaseSetup, Settings
-from ..program.statistics import Answer
+from ..program.statistics import Answer, SolveStatistics
 from ..program.variant import ITSELF, Variant
 from ..solution import Solution
 from ..transcription.mesh import Mesh
@@ -275,6 +275,14 @@ class ProblemSolver(ProblemSetup):
     def motion_of(self, solution: Solution) -> Guess:
         """Return the motion of a solution as a guess, without multipliers, which belong to other limits."""
         return replace(solution.as_guess(self.problem), iterate=None)
+
+    def unsolved(self, meshes: Sequence[Mesh], guess: Guess) -> Solution:
+        """Return the motion of a guess on meshes as it is, in the form of a solution."""
+        begin = self._beginning(meshes, guess)
+        x, rows = begin.x, begin.program.rows_at(begin.x, begin.data)
+        answer = {"x": x, "f": np.full(1, np.nan), "lam_x": 0 * x, "lam_g": 0 * rows, "g": rows}
+        statistics = SolveStatistics(0, "not solved", 0.0, 0.0, x.size, rows.size)
+        return self._solution(begin, Result(answer, statistics, succeeded=False, interrupted=False))
 
     def beginning_at(self, solution: Solution, variant: Variant = ITSELF) -> Beginning:
         """Return the start of a solve at a solution, with its multipliers."""
