@@ -245,7 +245,9 @@ class Run:
         refuse_singular_start(free, state)
         self._set_out_from(state)
         self._time, self._index = begin, 0
-        state = self._controlled(self.transitions.decided(state))
+        state, strikes = self.transitions.started(state)
+        self._builder.events += strikes
+        state = self._controlled(state)
         self._enter(state, first=True)
         impacts = self.transitions.impacts
         for remark in impacts.remarks_on_start(state):
@@ -258,7 +260,8 @@ class Run:
         state = modes.at(modes.free, entry.t, entry.q, entry.v, entry.z)
         self._set_out_from(state)
         self._time, self._index = state.t, self._schedule.index_after(state.t + self.instant)
-        state = self.transitions.decided(state)
+        state, strikes = self.transitions.started(state)
+        self._builder.events += strikes
         if self._schedule.samples_at(self._index - 1) and self._schedule.times[self._index - 1] >= state.t:
             state = self._controlled(state)
         self._enter(state, passed, first=True)

@@ -374,3 +374,84 @@ def test_assemble_knows_the_forces():
     assert state[ball.vy] == -1
     with pytest.raises(mbd.SingularityError, match="strike each other"):
         _ = state[floor.normal_force]
+
+
+# --- edges on edges --------------------------------------------------------------------------------------------
+def two_boxes(friction=None, width=WIDE):
+    """Two equal boxes in line, of 1 and 2 kg, and the contacts below them."""
+    boxes = [mbd.Body(f"box{k}", mass=1.0 + k, inertia=0.01, pose=(0, 0.05 + 0.1 * k, 0)) for k in range(2)]
+    corners = [(-width, -0.05), (width, -0.05), (width, 0.05), (-width, 0.05)]
+    outlines = [mbd.PolygonEdges(box.at(0, 0), corners) for box in boxes]
+    below = [mbd.HalfPlane(mbd.ground.at(0, 0)), outlines[0]]
+    contacts = [mbd.RigidContact(f"c{k}", *pair, friction) for k, pair in enumerate(zip(outlines, below, strict=True))]
+    return boxes, contacts, mbd.Mechanism(boxes, forces=[mbd.Gravity(), *contacts])
+
+
+@pytest.mark.slow
+def test_equal_boxes_in_line_rest():
+    """Their corners meet; rounding at the ends of the edges closes nothing."""
+    _, contacts, mechanism = two_boxes(mbd.DryFriction(0.3))
+    motion = mbd.simulate(mechanism, np.linspace(0, 0.5, 6))
+    assert not motion.events
+    for contact, load in zip(contacts, (3 * G, 2 * G), strict=True):
+        np.testing.assert_allclose(motion[contact.normal_forces][:, :2], load / 2, rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_box_slides_off_an_equal_one():
+    """From the place in line it stands on one of its corners and one of the other box; edge stays on edge."""
+    boxes, (_, upper), mechanism = two_boxes()
+    upper_box, speed = boxes[1], 0.4
+    motion = mbd.simulate(
+        mechanism,
+        np.linspace(0, 0.1, 3),
+        initial=[upper_box.vx == speed, upper_box.vy == 0, upper_box.omega == 0, boxes[0].vx == 0, boxes[0].omega == 0],
+    )
+    assert motion.final[upper_box.phi] == pytest.approx(0, abs=1e-12)
+    way = speed * 0.1
+    arms = np.array([-WIDE, WIDE - way])  # of the corners that carry, about the middle of the upper box
+    forces = motion.final[upper.normal_forces]
+    loads = forces[forces > 0]
+    assert loads.sum() == pytest.approx(2 * G, rel=1e-9) and sorted(loads) == pytest.approx(
+        sorted(2 * G * np.abs(arms[::-1]) / (arms[1] - arms[0])), rel=1e-9
+    )
+
+
+# --- impulses ---------------------------------------------------------------------------------------------------
+def test_friction_of_a_guide_acts_in_an_impact():
+    """A slider is hit at 45°: the guide bears the same impulse across as along, and its friction takes μ of it."""
+    mu, restitution, speed = 0.2, 0.5, 3 * np.sqrt(2)
+    slider = mbd.Body("slider", mass=1, inertia=0.1)
+    ball = mbd.Body("ball", mass=1, inertia=0.01, pose=(-0.2, 0.2, 0))
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), slider.at(0, 0))
+    rub = mbd.JointFriction("rub", rail, mbd.DryFriction(mu))
+    hit = mbd.RigidContact("hit", *(mbd.Circle(b.at(0, 0), 0.1) for b in (ball, slider)), restitution=restitution)
+    mechanism = mbd.Mechanism([slider, ball], [rail], forces=[rub, hit])
+    motion = mbd.simulate(
+        mechanism, np.linspace(0, 0.03, 3), initial=[ball.vx == 3, ball.vy == -3, slider.vx == 0, slider.x == 0]
+    )
+    (event,) = motion.events
+    impulse = (1 + restitution) * speed / (1 + (1 - mu) / 2)
+    assert event.after[hit.impulse] == pytest.approx(impulse, rel=1e-9)
+    assert event.after[slider.vx] == pytest.approx((1 - mu) * impulse / np.sqrt(2), rel=1e-9)
+
+
+def test_impulses_at_the_start_and_of_a_reset():
+    """A start that touches with a speed is an event; the floor's answer to a reset belongs to that event."""
+    ball, floor, mechanism = ball_above(0, restitution=0.5)
+    (event,) = mbd.simulate(mechanism, duration=0.1, initial=[ball.vy == -2]).events
+    assert (event.name, event.t) == ("floor touches", 0)
+    assert event.state[ball.vy] == -2 and event.after[ball.vy] == pytest.approx(1, rel=1e-12)
+    assert event.after[floor.impulse] == pytest.approx(0.6 * 3, rel=1e-12)
+    kick = mbd.Event("kick", mbd.t - 0.1, reset={ball.vy: -1.0})
+    (event,) = mbd.simulate(mechanism, duration=0.15, initial=[ball.vy == 0], events=[kick]).events
+    assert event.name == "kick" and event.after[floor.impulse] == pytest.approx(0.6 * 1.5, rel=1e-12)
+
+
+@pytest.mark.parametrize("friction", [None, mbd.DryFriction(0.3)])
+def test_driven_into_the_floor(friction):
+    """That no force can stop a driver is no paradox of friction."""
+    ball, _, mechanism = ball_above(0.2, friction)
+    drive = mbd.Constraint("drive", ball.y - 0.3 + mbd.t)
+    with pytest.raises(mbd.SimulationError, match="contact 'floor': joints, drivers .* press .* at t = 0.2 s"):
+        mbd.simulate(mechanism.replace(joints=[drive]), duration=0.5)

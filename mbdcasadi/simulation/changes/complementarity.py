@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -98,6 +98,7 @@ class Complementarity:
         loads: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None,
     ):
         self._d, self._c, self._spots, self._loads = matrix, constant, tuple(spots), loads
+        self._without_joints = without_joints
         diagonal = np.diag(matrix)
         #: True for rows along which a force moves something
         self._acts = diagonal > NO_EFFECT * without_joints
@@ -122,6 +123,11 @@ class Complementarity:
             ([k for k, own in enumerate(of) if own == part], np.flatnonzero(first == part).tolist())
             for part in dict.fromkeys(of)
         ]
+
+    def without_friction(self) -> Complementarity:
+        """The problem of the normal rows alone; it has a solution unless no forces at all keep the surfaces apart."""
+        spots = [replace(s, tangent=None, options=("closed", "open")) for s in self._spots if s.normal is not None]
+        return Complementarity(self._d, self._c, self._without_joints, spots)
 
     @property
     def count(self) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -30,6 +30,7 @@ from ...results.trajectory import Trajectory
 from .complementarity import Complementarity, Solution, Spot
 from .events import at_rest
 from .friction_modes import SENSE, FrictionModes, SwitchingModes
+from .modes import Strike
 
 #: Choices of open, sticking and sliding that are looked at for one instant, at most.
 CHOICES = 4096
@@ -322,18 +323,25 @@ class ContactModes(SwitchingModes):
         """Gap below which a place counts as closed, m."""
         return NEGLIGIBLE * self._fineness * (1 + largest(view.free.q))
 
-    def _touching(self, view: _View, events: Sequence[Event], before: ContactMode | None) -> list[int]:
-        """Sites of contacts that are closed."""
-        near, names, touching = self._near(view), {event.name for event in events}, list[int]()
+    def _touching(
+        self, view: _View, events: Sequence[Event], before: ContactMode | None
+    ) -> tuple[list[int], list[int]]:
+        """Sites of contacts that are closed, and those at an end of an edge where another place takes their load."""
+        near, names = self._near(view), {event.name for event in events}
+        touching, ends = list[int](), list[int]()
         for i, k in enumerate(self._contacts):
             site, (within, rate) = self.sites[k], view.within[i]
-            if abs(within) <= near:  # at the end of an edge it is where it goes
-                covers = site.element.places[site.place].touch.covers_ends
-                within = rate if abs(rate) > view.rest else 1.0 if covers else -1.0
+            touches = f"{site.name} touches" in names
             was = before is not None and before.statuses[k] not in ("open", "idle")
-            if within > 0 and (was or view.gaps[i] <= near or f"{site.name} touches" in names):
+            if abs(within) <= near:  # at the end of an edge it is where it goes, or stays what it was
+                slips = any(f"{other.name} slips off" in names for other in self.sites if other.element is site.element)
+                covers = site.element.places[site.place].touch.covers_ends if before is None or touches else was
+                within = rate if abs(rate) > (0.0 if slips else view.rest) else 1.0 if covers else -1.0
+                if within < 0 and view.gaps[i] <= near:
+                    ends.append(k)
+            if within > 0 and (was or view.gaps[i] <= near or touches):
                 touching.append(k)
-        return touching
+        return touching, ends
 
     def _coefficients(self, k: int, free: State) -> tuple[float, float]:
         """Coefficients of sliding and of rest of a site."""
@@ -349,26 +357,30 @@ class ContactModes(SwitchingModes):
         return np.reshape(state[expression], expression.shape)
 
     # --- impacts ---------------------------------------------------------------------------------------
-    def struck(
-        self, state: State, events: Sequence[Event] = (), before: ContactMode | None = None
-    ) -> tuple[State, Mapping[Any, np.ndarray] | None]:
+    def struck(self, state: State, events: Sequence[Event] = (), before: ContactMode | None = None) -> Strike | None:
         view = self._viewed(state)
-        touching = self._touching(view, events, before)
+        touching, _ = self._touching(view, events, before)
         if not any(view.speeds[self._normal[k]] < -view.rest for k in touching):
-            return state, None
-        rows = self._rows(touching)
-        spots = [self._striking(view, k, rows) for k in touching]
-        solution = self._solution(view, rows, view.speeds[rows], [spots], touching, "velocities")
-        self._refuse_gain(view, rows, solution, touching)
+            return None
+        sites = [k for k, site in enumerate(self.sites) if site.place is None or k in touching]
+        rows = self._rows(sites)
+        spots = [self._striking(view, k, rows) for k in sites]
+        loads = self._loads(view, rows, sites, impulsive=True)
+        solution = self._solution(view, rows, view.speeds[rows], [spots], sites, "velocities", loads)
+        self._refuse_gain(view, rows, solution, sites)
         v = view.free.v + view.response[:, rows] @ solution.forces
         impulses = dict(by_element(self.numeric(self.free).eom, view.joints[:, rows] @ solution.forces))
-        for k, spot in zip(touching, spots, strict=True):
+        names = list[str]()
+        for k, spot in zip(sites, spots, strict=True):
             site = self.sites[k]
             own = impulses.setdefault(site.element, np.zeros(site.element.multipliers.numel()))
-            own[site.row("normal")] = -solution.forces[spot.normal]
+            if spot.normal is not None:
+                own[site.row("normal")] = -solution.forces[spot.normal]
+                if solution.forces[spot.normal] > 0:
+                    names.append(f"{site.name} touches")
             if spot.tangent is not None:
                 own[site.row("friction")] = -solution.forces[spot.tangent]
-        return self.at(self.free, state.t, state.q, v, state.z), impulses
+        return Strike(self.at(self.free, state.t, state.q, v, state.z), impulses, tuple(names))
 
     def _rows(self, sites: Sequence[int]) -> list[int]:
         """Rows of some sites."""
@@ -380,10 +392,12 @@ class ContactModes(SwitchingModes):
         return normal, tangent
 
     def _striking(self, view: _View, k: int, rows: Sequence[int]) -> Spot:
-        """What a place may do in an impact."""
+        """What a place, or a friction in a joint, may do in an impact."""
         normal, tangent = self._places(k, rows)
         mu, _ = self._coefficients(k, view.free)
         stands = ("closed",) if tangent is None else ("sticks", "forth", "back")
+        if normal is None:
+            return Spot(normal, tangent, stands, mu, mu)
         target = -self._restitution(view, k) * min(view.speeds[self._normal[k]], 0.0)
         return Spot(normal, tangent, ("open", *stands), mu, mu, target)
 
@@ -412,7 +426,7 @@ class ContactModes(SwitchingModes):
         self, state: State, events: Sequence[Event] = (), before: ContactMode | None = None
     ) -> tuple[ContactMode, State]:
         view, names = self._viewed(state), {event.name for event in events}
-        touching = self._touching(view, events, before)
+        touching, ends = self._touching(view, events, before)
         slowest = self._lost_speed(view, touching)
         touching = [k for k in touching if view.speeds[self._normal[k]] <= slowest]
         sites = [k for k, site in enumerate(self.sites) if site.place is None or k in touching]
@@ -422,6 +436,8 @@ class ContactModes(SwitchingModes):
         loads = self._loads(view, rows, sites)
         solution = self._solution(view, rows, view.rates[rows], [likely, spots], sites, "accelerations", loads)
         statuses, held = list(self.free.statuses), []
+        for k in ends:
+            statuses[k] = "idle"
         for k, spot, status in zip(sites, spots, solution.statuses, strict=True):
             statuses[k] = status.removeprefix("pulled ") if k in broken else status
             held += [spot.normal] if status not in ("open", "idle") else []
@@ -472,20 +488,22 @@ class ContactModes(SwitchingModes):
             options = tuple(o for o in options if o in ("open", broken[k]))
         return replace(spot, options=options)
 
-    def _loads(self, view: _View, rows: Sequence[int], sites: Sequence[int]) -> Any:
-        """Loads of the frictions in joints by the forces of the rows; None if there are none."""
+    def _loads(self, view: _View, rows: Sequence[int], sites: Sequence[int], *, impulsive: bool = False) -> Any:
+        """Loads of the frictions in joints by the forces of the rows, or by their impulses; None if there are none."""
         if all(self.sites[k].place is not None for k in sites):
             return None
         eom = view.free.equations
         loads = ca.vertcat(*[self.sites[k].load if self.sites[k].place is None else ca.SX(0) for k in sites])
         function = eom.function(ca.horzcat(loads, ca.jacobian(loads, eom.lam)))
-        joints = view.joints[:, rows]
+        joints, arguments = view.joints[:, rows], list(view.free.arguments)
+        given = np.zeros(eom.lam.numel()) if impulsive else view.free.lam
+        arguments[5] = given
+        finite = function(*arguments).full()[:, 0] if impulsive else 0.0  # which has no part in an instant
 
         def at(forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            arguments = list(view.free.arguments)
-            arguments[5] = view.free.lam + joints @ forces
+            arguments[5] = given + joints @ forces
             values = function(*arguments).full()
-            return values[:, 0].copy(), values[:, 1:] @ joints
+            return values[:, 0] - finite, values[:, 1:] @ joints
 
         return at
 
@@ -552,6 +570,13 @@ class ContactModes(SwitchingModes):
                     time=time,
                 )
             return found[0]
+        if not attempts[-1].without_friction().solutions():
+            raise SimulationError(
+                f"{self._names(sites)}: joints, drivers and other contacts press the outlines into each other at t = "
+                f"{time:.6g} s, and no force of contact can part them; let the prescribed motion end before, or "
+                "let it act by a spring",
+                time=time,
+            )
         raise SimulationError(
             f"{self._names(sites)}: no {what} meet the laws of contact and friction at t = {time:.6g} s: friction is "
             "so large that it jams (Painlevé's paradox); lower the friction, or take a Contact with a stiffness",
@@ -581,7 +606,7 @@ def start_in_mode(setup: Setup) -> State:
     if free.has_redundant_rows(time, state.q):
         modes.refuse_redundant_rows()
     try:
-        if modes.struck(state)[1] is not None:
+        if modes.struck(state) is not None:
             raise SimulationError("bodies strike each other", time=time)
         return modes.whole(*modes.decided(state))
     except SimulationError as error:

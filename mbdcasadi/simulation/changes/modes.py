@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,6 +19,25 @@ from ...results.trajectory import Trajectory
 
 #: ``t, q, v, a, z, lam, u`` of outputs, each by row.
 Block = tuple[np.ndarray, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Strike:
+    """Impacts at one instant.
+
+    Attributes
+    ----------
+    state : State
+        Just after them.
+    impulses : mapping of element to numpy.ndarray
+        As multipliers.
+    names : tuple of str
+        Events of what strikes.
+    """
+
+    state: State
+    impulses: Mapping[Any, np.ndarray]
+    names: tuple[str, ...]
 
 
 class Modes(ABC):
@@ -79,11 +99,9 @@ class Modes(ABC):
             If there is no mode that holds.
         """
 
-    def struck(
-        self, state: State, events: Sequence[Event] = (), before: Any = None
-    ) -> tuple[State, Mapping[Any, np.ndarray] | None]:
-        """Return the state after impacts of what closes at it, and their impulses by element; None without any."""
-        return state, None
+    def struck(self, state: State, events: Sequence[Event] = (), before: Any = None) -> Strike | None:
+        """Return the impacts of what closes at a state; None without any."""
+        return None
 
     def notes(self, mode: Any) -> list[str]:
         """Return what is to be said of the results in a mode."""

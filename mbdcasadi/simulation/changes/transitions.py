@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from ...arguments.inputs import read_answer
 from ...equations.impact_law import by_element
@@ -15,7 +14,7 @@ from ...model.events import Event
 from ...results.state import EventOccurrence, State
 from .events import EventState, EventStates, EventWatch, Standing
 from .impacts import Impacts
-from .modes import Modes
+from .modes import Modes, Strike
 
 #: Switches between modes in one run, at most.
 SWITCHES = 20_000
@@ -63,11 +62,20 @@ class Transitions:
         """Find the mode that holds at a pose and velocity; return the state in it."""
         return self._settled(state)[0]
 
-    def _settled(self, state: State, events: Sequence[Event] = ()) -> tuple[State, Mapping[Any, np.ndarray] | None]:
-        """Find the mode in which the motion goes on, after impacts if there are any; return the state, and impulses."""
-        state, impulses = self._modes.struck(state, events, self.mode)
-        self.mode, state = self._modes.decided(state, events, self.mode)
-        return state, impulses
+    def started(self, state: State) -> tuple[State, list[EventOccurrence]]:
+        """Find the mode that holds at the first state of a run; return the state in it, and what strikes there."""
+        before = self._modes.whole(self._modes.free, state)
+        state, strike = self._settled(state)
+        if strike is None:
+            return state, []
+        after = self._modes.whole(self.mode, state, strike.impulses)
+        return state, [EventOccurrence(name, state.t, before, after) for name in strike.names]
+
+    def _settled(self, state: State, events: Sequence[Event] = ()) -> tuple[State, Strike | None]:
+        """Find the mode in which the motion goes on, after impacts if there are any; return the state, and these."""
+        strike = self._modes.struck(state, events, self.mode)
+        self.mode, state = self._modes.decided(state if strike is None else strike.state, events, self.mode)
+        return state, strike
 
     # --- changes ----------------------------------------------------------------------------
     def out_of_mode(self, state: State, events: Sequence[Event]) -> tuple[State, list[EventOccurrence]]:
@@ -79,8 +87,8 @@ class Transitions:
             If friction chatters.
         """
         before = self.whole(state)
-        state, impulses = self._settled(state, events)
-        after = self._modes.whole(self.mode, state, impulses)
+        state, strike = self._settled(state, events)
+        after = self._modes.whole(self.mode, state, None if strike is None else strike.impulses)
         self._switches += 1
         if self._switches > SWITCHES:
             raise SimulationError(
@@ -100,8 +108,10 @@ class Transitions:
         fired: list[Event] = []
         for impact in self.impacts.resolved(moving, located, passed):
             moving = modes.at(modes.free, state.t, state.q, impact.v, impact.z)
-            state = self.decided(moving)
+            state, strike = self._settled(moving)
             impulses = by_element(modes.numeric(modes.free).eom, impact.impulses)
+            for element, answer in () if strike is None else strike.impulses.items():
+                impulses[element] = impulses.get(element, 0.0) + answer
             after = modes.whole(self.mode, state, impulses)
             occurrences += [EventOccurrence(event.name, state.t, before, after) for event in impact.events]
             before = after

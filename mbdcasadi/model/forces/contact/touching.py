@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from ....errors import ModelError
 from ...expressions import if_else, norm
@@ -145,12 +144,9 @@ def _faces(polygon: PolygonEdges) -> list[ca.SX]:
 
 def _least_deep(faces: list[ca.SX], corners: list[ca.SX]) -> tuple[ca.SX, ca.SX]:
     """Return the largest separation of some corners from an edge (their least height above it), and that edge."""
-    best, edge = ca.SX(-np.inf), faces[0]
-    for face in faces:
-        heights = [ca.dot(face[:2], corner - face[2:4]) for corner in corners]
-        lowest = heights[0]
-        for height in heights[1:]:
-            lowest = ca.fmin(lowest, height)
+    heights = [ca.mmin(ca.vertcat(*[ca.dot(face[:2], corner - face[2:4]) for corner in corners])) for face in faces]
+    best, edge = heights[0], faces[0]
+    for lowest, face in zip(heights[1:], faces[1:], strict=True):
         more = lowest > best
         best, edge = if_else(more, lowest, best), if_else(more, face, edge)
     return best, edge
