@@ -17,6 +17,7 @@ from .equations import Equations, equations
 from .errors import (
     AssemblyError,
     ConditionError,
+    EquilibriumError,
     ExpressionError,
     FileError,
     Interrupted,
@@ -120,7 +121,8 @@ if _typing.TYPE_CHECKING:
     from .sensitivity.return_map import Stability
     from .sensitivity.sensitivities import Sensitivities, sensitivities
     from .sensitivity.stability import stability
-    from .statics.equilibrium import Equilibrium, EquilibriumError, equilibrium
+    from .statics.equilibrium import Equilibrium, equilibrium
+    from .statics.holding_range import HoldingRange, holding_range
     from .statics.path import EquilibriumPath, equilibrium_path
     from .sweeping.cases import full_factorial, latin_hypercube
     from .sweeping.result import Sweep
@@ -172,7 +174,8 @@ _LATER = {
     "sensitivity.return_map": "Stability",
     "sensitivity.sensitivities": "Sensitivities sensitivities",
     "sensitivity.stability": "stability",
-    "statics.equilibrium": "Equilibrium EquilibriumError equilibrium",
+    "statics.equilibrium": "Equilibrium equilibrium",
+    "statics.holding_range": "HoldingRange holding_range",
     "statics.path": "EquilibriumPath equilibrium_path",
     "sweeping.cases": "full_factorial latin_hypercube",
     "sweeping.result": "Sweep",
@@ -202,8 +205,8 @@ __all__ = [
     "Driver", "Drum", "DryFriction", "Element", "EndStop", "EnergyMeter", "Equations", "Equilibrium",
     "EquilibriumError", "EquilibriumPath", "Estimator", "Event", "Experiment", "ExpressionError",
     "FedController", "FieldForce", "FileError", "FirstOrderLag", "Fit", "Force", "FrictionLaw", "GasSpring",
-    "GaussLegendre", "Gear", "GeneralizedForce", "Glyph", "Gravity", "HalfPlane", "HermiteSimpson", "HollowCircle",
-    "HuntCrossley", "HydraulicCylinder",
+    "GaussLegendre", "Gear", "GeneralizedForce", "Glyph", "Gravity", "HalfPlane", "HermiteSimpson", "HoldingRange",
+    "HollowCircle", "HuntCrossley", "HydraulicCylinder",
     "IdentificationError", "Input", "Integrator", "IntegratorStep", "Interrupted", "Joint", "JointFriction",
     "KnifeEdge", "LinearModel", "Linkage", "Linkages", "LoadIndependentFriction", "LuGre", "Marker", "Mechanism",
     "MechanismError", "MechanismWarning", "ModelError", "MotionProgram", "NonholonomicConstraint", "OneWayClutch",
@@ -216,11 +219,11 @@ __all__ = [
     "Transcription", "Translational", "ValidityCondition", "Viscous", "Waypoint", "Weld", "absolute", "animate",
     "assemble", "at_end", "at_start", "between", "bounded", "check", "cost_function", "draw", "dwell", "equations",
     "equilibrium", "equilibrium_path", "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness",
-    "identify", "impact", "integral", "inverse_dynamics", "kinematics", "latin_hypercube", "library", "linearize",
-    "optimize", "plot", "plot_energy", "plot_modes", "plot_path", "plot_phase", "plot_residuals", "plot_solution",
-    "positive_part", "reachable", "read_acf", "read_adm", "read_linkages", "read_mjcf", "read_solution",
-    "read_trajectory", "read_urdf", "rise", "sensitivities", "shaking_force", "simulate", "soft", "stability", "sweep",
-    "synthesize", "t", "time_derivative",
+    "holding_range", "identify", "impact", "integral", "inverse_dynamics", "kinematics", "latin_hypercube", "library",
+    "linearize", "optimize", "plot", "plot_energy", "plot_modes", "plot_path", "plot_phase", "plot_residuals",
+    "plot_solution", "positive_part", "reachable", "read_acf", "read_adm", "read_linkages", "read_mjcf",
+    "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities", "shaking_force", "simulate", "soft",
+    "stability", "sweep", "synthesize", "t", "time_derivative",
 ]  # fmt: skip
 __all__ += _expressions.__all__
 

@@ -115,6 +115,10 @@ class SimulationError(MechanismError):
     """The integrator could not continue."""
 
 
+class EquilibriumError(MechanismError):
+    """No equilibrium was found, or none that meets the conditions."""
+
+
 class ExpressionError(MechanismError):
     """An expression contains a symbol that the mechanism does not have, or one that is not allowed."""
 

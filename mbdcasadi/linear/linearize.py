@@ -9,10 +9,12 @@ import casadi as ca
 import numpy as np
 
 from ..arguments.values import inputs_and_parameters
-from ..assembly.consistent_start import complete_state
+from ..assembly.consistent_start import complete_state, consistent_start
 from ..assembly.setup import Setup
+from ..equations import equations
 from ..errors import ModelError, warn
 from ..kinematics.singular import singular_pose
+from ..model.forces.friction.modes import held_at, switching
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries
 from ..model.symbols import Input, Parameter, as_expression, place_of
@@ -20,6 +22,7 @@ from ..model.texts import text_of
 from ..numerics.console import keyboard_interrupts
 from ..results.columns import component_names
 from ..results.state import State
+from ..simulation.changes.contact_modes import modes_of
 from .coordinates import independent
 from .directions import Directions
 from .model import LinearModel
@@ -68,6 +71,10 @@ def linearize(
 
     Notes
     -----
+    Exact friction and rigid contacts are those of the mode that holds at the state: what sticks stays where it is, what
+    touches stays closed, what slides goes on in its sense with ``F = -μ N sgn v`` and changes with N alone. The linear
+    model holds for changes that are small enough to keep the mode.
+
     In a singular pose, of which a warning is given, infinitesimal motions are more than the degrees of freedom.
 
     A periodic motion is linearised by :func:`stability`: its monodromy matrix across impacts and changes of the
@@ -99,10 +106,13 @@ def linearize(
             f"stability, across impacts, too; got {state!r}"
         )
     setup = Setup(mechanism, "linearize", t=state.t, initial=state, inputs=inputs, parameters=parameters)
+    names, out = read_outputs(outputs)
+    if switching(mechanism):
+        setup, out = _in_mode(setup, out, {"inputs": inputs, "parameters": parameters})
+        mechanism = setup.mechanism
     eom, point = setup.eom, setup.start
     _ = point[eom.a]  # raises if there are no accelerations
     changed = inputs_and_parameters(mechanism, wrt, "wrt=")
-    names, out = read_outputs(outputs)
     eom.function(out)  # refuses foreign symbols
     chosen = independent(setup.numeric, point, coordinates)
     held = _feedback(setup, changed)
@@ -149,6 +159,22 @@ def read_outputs(outputs: Any) -> tuple[list[str], ca.SX]:
         names += component_names(label, expression.shape)
         expressions.append(ca.densify(expression))
     return names, ca.vertcat(ca.SX(0, 1), *expressions)
+
+
+def _in_mode(setup: Setup, out: ca.SX, values: dict[str, Any]) -> tuple[Setup, ca.SX]:
+    """Setup in the mode of friction and contacts that holds at a state, and outputs in the symbols of that mode.
+
+    What sticks is held where it is, contacts that touch are closed, and what slides goes on in its sense.
+    """
+    whole, state, modes = setup.mechanism, setup.initial, modes_of(setup)
+    mode, here = modes.decided(consistent_start(modes.numeric(modes.free), state, setup.time, setup.signals))
+    out = ca.substitute(out, setup.eom.lam, modes.reactions(mode))
+    eom = here.equations
+    held = held_at(modes.variant(mode), whole, eom.q, eom.v, here.q)
+    theirs = equations(held)
+    nothing = np.zeros(theirs.lam.numel())
+    start = State(held, here.t, here.q, here.v, here.a, here.z, nothing, here.inputs, here.parameters)
+    return Setup(held, "linearize", t=here.t, initial=start, **values), out
 
 
 def _warn_of_singular_pose(setup: Setup, point: State) -> None:

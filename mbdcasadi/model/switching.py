@@ -35,10 +35,7 @@ class Switching:
     @property
     def exactness(self) -> str:
         """What an analysis that cannot follow its modes says of it."""
-        return (
-            "switches exactly between sticking and sliding, which only simulate and optimize can follow; "
-            f"{self.instead} here"
-        )
+        return f"switches exactly between sticking and sliding, which this analysis cannot follow; {self.instead} here"
 
     @property
     def sticking_limit(self) -> Any:

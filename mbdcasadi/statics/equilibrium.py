@@ -12,8 +12,9 @@ from ..arguments.values import inputs_and_parameters, position_in
 from ..assembly.consistent_start import consistent_start
 from ..assembly.setup import Setup
 from ..equations.numeric import NumericEquations
-from ..errors import ConditionError, MechanismError, warn
+from ..errors import ConditionError, EquilibriumError, warn
 from ..model.conditions import Condition, read_conditions
+from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
 from ..model.quantities import one_of
 from ..model.symbols import Input, Parameter, place_of
@@ -22,6 +23,7 @@ from ..numerics.least_squares import largest
 from ..results.state import Conditions, State
 from ..results.validity import report_validity_at
 from .amplification import amplification, warn_of
+from .held import Held, free_numeric
 from .search import newton, newton_nearby, to_stable
 from .small_motions import SmallMotions
 from .statics import Statics, Stiffness
@@ -30,10 +32,6 @@ from .statics import Statics, Stiffness
 REST_TOLERANCE = 1e-9
 #: Violation of an inequality that is rounding, in its own unit.
 CONDITION_TOLERANCE = 1e-8
-
-
-class EquilibriumError(MechanismError):
-    """No equilibrium was found, or none that meets the conditions."""
 
 
 class Equilibrium(State):
@@ -53,13 +51,14 @@ class Equilibrium(State):
         Eigenvalues and shapes of the small motions.
     """
 
-    def __init__(self, statics: Statics, x: np.ndarray):
+    def __init__(self, statics: Statics, x: np.ndarray, held: Held | None = None):
         q, z, lam, _ = statics.split(x)
-        lam = statics.of_least_norm(x) if statics.reactions_are_free else lam
-        rest = np.zeros(statics.n)
-        super().__init__(
-            statics.eom.mechanism, statics.t, q, rest, rest, z, lam, statics.inputs(x), statics.parameters(x)
-        )
+        mechanism, rest = statics.eom.mechanism, np.zeros(statics.n)
+        if held is not None:
+            mechanism, lam = held.whole, held.multipliers(lam)
+        elif statics.reactions_are_free:
+            lam = statics.of_least_norm(x)
+        super().__init__(mechanism, statics.t, q, rest, rest, z, lam, statics.inputs(x), statics.parameters(x))
         self.stiffness: Stiffness = statics.stiffness(x)
         self.small_motions: SmallMotions = statics.small_motions(x)
 
@@ -91,6 +90,9 @@ def equilibrium(
     ``Q - Phi_q^T lam = 0``, ``Phi = 0`` and ``z_rate = 0`` at ``v = 0``. First-order states whose rates vanish at
     rest, whatever the pose (a spring in series, trapped oil), follow the motion from the start.
 
+    Exact dry friction sticks where it starts, and rigid contacts that touch there stay closed, as long as there are
+    reactions with ``N >= 0`` and ``|F| <= μ_s N``; :func:`holding_range` gives the loads at which there are.
+
     Parameters
     ----------
     mechanism : Mechanism
@@ -116,13 +118,15 @@ def equilibrium(
     Returns
     -------
     Equilibrium
-        A State with ``.stable`` and ``.stiffness``. With redundant rows the multipliers are those of least norm.
+        A State with ``.stable`` and ``.stiffness``. With redundant rows the multipliers are those of least norm; if
+        friction does not hold these, those with the largest margin.
 
     Raises
     ------
     EquilibriumError
         If forces are left over: which, and in which coordinates; and if the pose is singular and no finite
-        reactions hold the load.
+        reactions hold the load; if friction slides or a contact opens: which, the force that it would have to hold, and
+        what it holds.
     ConditionError
         For conditions that no pose meets, or that do not match the unknowns.
 
@@ -164,7 +168,9 @@ def equilibrium_of(setup: Setup, wanted: tuple[Any, ...] = (), prefer: str = "st
         Direction of the search.
     """
     one_of(prefer, ("stable", "nearest"), "equilibrium", "prefer")
-    conditions, eom, numeric, time = setup.initial, setup.eom, setup.numeric, setup.time
+    conditions, time = setup.initial, setup.time
+    free = free_numeric(setup)
+    eom = free.eom
     rows = () if isinstance(conditions, State) else read_conditions(conditions)
     equalities = tuple(c for c in rows if c.equality) if wanted else ()
     if wanted and len(equalities) != len(wanted):
@@ -172,23 +178,20 @@ def equilibrium_of(setup: Setup, wanted: tuple[Any, ...] = (), prefer: str = "st
             f"equilibrium: {len(wanted)} unknowns ({', '.join(w.label for w in wanted)}) need as many equalities "
             f"among the conditions, and there are {len(equalities)}"
         )
-    start = conditions if isinstance(conditions, State) else _start(setup, rows, bool(wanted))
+    start = start_of(setup, rows, bool(wanted))
     # the state may come from another mechanism on the same bodies
     q, z = (np.atleast_1d(start[group]) if group.numel() else np.zeros(0) for group in (eom.q, eom.z))
-    _refuse_moving_drivers(numeric, time, q)
+    _refuse_moving_drivers(free, time, q)
+    held = Held(setup, start) if switching(setup.mechanism) else None
+    numeric = free if held is None else held.numeric
     statics = Statics(numeric, setup.signals, time, (q, z), wanted, equalities)
-    values = [_value(w, eom, setup.p, start) for w in wanted]
-    x = statics.follow(statics.join(q, z, np.zeros(statics.m), values))
-    if prefer == "stable" and not wanted:
-        rest = to_stable(statics, x)
-        rest = newton(statics, x) if rest is None else rest
-    else:
-        rest = newton_nearby(statics, x)
-    if rest is None:
-        raise EquilibriumError(_left_over(statics, x))
+    values = [value_of(w, eom, setup.p, start) for w in wanted]
+    x = statics.join(q, z, np.zeros(statics.m), values)
+    rest = rest_near(statics, x, stable=prefer == "stable" and not wanted)
     if wanted:
         setup.mechanism.check_values(statics.parameters(rest))
-    result = Equilibrium(statics, rest)
+    rest = rest if held is None else held.check(statics, rest)
+    result = Equilibrium(statics, rest, held)
     _check_inequalities(rows, result)
     _check_reactions(statics, rest)
     report_validity_at(result, setup.mechanism, "equilibrium")
@@ -202,18 +205,33 @@ def equilibrium_of(setup: Setup, wanted: tuple[Any, ...] = (), prefer: str = "st
     return result
 
 
-def _value(symbol: Any, eom: Any, p: np.ndarray, start: State) -> float:
+def rest_near(statics: Statics, x: np.ndarray, *, stable: bool = True) -> np.ndarray:
+    """Return the equilibrium near a pose: downhill of it, or by Newton's method."""
+    x = statics.follow(x)
+    if stable:
+        rest = to_stable(statics, x)
+        rest = newton(statics, x) if rest is None else rest
+    else:
+        rest = newton_nearby(statics, x)
+    if rest is None:
+        raise EquilibriumError(_left_over(statics, x))
+    return rest
+
+
+def value_of(symbol: Any, eom: Any, p: np.ndarray, start: State) -> float:
     """Start of the search for an unknown."""
     if isinstance(symbol, Parameter):
         return float(p[position_in(eom.mechanism.parameters, symbol, "unknowns=")])
     return float(start[symbol]) if place_of(symbol, start.mechanism.inputs) is not None else symbol.value
 
 
-def _start(setup: Setup, rows: Sequence[Condition], trim: bool) -> State:
-    """Assembled pose to start from; conditions that do not involve the pose are left to the search."""
+def start_of(setup: Setup, rows: Sequence[Condition], trim: bool = False) -> State:
+    """Return the pose to start from; conditions that do not involve the pose are left to the search."""
+    if isinstance(setup.initial, State):
+        return setup.initial
     later = ("multiplier", "input") if trim else ()
     usable = [c for c in rows if not c.depends_on(*later) and (not trim or c.depends_on("position", "state"))]
-    return consistent_start(setup.numeric, usable, setup.time, setup.signals)
+    return consistent_start(free_numeric(setup), usable, setup.time, setup.signals)
 
 
 def _refuse_moving_drivers(numeric: NumericEquations, time: float, q: np.ndarray) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..assembly.setup import Setup
-from ..errors import ModelError, warn
+from ..errors import EquilibriumError, ModelError, warn
 from ..model.mechanism import Mechanism
 from ..model.quantities import whole
 from ..model.symbols import Expression, Input, Parameter, as_expression, number
@@ -20,7 +20,7 @@ from ..numerics.newton import newton
 from ..numerics.roots import bracketed_root
 from ..numerics.tolerances import RANK
 from ..results.state import Conditions
-from .equilibrium import Equilibrium, EquilibriumError, equilibrium_of
+from .equilibrium import Equilibrium, equilibrium_of
 from .statics import NEUTRAL, Statics
 
 #: Most points of a path.

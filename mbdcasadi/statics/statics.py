@@ -11,7 +11,7 @@ it from a start (:class:`~mbdcasadi.statics.memory.Memory`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -160,15 +160,15 @@ class Statics:
         fed_back, u = u, ca.substitute(u, eom.v, ca.SX.zeros(self.n))
         rows = ca.vertcat(eom.Q - eom.Phi_q.T @ eom.lam, eom.Phi, eom.z_rate, *[c.expression for c in conditions])
         rest = ca.SX.zeros(self.n)
-        rows = ca.substitute(ca.densify(rows), ca.vertcat(eom.v, eom.a, eom.u), ca.vertcat(rest, rest, u))
+        self._moving, self._rest = ca.vertcat(eom.v, eom.a, eom.u), ca.vertcat(rest, rest, u)
         x = ca.vertcat(eom.q, eom.z, eom.lam, y)
-        arguments = [x, eom.t, eom.p[self._known_p]]
+        arguments = self._symbols = [x, eom.t, eom.p[self._known_p]]
         # friction by reactions, and conditions on these, choose among the multipliers
         self.reactions_are_free = not eom.Q_depends_on_lam and not any(c.depends_on("multiplier") for c in conditions)
-        self._rows = ca.Function("statics", arguments, [rows, ca.jacobian(rows, x)])
+        self._rows = self.function(rows)
         self._inputs = ca.Function("inputs", arguments, [ca.densify(u)])
         moving = ca.substitute(ca.vertcat(eom.Q, eom.z_rate), eom.u, fed_back)
-        slope = ca.substitute(ca.jacobian(moving, eom.v), ca.vertcat(eom.v, eom.a, eom.u), ca.vertcat(rest, rest, u))
+        slope = ca.substitute(ca.jacobian(moving, eom.v), self._moving, self._rest)
         self._by_velocity = ca.Function("by_velocity", arguments, [ca.densify(slope)])
         first = self.n + eom.Phi.numel()
         #: rows of the rates of first-order states
@@ -205,6 +205,17 @@ class Statics:
         """Input values (n_u,)."""
         return self._inputs(x, self.t, self.numeric.p[self._known_p]).full().ravel()
 
+    def function(self, column: ca.SX) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+        """Return ``x -> (values, Jacobian)`` of a column of expressions at rest."""
+        column = ca.substitute(ca.densify(column), self._moving, self._rest)
+        compiled = ca.Function("statics", self._symbols, [column, ca.jacobian(column, self._symbols[0])])
+
+        def at(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            values, jacobian = compiled(x, self.t, self.numeric.p[self._known_p])
+            return values.full().ravel(), jacobian.full()
+
+        return at
+
     # --- residual ------------------------------------------------------------------------
     def rows(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """All rows ``(forces, Phi, z_rate, conditions)`` and their Jacobian; with what states remember among z_rate."""
@@ -219,8 +230,7 @@ class Statics:
 
     def _at_rest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rows and Jacobian with the rates themselves."""
-        values, jacobian = self._rows(x, self.t, self.numeric.p[self._known_p])
-        return values.full().ravel(), jacobian.full()
+        return self._rows(x)
 
     def states_by_the_way(self, x: np.ndarray) -> list[str]:
         """Names of states that remember more than the pose, and on which the equilibrium depends."""

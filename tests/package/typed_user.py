@@ -150,6 +150,8 @@ def analyses() -> None:
     assert below.is_reachable
     rest: mbd.Equilibrium = mbd.equilibrium(mechanism, [rod.y <= 0])
     path: mbd.EquilibriumPath = mbd.equilibrium_path(mechanism, tau, 0, 1, [rod.y <= 0])
+    rub = mbd.LoadIndependentFriction("rub", pin, mbd.DryFriction(9.0), load=60.0, radius=0.5)
+    loads: mbd.HoldingRange = mbd.holding_range(mechanism.replace(forces=[*mechanism.forces, rub]), tau)
     linear: mbd.LinearModel = mbd.linearize(mechanism, rest)
     slopes: mbd.Sensitivities = mbd.sensitivities(mechanism, [0, 0.1], {"y": rod.y}, [k], start)
     cases = {k: np.array([20.0, 40.0])}
@@ -159,7 +161,7 @@ def analyses() -> None:
     data = mbd.Experiment(fall.t, {rod.y: fall[rod.y]}, initial=start)
     fit: mbd.Fit = mbd.identify(mechanism, unknowns=[k], experiments=[data])
     ground: mbd.ShakingForce = mbd.shaking_force(mechanism)
-    print(path[rod.phi], linear.A, slopes["y"], swept["y"], cost([20.0]), fit[k], motion[ground.force])
+    print(path[rod.phi], loads.least, linear.A, slopes["y"], swept["y"], cost([20.0]), fit[k], motion[ground.force])
 
 
 def optimal_control() -> mbd.Solution:

@@ -247,8 +247,8 @@ def test_assembled_as_it_sticks_or_slides():
 def test_refuses():
     """Other analyses, sums, contacts, resets, samples; each says what to do."""
     block, _, _, mechanism = sledge(mbd.DryFriction(0.3))
-    with pytest.raises(mbd.ModelError, match=r"'rub'.*only simulate"):
-        mbd.equilibrium(mechanism)
+    with pytest.raises(mbd.ModelError, match=r"'rub'.*cannot follow; take Coulomb"):
+        mbd.cost_function(mechanism, [0, 1], [], terminal_cost=block.x)
     with pytest.raises(mbd.ModelError, match="added"):
         _ = mbd.DryFriction(0.3) + mbd.Viscous(1)
     with pytest.raises(mbd.ModelError, match="static_coefficient"):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from ..element import ConstraintElement, Element
 
@@ -50,3 +51,39 @@ class ActiveRows(ConstraintElement):
     @property
     def row_names(self) -> tuple[str, ...]:
         return self._row_names
+
+
+class HeldRows(ConstraintElement):
+    """An element whose rows of velocities hold where it was at a pose: ``∫ S(q) dq = 0`` straight from there.
+
+    What slides along a coordinate, and a place that sticks to something straight, is held exactly; a wheel that rolls
+    far on something round turns nearly as it would.
+
+    Parameters
+    ----------
+    part : Element
+        Element with rows ``S(q) v`` of velocities.
+    q, v : casadi.SX
+        Coordinates and velocities of the mechanism (n,).
+    pose : numpy.ndarray
+        The pose (n,).
+    """
+
+    def __init__(self, part: Any, q: ca.SX, v: ca.SX, pose: np.ndarray):
+        Element.__init__(self, part.name)
+        self._part = part
+        self.markers, self.limits, self.virtual_work = part.markers, part.limits, part.virtual_work
+        slopes, way = ca.jacobian(part.velocity_rows, v), q - ca.DM(pose)
+        # five points are exact up to the ninth power of the way: to rounding for turns of less than a radian
+        nodes = zip(*np.polynomial.legendre.leggauss(5), strict=True)
+        slid = sum((w / 2 * ca.substitute(slopes, q, pose + (1 + s) / 2 * way) for s, w in nodes), ca.SX(0)) @ way
+        self.rows = ca.vertcat(part.rows, slid)
+        self.multipliers = part.multipliers
+
+    @property
+    def description(self) -> str:
+        return str(self._part.description)
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        return tuple(self._part.row_names)

@@ -250,8 +250,7 @@ class ContactModes(SwitchingModes):
     # --- results of the whole mechanism ------------------------------------------------------------
     def multipliers(self, mode: ContactMode, motion: Trajectory | State) -> np.ndarray:
         whole = equations(self.mechanism)
-        terms = self.mechanism.cache.get_or_create(("multipliers", mode), lambda: self._multipliers(mode))
-        columns = np.reshape(motion[terms], (-1, whole.lam.numel()))
+        columns = np.reshape(motion[self.reactions(mode)], (-1, whole.lam.numel()))
         leaders = dict.fromkeys(leader for leader, _, _ in mode.shares)
         if leaders:
             columns = columns.copy()
@@ -267,7 +266,7 @@ class ContactModes(SwitchingModes):
         """Row of a site in the whole mechanism."""
         return equations(self.mechanism).row_elements.index(self.sites[k].element) + self.sites[k].row(kind)
 
-    def _multipliers(self, mode: ContactMode) -> ca.SX:
+    def _reactions(self, mode: ContactMode) -> ca.SX:
         """Multipliers of the whole mechanism in a mode; of friction that is shared, all at the first place."""
         terms = ca.vertsplit(equations(self.mechanism).lam)
         for k, (site, status) in enumerate(zip(self.sites, mode.statuses, strict=True)):

@@ -68,6 +68,13 @@ class SwitchingModes(Modes):
         """Return names of the events of all modes."""
 
     @abstractmethod
+    def _reactions(self, mode: Any) -> ca.SX: ...
+
+    def reactions(self, mode: Any) -> ca.SX:
+        """Return the multipliers of the whole mechanism in a mode (m,), as expressions in the symbols of that mode."""
+        return self.mechanism.cache.get_or_create(("reactions", mode), lambda: self._reactions(mode))
+
+    @abstractmethod
     def sliding(self, mode: Any) -> list[tuple[Any, float]]:
         """Return what has a sliding speed, with the sign of it in a mode, which is 0 at rest."""
 
@@ -174,9 +181,14 @@ class FrictionModes(SwitchingModes):
         return equations(self.variant(mode)).row_names.index(friction.sticking_row)
 
     def multipliers(self, mode: FrictionMode, motion: Trajectory | State) -> np.ndarray:
+        count = equations(self.mechanism).lam.numel()
+        if isinstance(motion, State) and motion.obstacle is not None:
+            return np.full((1, count), np.nan)
+        return np.reshape(motion[self.reactions(mode)], (-1, count))
+
+    def _reactions(self, mode: FrictionMode) -> ca.SX:
         eom, variant = equations(self.mechanism), equations(self.variant(mode))
-        lam = np.atleast_2d(motion.lam)
-        columns = np.zeros((len(lam), eom.lam.numel()))
+        terms = ca.SX(eom.lam)
         sliding = {
             f.sticking_row: (f, sense)
             for f, sense in zip(self.frictions, mode.senses, strict=True)
@@ -185,10 +197,10 @@ class FrictionModes(SwitchingModes):
         for k, name in enumerate(eom.row_names):
             if name in sliding and eom.row_elements[k] is sliding[name][0]:
                 friction, sense = sliding[name]
-                columns[:, k] = motion[-friction.in_mode(sense).force]
+                terms[k] = -friction.in_mode(sense).force
             else:
-                columns[:, k] = lam[:, variant.row_names.index(name)]
-        return columns
+                terms[k] = variant.lam[variant.row_names.index(name)]
+        return terms
 
     # --- which mode holds -----------------------------------------------------------------------------
     def pull(self, index: int, state: State) -> float:

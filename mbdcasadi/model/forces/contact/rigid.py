@@ -19,7 +19,7 @@ from .touching import touches
 
 
 class RigidContact(ConstraintElement):
-    """Two outlines that do not penetrate: open, or closed and sticking or sliding; exact, for :func:`simulate` only.
+    """Two outlines that do not penetrate: open, or closed and sticking or sliding; exact.
 
     ``0 <= gap, 0 <= N, gap N = 0`` at each place of contact, with dry friction ``|F| <= μ_s N`` at rest and
     ``F = -μ N sgn v`` in motion. At an impact the impulses obey the same laws, with Newton's restitution:
@@ -88,7 +88,7 @@ class RigidContact(ConstraintElement):
     kind = "contact"
     switches_modes = True
     #: what an analysis that cannot follow it says
-    exactness = "opens and closes exactly, which only simulate can follow; take a Contact with a stiffness here"
+    exactness = "opens and closes exactly, which this analysis cannot follow; take a Contact with a stiffness here"
 
     def __init__(
         self, name: str, a: Outline, b: Outline, friction: FrictionLaw | None = None, restitution: Scalar = 0.0

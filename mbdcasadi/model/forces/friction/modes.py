@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import casadi as ca
+import numpy as np
+
 from ...mechanism import Mechanism
+from ..active_rows import HeldRows
 
 #: Mode of each such element: the sense in which a friction slides ("forth", "back"), that it "sticks", that it is
 #: "free", or in which sense it is pulled at its limit while something else holds it ("pulled forth", "pulled back");
@@ -37,6 +41,22 @@ def variant_in(mechanism: Mechanism, senses: Senses) -> Mechanism:
         return mechanism.replace(joints=[*joints, *holding], forces=[f for f in forces if f not in holding])
 
     return mechanism.cache.get_or_create(("modes", senses), make)
+
+
+def held_at(variant: Mechanism, mechanism: Mechanism, q: ca.SX, v: ca.SX, pose: np.ndarray) -> Mechanism:
+    """The mechanism in one mode with what sticks held where it is at a pose, by rows of positions."""
+    own = (*mechanism.joints, *mechanism.forces)
+    joints, forces = list(variant.joints), list(variant.forces)
+    for part in (*variant.joints, *variant.forces):
+        if part in own or not part.velocity_rows.numel():
+            continue
+        held = HeldRows(part, q, v, pose)
+        if part in joints:
+            joints[joints.index(part)] = held
+        else:  # a force has no rows at the level of positions
+            forces.remove(part)
+            joints.append(held)
+    return variant.replace(joints=joints, forces=forces)
 
 
 def without_exact_friction(mechanism: Mechanism) -> Mechanism:
