@@ -417,6 +417,27 @@ def test_box_slides_off_an_equal_one():
     )
 
 
+@pytest.mark.slow
+def test_box_tips_on_a_polygon_until_it_lies():
+    """A corner stays the same place as the box passes 45°: it turns about it by its energy."""
+    tilt, spin = np.radians(40), 2.0
+    turned = np.array([[np.cos(tilt), np.sin(tilt)], [-np.sin(tilt), np.cos(tilt)]])
+    x, y = -turned @ [WIDE, -HIGH]
+    block, stands, _ = block_on_floor(pose=(x, y, -tilt))
+    table = mbd.PolygonEdges(mbd.ground.at(0, -0.1), [(-1, -0.1), (1, -0.1), (1, 0.1), (-1, 0.1)])
+    tips = mbd.RigidContact("tips", stands.a, table, mbd.DryFriction(2.0))
+    motion = mbd.simulate(
+        mbd.Mechanism([block], forces=[mbd.Gravity(), tips]),
+        np.linspace(0, 0.1, 3),
+        initial=[block.omega == -spin, block.vx == spin * y, block.vy == -spin * x],
+    )
+    assert not motion.events and motion.final[block.phi] < -np.radians(48)
+    inertia = (2 / 3 + 2) * (WIDE**2 + HIGH**2)
+    fast = np.sqrt(spin**2 + 2 * 2 * G * (y - motion.final[block.y]) / inertia)
+    assert motion.final[block.omega] == pytest.approx(-fast, rel=1e-7)
+    assert np.flatnonzero(motion.final[tips.normal_forces]) == [1]
+
+
 # --- impulses ---------------------------------------------------------------------------------------------------
 def test_friction_of_a_guide_acts_in_an_impact():
     """A slider is hit at 45°: the guide bears the same impulse across as along, and its friction takes μ of it."""

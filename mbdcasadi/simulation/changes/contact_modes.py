@@ -24,7 +24,7 @@ from ...model.mechanism import Mechanism
 from ...model.rates import time_derivative
 from ...numerics.lazy import cached_property
 from ...numerics.least_squares import largest, least_norm
-from ...numerics.tolerances import NEGLIGIBLE
+from ...numerics.tolerances import NEGLIGIBLE, ZERO_VALUE
 from ...results.state import State
 from ...results.trajectory import Trajectory
 from .complementarity import Complementarity, Solution, Spot
@@ -214,7 +214,7 @@ class ContactModes(SwitchingModes):
         if status in ("open", "idle"):
             gap = site.element.gaps[site.place]
             if status == "idle":  # beyond what is rounding
-                gap += 2 * NEGLIGIBLE * self._fineness * (1 + ca.norm_2(equations(self.mechanism).q))
+                gap += ZERO_VALUE * self._fineness * (1 + ca.norm_2(equations(self.mechanism).q))
             return [Event(f"{site.name} touches", gap, direction=-1, terminal=True)]
         if site.place is not None:
             found = [Event(f"{site.name} opens", site.normal_force, direction=-1, terminal=True)]
@@ -438,7 +438,7 @@ class ContactModes(SwitchingModes):
         for k in ends:
             statuses[k] = "idle"
         for k, spot, status in zip(sites, spots, solution.statuses, strict=True):
-            statuses[k] = status.removeprefix("pulled ") if k in broken else status
+            statuses[k] = status.removeprefix("pulled ") if k in broken else "idle" if status == "open" else status
             held += [spot.normal] if status not in ("open", "idle") else []
             held += [spot.tangent] if status in ("sticks", "shares") else []
         shares = tuple((sites[one], sites[other], ratio) for one, other, ratio in solution.shares)

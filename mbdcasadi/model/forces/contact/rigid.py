@@ -62,8 +62,9 @@ class RigidContact(ConstraintElement):
     Notes
     -----
     ``motion.events`` has "<name> touches", "opens", "stops", "breaks away" and, of a corner on an edge, "slips off",
-    with the number of the place if there are several: "floor.0 touches". Bounces that follow each other ever faster
-    end at rest, before the one that is not higher than some nanometres, which integration does not resolve.
+    with the number of the place if there are several: "floor.0 touches"; places are the corners of a polygon, and
+    of two polygons those of `a`, then those of `b`. Bounces that follow each other ever faster end at rest,
+    before the one that is not higher than some nanometres, which integration does not resolve.
 
     Friction that would lead to more than one acceleration, or to none (Painlevé's rod), is reported; so is an impact
     whose restitution and friction would add energy (Kane's paradox). What sticks at several places that slide together
@@ -96,7 +97,7 @@ class RigidContact(ConstraintElement):
         Element.__init__(self, name)  # its description is in messages
         check_outlines(a, b, self.description)
         self.a, self.b = a, b
-        self.places = tuple(Place(touch, a, b) for touch in touches(a, b, self.description))
+        self.places = tuple(Place(touch, a, b) for touch in touches(a, b, self.description, each_corner=True))
         speeds = [place.normal_speed for place in self.places] + [place.sliding_speed for place in self.places]
         count = len(self.places)
         labels = tuple(f"{k}.{what}" for what in ("normal", "friction") for k in range(count))

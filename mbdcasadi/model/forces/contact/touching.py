@@ -113,14 +113,15 @@ def disc_beside_polygon(centre: ca.SX, radius: ca.SX | float, b: PolygonEdges) -
     return Touch(gap, normal, point, (ca.SX(radius) + b.half_width) / 2)
 
 
-def polygon_polygon(a: PolygonEdges, b: PolygonEdges) -> list[Touch]:
+def polygon_polygon(a: PolygonEdges, b: PolygonEdges, each_corner: bool = False) -> list[Touch]:
     """Corners of either polygon on an edge of the other, for the two edges that face each other.
 
     The edges are those of the axis that separates the polygons most, or along which they
     penetrate least, and the edge of the other polygon that faces it (Gottschalk, Lin,
     Manocha, "OBBTree", SIGGRAPH 1996; Catto, "Iterative dynamics with temporal
     coherence", GDC 2005). Both ends of both edges are places of contact, so that a
-    block on an equal block stands on two corners at any offset.
+    block on an equal block stands on two corners at any offset; with `each_corner` all corners of a, then those
+    of b, so that a place stays the same corner as the edges change.
     """
     faces_a, faces_b = _faces(a), _faces(b)
     first = _least_deep(faces_a, b.corners)
@@ -128,8 +129,9 @@ def polygon_polygon(a: PolygonEdges, b: PolygonEdges) -> list[Touch]:
     by_a = first[0] > second[0]
     on_a = if_else(by_a, first[1], _facing(faces_a, second[1][:2]))
     on_b = if_else(by_a, _facing(faces_b, first[1][:2]), second[1])
-    places = [_corner_on_edge(corner, on_b, closed=True) for corner in (on_a[2:4], on_a[4:6])]
-    places += [_corner_on_edge(corner, on_a, closed=False).reversed() for corner in (on_b[2:4], on_b[4:6])]
+    of_a, of_b = (a.corners, b.corners) if each_corner else [(on[2:4], on[4:6]) for on in (on_a, on_b)]
+    places = [_corner_on_edge(corner, on_b, closed=True) for corner in of_a]
+    places += [_corner_on_edge(corner, on_a, closed=False).reversed() for corner in of_b]
     return [replace(touch, reach=ca.SX((a.half_width + b.half_width) / 2)) for touch in places]
 
 
@@ -260,8 +262,13 @@ def bounding_distance(a: Outline, b: Outline) -> ca.SX | None:
     return ca.sumsqr(centre - other) - (radius + other_radius) ** 2
 
 
-def touches(a: Outline, b: Outline, what: str) -> list[Touch]:
-    """Return the places at which two outlines may touch; a pair without a rule is refused."""
+def touches(a: Outline, b: Outline, what: str, *, each_corner: bool = False) -> list[Touch]:
+    """Return the places at which two outlines may touch; a pair without a rule is refused.
+
+    With `each_corner` every corner of two polygons is a place of its own, which it stays however they turn.
+    """
+    if each_corner and isinstance(a, PolygonEdges) and isinstance(b, PolygonEdges):
+        return polygon_polygon(a, b, each_corner)
     try:
         for first, second, rule in _KINDS:
             if isinstance(a, first) and isinstance(b, second):
