@@ -107,6 +107,7 @@ if _typing.TYPE_CHECKING:
     from .linear.linearize import linearize
     from .linear.model import LinearModel
     from .model.placeholders import absolute, at_end, at_start, integral, positive_part
+    from .optimal_control.motion.feedback import LinearFeedback
     from .optimal_control.optimize import optimize
     from .optimal_control.problem import OptimalControlProblem
     from .optimal_control.search.proposal import Proposal
@@ -160,6 +161,7 @@ _LATER = {
     "linear.linearize": "linearize",
     "linear.model": "LinearModel",
     "model.placeholders": "absolute at_end at_start integral positive_part",
+    "optimal_control.motion.feedback": "LinearFeedback",
     "optimal_control.optimize": "optimize",
     "optimal_control.problem": "OptimalControlProblem",
     "optimal_control.search.proposal": "Proposal",
@@ -208,7 +210,8 @@ __all__ = [
     "GaussLegendre", "Gear", "GeneralizedForce", "Glyph", "Gravity", "HalfPlane", "HermiteSimpson", "HoldingRange",
     "HollowCircle", "HuntCrossley", "HydraulicCylinder",
     "IdentificationError", "Input", "Integrator", "IntegratorStep", "Interrupted", "Joint", "JointFriction",
-    "KnifeEdge", "LinearModel", "Linkage", "Linkages", "LoadIndependentFriction", "LuGre", "Marker", "Mechanism",
+    "KnifeEdge", "LinearFeedback", "LinearModel", "Linkage", "Linkages", "LoadIndependentFriction", "LuGre", "Marker",
+    "Mechanism",
     "MechanismError", "MechanismWarning", "ModelError", "MotionProgram", "NonholonomicConstraint", "OneWayClutch",
     "OptimalControlProblem", "OptimizationError", "PIController", "Parameter", "Phase", "Point", "PointOnCurve",
     "PointOnLine", "Polygon", "PolygonEdges", "Proposal", "Pulley", "RackAndPinion", "Reachability", "Reaction",

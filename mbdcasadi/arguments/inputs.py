@@ -11,6 +11,7 @@ import numpy as np
 
 from ..equations import Equations
 from ..errors import ExpressionError, ModelError, SimulationError
+from ..model.cache import ExpressionKey
 from ..model.geometry.splines import expression_of
 from ..model.immutable import Immutable
 from ..model.symbols import describe, number, role_of, symbols_of
@@ -18,7 +19,7 @@ from ..numerics.evaluation import Evaluator
 from ..numerics.lazy import cached_property
 from ..numerics.real import distinct, real_array
 from ..numerics.tolerances import NEGLIGIBLE
-from .piecewise_polynomial import PiecewisePolynomial
+from .piecewise_polynomial import PiecewisePolynomial, PolynomialFeedback
 from .values import pairs_of, position_in
 
 T = TypeVar("T")
@@ -270,9 +271,13 @@ class _Reader:
         begin = self.symbol("polynomial start", k)
         self.coefficients += [*coefficients, begin]
         self.polynomials[k] = value
-        since = self.eom.t - begin
-        self.expressions.append(sum((c * since**power for power, c in enumerate(coefficients)), ca.SX(0)))
-        self.structure.append(("polynomial", value.terms))
+        factors = value.factors if isinstance(value, PolynomialFeedback) else ca.SX(1)
+        for factor in ca.vertsplit(factors):
+            _check_feedback(self.eom, factor, f"input '{self.eom.mechanism.inputs[k].label}'")
+        powers = [(self.eom.t - begin) ** power for power in range(value.terms // factors.numel())]
+        terms = zip(coefficients, (f * x for f in ca.vertsplit(factors) for x in powers), strict=True)
+        self.expressions.append(sum((c * x for c, x in terms), ca.SX(0)))
+        self.structure.append(("polynomial", value.terms, ExpressionKey(factors)))
 
     def signals(self, controller: SampledController | None) -> Signals:
         """The signals of all inputs."""

@@ -1,7 +1,10 @@
-"""Inputs that are polynomials piece by piece, as optimal control finds them."""
+"""Inputs that are polynomials piece by piece, as optimal control finds them, also as gains of a feedback."""
 
 from __future__ import annotations
 
+from typing import Any
+
+import casadi as ca
 import numpy as np
 
 from ..errors import ModelError
@@ -52,3 +55,31 @@ class PiecewisePolynomial:
         for power in range(self.terms - 1, -1, -1):
             value = value * since + self.coefficients[k, power]
         return value
+
+
+class PolynomialFeedback(PiecewisePolynomial):
+    """An input ``Σ_j k_j(t) e_j`` with gains that are polynomials on each interval.
+
+    Parameters
+    ----------
+    breaks : array_like
+        Ends of the intervals, increasing (N + 1,), s.
+    coefficients : array_like
+        Of the gains, one after the other (N, m (degree + 1)), lowest power first.
+    factors : casadi.SX
+        What they multiply (m,), in positions, velocities, first-order states and parameters.
+    """
+
+    def __init__(self, breaks: np.ndarray, coefficients: np.ndarray, factors: Any):
+        super().__init__(breaks, coefficients)
+        self.factors = ca.SX(factors)
+
+    def __call__(self, times: np.ndarray) -> np.ndarray:
+        """Gains at times (…, m)."""
+        return np.stack([part(times) for part in self.gains], axis=-1)
+
+    @property
+    def gains(self) -> list[PiecewisePolynomial]:
+        """The gains one by one."""
+        blocks = np.split(self.coefficients, self.factors.numel(), axis=1)
+        return [PiecewisePolynomial(self.breaks, block) for block in blocks]

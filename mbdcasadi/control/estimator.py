@@ -12,6 +12,7 @@ import numpy as np
 from ..arguments.values import pairs_of, position_in
 from ..equations import equations
 from ..errors import ModelError, SimulationError
+from ..linear.tree_model import TreeModel
 from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries, refuse_twice
@@ -20,7 +21,6 @@ from ..numerics.real import real_array
 from ..results.state import State
 from .moving_horizon import Arrival, Stage, best_changes
 from .stages import StageFunctions, TreePoint
-from .tree_model import TreeModel
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,14 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ExpressionError, ModelError
+from ..linear.curvature import curvature
+from ..linear.tree_model import TreeModel
 from ..model.conditions import Condition, stacked
-from ..model.placeholders import Placeholder, with_values
 from ..model.symbols import Parameter
 from ..model.texts import text_of
 from ..optimal_control.problem import OptimalControlProblem
+from ..optimal_control.statement.end_cost import end_cost, integrated_cost
 from ..results.state import State
-from .curvature import curvature
-from .tree_model import TreeModel
 
 
 class ControlFunctions(TreeModel):
@@ -66,7 +66,7 @@ class ControlFunctions(TreeModel):
     # --- functions ------------------------------------------------------------------------------------------
     def _point(self, phase: Any) -> ca.Function:
         eom = self.eom
-        cost = self.along(phase.running_cost + self._integrated)
+        cost = self.along(phase.running_cost + integrated_cost(self.problem, eom, "Controller"))
         results = ca.vertcat(self.rates, cost)
         y = ca.vertcat(self.q, self.v, eom.z, eom.u)
         return self.function("controller_point", self.at, [results, ca.jacobian(results, y), curvature(cost, y)])
@@ -103,37 +103,11 @@ class ControlFunctions(TreeModel):
     def _at_end(self, rows: ca.SX) -> ca.Function:
         eom = self.eom
         s = ca.vertcat(self.q, self.v, eom.z)
-        cost = self.along(self._terminal)
+        cost = self.along(end_cost(self.problem))
         if ca.depends_on(cost, eom.u):
             raise ExpressionError(f"Controller: terminal_cost depends on an input at the end: {text_of(cost)}")
         results = [cost, ca.densify(ca.jacobian(cost, s)), curvature(cost, s), rows, ca.jacobian(rows, s)]
         return self.function("controller_end", [eom.t, self.q, self.v, eom.z, eom.p], results)
-
-    @property
-    def _terminal(self) -> ca.SX:
-        return with_values(self.problem.terminal_cost, lambda x: x.expression if x.kind == "at_end" else 0)
-
-    @property
-    def _integrated(self) -> ca.SX:
-        """What integrals in the terminal cost add to the running cost."""
-        integrals: dict[int, tuple[ca.SX, ca.SX]] = {}
-
-        def value(x: Placeholder) -> ca.SX:
-            if x.kind == "at_start":
-                raise ExpressionError(f"Controller: terminal_cost contains {x.label}; the start is measured")
-            if x.kind == "at_end":
-                return x.expression
-            return integrals.setdefault(x.node.element_hash(), (ca.SX.sym("integral"), x.expression))[0]
-
-        cost = with_values(self.problem.terminal_cost, value)
-        moving = ca.vertcat(self.eom.q, self.eom.v, self.eom.z, *(symbol for symbol, _ in integrals.values()))
-        added = ca.SX(0)
-        for symbol, integrand in integrals.values():
-            weight = ca.gradient(cost, symbol)
-            if ca.depends_on(weight, moving):
-                raise ExpressionError("Controller: an integral in terminal_cost must be a term with a constant factor")
-            added += weight * integrand
-        return added
 
 
 def _of_phase(state: State, eom: Any) -> tuple[Any, ...]:

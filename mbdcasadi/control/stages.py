@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from scipy.integrate import RK45
 
-from .tree_model import TreeModel
+from ..linear.tree_model import TreeModel, solved
 
 #: Newton's steps to a pose, and the change below which the next one would be rounding (m or rad).
 POSE_STEPS, POSE_CHANGE = 20, 1e-7
@@ -100,7 +100,7 @@ class StageFunctions:
             rows, by_q = (m.full() for m in self._pose(t, q, still, p)[:2])
             miss = rows.ravel()
             miss[n - positions :] -= x[:positions]
-            change = _solved(by_q, -miss)
+            change = solved(by_q, -miss)
             if change is None:
                 return None
             q, last = q + change, float(np.max(np.abs(change), initial=0.0))
@@ -110,22 +110,13 @@ class StageFunctions:
             return None
         by_q, speeds, by_v = (m.full() for m in self._pose(t, q, still, p)[1:4])
         speeds[n - rates :, 0] -= x[positions : positions + rates]
-        v = _solved(by_v, -speeds.ravel())
+        v = solved(by_v, -speeds.ravel())
         if v is None:
             return None
         bend = self._pose(t, q, v, p)[4].full()
-        by_unknown = [m.full() for m in self._pose_by_unknown(t, q, v, p)]
-        z, known = x[positions + rates : x.size - len(self.unknown)], x.size - len(self.unknown)
-        wanted = np.zeros((2, n, x.size))
-        wanted[0, n - positions :, :positions] = np.eye(positions)
-        wanted[1, n - rates :, positions : positions + rates] = np.eye(rates)
-        wanted[:, :, known:] -= by_unknown
-        q_by_x = _solved(by_q, wanted[0])
-        v_by_x = None if q_by_x is None else _solved(by_v, wanted[1] - bend @ q_by_x)
-        if q_by_x is None or v_by_x is None:
-            return None
-        z_by_x = np.eye(x.size)[positions + rates : known]
-        return TreePoint(np.concatenate([q, v, z]), np.vstack([q_by_x, v_by_x, z_by_x]))
+        slopes = self.model.slopes(by_q, by_v, bend, *(m.full() for m in self._pose_by_unknown(t, q, v, p)))
+        z = x[positions + rates : x.size - len(self.unknown)]
+        return None if slopes is None else TreePoint(np.concatenate([q, v, z]), slopes)
 
     def advance(
         self, t: float, x: np.ndarray, point: TreePoint, u: np.ndarray, d: np.ndarray, p: np.ndarray
@@ -160,12 +151,3 @@ class StageFunctions:
 def _picked(x: Any, places: Sequence[int]) -> Any:
     """Entries of a column, also none of it."""
     return ca.vertcat(type(x)(0, 1), *(x[k] for k in places))
-
-
-def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
-    """Solution of linear equations; None if they have none, or a number is not finite."""
-    try:
-        found = np.linalg.solve(matrix, right)
-    except np.linalg.LinAlgError:
-        return None
-    return found if np.isfinite(found).all() else None

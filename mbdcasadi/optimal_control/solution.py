@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from ..results.state import State
 from ..results.trajectory import Trajectory
 from ..simulation.simulate import simulate
 from .measures.cost_error import error_of_mesh
+from .motion.feedback import LinearFeedback, linear_feedback
 from .motion.guess import Guess, Iterate, PhaseGuess
 from .motion.limit_excess import limit_excess
 from .motion.limits import ActiveLimit, SoftLimitUse, active_limits, costates, soft_limits
@@ -148,6 +150,51 @@ class Solution(SolvedMotion):
                     f"{missed:.3g}; give initial= as conditions, such as those of the problem"
                 )
         return simulate(mechanism, self.mesh, initial=initial, inputs=self.inputs, parameters=values, **settings)
+
+    @symbolic
+    def feedback(self, weights: Any = None, final: Any = None, *, state: Sequence[Any] | None = None) -> LinearFeedback:
+        """Return the linear feedback that keeps a motion near the optimum: ``u = u*(t) - K(t) (x - x*(t))``.
+
+        The states x are independent positions, their rates and first-order states. With the motion linearised along
+        the optimum, ``dx/dt = A x + B u``, the gains are those of least cost of small changes, by the Riccati equation
+
+            ``-dS/dt = S A + A^T S + Q - (S B + N) R^-1 (B^T S + N^T)``,  ``K = R^-1 (B^T S + N^T)``.
+
+        Limits take no part in it. After the end of the optimum the law is that of its end.
+
+        Parameters
+        ----------
+        weights : mapping of expression to float, or list of pairs, optional
+            Weights of the squares of changes, integrated over time: ``{cart.x: 10, force: 0.1}``; each free input needs
+            one. By default the curvature of the running cost of the problem.
+        final : mapping of expression to float, or list of pairs, optional
+            Weights of the squares of changes at the end. By default the curvature of the terminal cost; none with
+            `weights`.
+        state : sequence of expressions, optional
+            Positions that describe the motion, as many as there are degrees of freedom; by default coordinates of the
+            bodies.
+
+        Returns
+        -------
+        LinearFeedback
+            For ``simulate(mechanism, times, initial=…, inputs=feedback)``; ``.gains(times)``.
+
+        Raises
+        ------
+        ModelError
+            For several phases, and a cost that does not grow with the square of each input.
+
+        References
+        ----------
+        Bryson and Ho, *Applied Optimal Control*, 1975, section 6.
+
+        Examples
+        --------
+        >>> feedback = solution.feedback({cart.x: 10, bob.phi: 50, force: 0.1})  # doctest: +SKIP
+        >>> motion = mbd.simulate(system, times, initial=state, inputs=feedback)  # doctest: +SKIP
+        """
+        self._refuse_phases("feedback", "linearise each phase by a problem of its own")
+        return linear_feedback(self, self.phases[0], weights, final, state)
 
     @symbolic
     def stability(self) -> Stability:

@@ -131,6 +131,8 @@ def analyses() -> None:
     assert seen.t > 0.0 and estimator.covariance.shape == (4, 4)
     fed: mbd.FedController = controller.fed_by(estimator, np.eye(4), seed=1)
     assert fed.estimates == ()
+    law: mbd.LinearFeedback = mbd.optimize(plan, initial=start).feedback({tau: 1.0})
+    assert law.gains(0.1).shape == (1, len(law.state_names))
     hold = mbd.SampledController(lambda time, state: {tau: 0.1 * time}, period=0.1)
     methods: list[mbd.Integrator] = [mbd.IDAS(), mbd.DOP853(), mbd.BDF(), mbd.RungeKutta(), mbd.Rosenbrock()]
     methods.append(Euler())

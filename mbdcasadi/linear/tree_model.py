@@ -1,4 +1,4 @@
-"""A mechanism in the coordinates of its tree of joints and in independent ones: what is compiled for control."""
+"""A mechanism in the coordinates of its tree of joints and in independent ones: equations along a motion."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ..assembly.setup import Setup
 from ..equations import Equations
 from ..equations.tree import tree_coordinates
 from ..errors import ExpressionError, ModelError
-from ..linear.coordinates import Independent, independent
 from ..model.mechanism import Mechanism
 from ..model.symbols import describe, symbols_of
 from ..model.units import unit_of
 from ..numerics.c_code import simplified
 from ..numerics.lazy import cached_property
 from ..results.state import State
+from .coordinates import Independent, independent
 
 #: Difference of two ways to the accelerations of the start, relative to 1 and their size, that is rounding.
 SAME = 1e-6
@@ -28,7 +28,7 @@ TURN = 0.25
 
 
 class TreeModel:
-    """States and equations of a mechanism for control.
+    """States and equations of a mechanism along a motion.
 
     Parameters
     ----------
@@ -40,11 +40,13 @@ class TreeModel:
         Positions that describe the motion; None lets coordinates of the bodies be chosen.
     analysis : str
         Name in errors.
+    initial : State, optional
+        State near which coordinates are chosen; by default at rest near the estimated poses.
 
     Attributes
     ----------
     start : State
-        A consistent state at rest near the estimated poses.
+        A consistent state there.
     independent : Independent
         States: positions and rates; first-order states follow.
     state : casadi.SX
@@ -59,9 +61,9 @@ class TreeModel:
         Magnitude of the largest eigenvalue of the start, 1/s.
     """
 
-    def __init__(self, mechanism: Mechanism, eom: Equations, chosen: Any, analysis: str):
+    def __init__(self, mechanism: Mechanism, eom: Equations, chosen: Any, analysis: str, initial: State | None = None):
         self.eom, self._analysis = eom, analysis
-        setup = Setup(mechanism, analysis, t=0.0)
+        setup = Setup(mechanism, analysis, t=0.0 if initial is None else initial.t, initial=initial or ())
         self.start: State = setup.start
         self.independent: Independent = independent(
             setup.numeric, self.start, chosen, analysis=analysis, argument="state="
@@ -86,6 +88,31 @@ class TreeModel:
     def steps_over(self, length: float) -> int:
         """Runge-Kutta steps over an interval (s), as many as the fastest mode of the start needs."""
         return max(1, math.ceil(self.fastest * length / TURN))
+
+    def slopes(
+        self, by_q: np.ndarray, by_v: np.ndarray, bend: np.ndarray, *by_unknown: np.ndarray
+    ) -> np.ndarray | None:
+        """Slopes of (q, v, z) of the tree by the states and unknown parameters (n_s, n_x); None if there are none.
+
+        Parameters
+        ----------
+        by_q, by_v, bend : numpy.ndarray
+            Slopes of the rows of :meth:`pose` by q and v, and of those of velocities by q.
+        by_unknown : numpy.ndarray
+            Slopes of both by unknown parameters, if there are any.
+        """
+        n, positions, rates = self.q.numel(), self.independent.positions.numel(), self.independent.rates.numel()
+        known = len(self.names)
+        wanted = np.zeros((2, n, known + (by_unknown[0].shape[1] if by_unknown else 0)))
+        wanted[0, n - positions :, :positions] = np.eye(positions)
+        wanted[1, n - rates :, positions : positions + rates] = np.eye(rates)
+        if by_unknown:
+            wanted[:, :, known:] -= by_unknown
+        q_by_x = solved(by_q, wanted[0])
+        v_by_x = None if q_by_x is None else solved(by_v, wanted[1] - bend @ q_by_x)
+        if q_by_x is None or v_by_x is None:
+            return None
+        return np.vstack([q_by_x, v_by_x, np.eye(wanted.shape[2])[positions + rates : known]])
 
     # --- expressions of the tree -----------------------------------------------------------------------------
     def along(self, expression: ca.SX) -> ca.SX:
@@ -166,3 +193,12 @@ class TreeModel:
                 if symbol.element_hash() not in known:
                     raise ExpressionError(f"{self._analysis}: it contains {describe(symbol)}, which is not known there")
         return simplified(ca.Function(name, list(arguments), list(results)))
+
+
+def solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
+    """Solution of linear equations; None if they have none, or a number is not finite."""
+    try:
+        found = np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        return None
+    return found if np.isfinite(found).all() else None

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from mbdcasadi.control.curvature import curvature
+from mbdcasadi.linear.curvature import curvature
 
 
 def value_of(cost, variables, at):
