@@ -15,6 +15,7 @@ from ..numerics.console import call_each
 from ..numerics.evaluation import Evaluator
 from ..numerics.lazy import cached_property
 from ..numerics.least_squares import largest
+from ..numerics.lookup import with_tables
 from ..numerics.rank import (
     INDEPENDENT,
     RankAnalysis,
@@ -439,7 +440,7 @@ class NumericEquations:
         function = self.forward_dynamics(redundant=redundant)
         if not function.is_a("SXFunction"):
             return None
-        return self.eom.shared.get_or_create(("by row", function), lambda: Evaluator(function))
+        return self.eom.shared.get_or_create(("by row", function), lambda: Evaluator(with_tables(function)))
 
     def accelerations_of_rows(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray, *, redundant: bool

@@ -22,6 +22,7 @@ import numpy as np
 from ..errors import SimulationError
 from ..numerics.console import Interruption, quiet
 from ..numerics.evaluation import Evaluator, by_buffers
+from ..numerics.lookup import with_tables
 from ..numerics.tolerances import MET
 from .base import Integrator
 from .failures import flag_of, last_line
@@ -110,6 +111,22 @@ class Dae:
     alg: Any
     quad: Any = field(default_factory=lambda: ca.SX(0, 1))
     part: PartOfState | None = None
+
+    def with_tables(self) -> Dae:
+        """Return the system with tables in the place of splines."""
+        if not isinstance(self.x, ca.SX):
+            return self
+        clock, results = self.clock, ca.cse([ca.densify(part) for part in (self.ode, self.alg, self.quad)])
+        symbols = [clock.tau, clock.start, clock.length, self.x, self.z, self.p, self.u]
+        function = ca.Function("system", symbols, results)
+        looked_up = with_tables(function)
+        if looked_up is function:
+            ode, alg, quad = results
+            return replace(self, ode=ode, alg=alg, quad=quad)
+        clock = Clock(ca.MX)
+        x, z, p, u = (ca.MX.sym("symbols", part.numel()) for part in symbols[3:])
+        ode, alg, quad = looked_up(clock.tau, clock.start, clock.length, x, z, p, u)
+        return Dae(clock, x=x, z=z, p=p, u=u, ode=ode, alg=alg, quad=quad, part=self.part)
 
 
 @dataclass(frozen=True)
@@ -245,26 +262,23 @@ class CompiledIntegrator:
 
     def __init__(self, dae: Dae, integrator: Integrator):
         self.part, self.integrator = dae.part, integrator
-        clock = type(dae.x).sym("clock")
-        length = dae.clock.length
-        ode, alg, quad = dae.ode, dae.alg, dae.quad
-        if isinstance(dae.x, ca.SX):
-            ode, alg, quad = ca.cse([ode, alg, quad])
+        dae = dae.with_tables()
+        clock, length = type(dae.x).sym("clock"), dae.clock.length
         self._system = {
             "t": dae.clock.tau,
             "x": ca.vertcat(dae.x, clock),
             "p": ca.vertcat(dae.clock.start, length, dae.p),
-            "ode": ca.vertcat(length * ode, 1),
+            "ode": ca.vertcat(length * dae.ode, 1),
         }
         if dae.z.numel():
-            self._system |= {"z": dae.z, "alg": alg}
+            self._system |= {"z": dae.z, "alg": dae.alg}
         stop = [type(dae.x).sym("stop")] if integrator.stops_by_input else []
         self._u = ca.vertcat(dae.u, *stop)
         if self._u.numel():
             self._system["u"] = self._u
         self._quad_scale = QUADRATURE_SIZE * integrator.abstol if integrator.quadratures_in_error_test else 1.0
         if dae.quad.numel():
-            self._system["quad"] = self._quad_scale * length * quad
+            self._system["quad"] = self._quad_scale * length * dae.quad
         self._options = integrator.plugin_options(algebraic=bool(dae.z.numel()))
         self._functions: OrderedDict[tuple[Any, ...], ca.Function] = OrderedDict()
         self._whole = None if dae.part is None else Evaluator(dae.part.whole)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -136,6 +137,55 @@ def _narrowed(
         low = low + chosen * step
         high, left = low + count * step, left * count / parts
     return (low + high) / 2
+
+
+class Levels:
+    """Levels that several sampled functions pass.
+
+    Parameters
+    ----------
+    levels : sequence of sequence of float
+        Those of each function, at least one.
+    """
+
+    def __init__(self, levels: Sequence[Sequence[float]]):
+        self._levels = [np.unique(own) for own in levels]
+        self._sorted = np.concatenate([np.zeros(0), *self._levels])
+        sizes = np.array([own.size for own in self._levels], int)
+        self._starts, self._several = np.cumsum(sizes) - sizes, np.flatnonzero(sizes > 1)
+
+    def passed(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows and places of samples (rows, k) between which and the next a level is passed, and that level (n,)."""
+        above = values > self._sorted[self._starts, None]
+        may_pass = above[:, :-1] != above[:, 1:]
+        may_pass[self._several] = True
+        rows, places = np.nonzero(may_pass)
+        own, levels = self.between(rows, values[rows, places], values[rows, places + 1])
+        return rows[own], places[own], levels
+
+    def met(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and places of inner samples (rows, k) at a level; none of a row that is the same everywhere."""
+        at_level = values[:, 1:-1] == self._sorted[self._starts, None]
+        for k in self._several:
+            at_level[k] = np.isin(values[k, 1:-1], self._levels[k])
+        rows, places = np.nonzero(at_level & np.any(values != values[:, :1], axis=1)[:, None])
+        return rows, places + 1
+
+    def between(self, rows: np.ndarray, begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places of two values of some functions, each (k,), between which levels are, and the levels (n,)."""
+        first = self._count(rows, np.minimum(begin, end), "right")
+        counts = np.maximum(self._count(rows, np.maximum(begin, end), "left") - first, 0)
+        own = np.repeat(np.arange(rows.size), counts)
+        number = np.arange(own.size) - np.repeat(np.cumsum(counts) - counts, counts) + first[own]
+        return own, self._sorted[self._starts[rows[own]] + number]
+
+    def _count(self, rows: np.ndarray, values: np.ndarray, side: Literal["left", "right"]) -> np.ndarray:
+        """Number of levels below values of functions, or not above them (k,)."""
+        first = self._sorted[self._starts[rows]]
+        count = (first < values if side == "left" else first <= values).astype(int)
+        for k in self._several:
+            count[rows == k] = self._levels[k].searchsorted(values[rows == k], side)
+        return count
 
 
 def sign_changes(values: np.ndarray) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:

@@ -5,6 +5,7 @@ import pytest
 
 from mbdcasadi.numerics.roots import (
     TO_ROUNDING,
+    Levels,
     bracketed_root,
     may_touch,
     narrowed_extrema,
@@ -42,6 +43,19 @@ def test_signs_change_between_samples_or_at_them():
     (rows, places), (zero_rows, zeros) = sign_changes(values)
     assert (rows.tolist(), places.tolist()) == ([0], [0])
     assert (zero_rows.tolist(), zeros.tolist()) == ([0], [2])
+
+
+def test_levels_between_samples_and_at_them():
+    levels = Levels([[3.0, 1.0, 2.0, 2.0], [0.0]])
+    values = np.array([[0.0, 2.5, 2.0, 0.5], [1.0, -1.0, 0.0, 2.0]])
+    rows, places, passed = levels.passed(values)
+    found = sorted(zip(rows.tolist(), places.tolist(), passed.tolist(), strict=True))
+    assert found == [(0, 0, 1.0), (0, 0, 2.0), (0, 2, 1.0), (1, 0, 0.0)]
+    rows, places = levels.met(values)
+    assert sorted(zip(rows.tolist(), places.tolist(), strict=True)) == [(0, 2), (1, 2)]
+    assert levels.met(np.full((2, 5), 2.0))[0].size == 0
+    own, inside = levels.between(np.array([0, 1, 0]), np.array([2.0, 1.0, 3.5]), np.array([0.5, 2.0, 0.5]))
+    assert (own.tolist(), inside.tolist()) == ([0, 2, 2, 2], [1.0, 1.0, 2.0, 3.0])
 
 
 @pytest.mark.parametrize("count", [1, 3, 2000])

@@ -13,7 +13,7 @@ from seeds import seeds
 import mbdcasadi as mbd
 from mbdcasadi.arguments.inputs import read_signals
 from mbdcasadi.equations.switching.switch_functions import state_switches
-from mbdcasadi.simulation.checks.unseen_loads import meets_loads
+from mbdcasadi.simulation.checks.unseen_loads import _quantities, meets_loads
 
 METHODS = ["idas", "dop853", "erk", "rosenbrock"]
 TIMES = np.linspace(0, 10, 11)
@@ -254,6 +254,35 @@ def test_the_integrator_starts_again_only_where_something_was_missed():
         np.where(folded < np.pi, -2 * np.sin(folded), np.sin(2 * (folded - np.pi))),
     )
     np.testing.assert_allclose(motion[body.x], exact, atol=1e-5)
+
+
+def test_the_argument_of_a_spline_is_one_quantity():
+    body = mbd.Body("b", mass=1.0, inertia=1.0)
+    angles = np.linspace(0, 4 * np.pi, 145)
+    gas = mbd.spline(body.phi, angles, np.cos(angles), outside="periodic")
+    mechanism = mbd.Mechanism([body], forces=[mbd.Torque("gas", body, gas)])
+    eom = mbd.equations(mechanism)
+    quantities = _quantities(eom, read_signals(eom, None))
+    assert quantities.switches == 2  # the number of periods, and the angle within one
+    inside = quantities.levels.between(np.arange(2), np.full(2, 0.01), np.full(2, 12.5))[1]
+    np.testing.assert_allclose(inside, angles[1:-1])
+
+
+@pytest.mark.parametrize("kind", ["cubic", "monotone", "linear"])
+@pytest.mark.parametrize("method", ["idas", "dop853"])
+def test_a_bump_in_the_data_of_a_spline_does_its_work(kind, method):
+    """Of 200 points three hold the load, over 30 mm."""
+    body = mbd.Body("puck", mass=1.0, inertia=1.0)
+    xs = np.linspace(0, 2, 201)
+    ys = np.where(np.abs(np.arange(201) - 130) < 2, 50.0, 0.0)
+    force = mbd.spline(body.x, xs, ys, kind=kind, outside="constant")
+    mechanism = mbd.Mechanism([body], forces=[mbd.Force("load", body.at(0, 0), (force, 0))])
+    x = ca.SX.sym("x")
+    curve = ca.Function("f", [x], [mbd.spline(x, xs, ys, kind=kind)])
+    fine = (np.arange(200_000) + 0.5) / 1e5
+    work = float(np.sum(curve(fine[None]).full()) / 1e5)
+    motion = mbd.simulate(mechanism, [0, 1], initial=[body.vx == SPEED, body.x == -1], method=method)
+    assert motion[body.vx][-1] == pytest.approx(np.sqrt(SPEED**2 + 2 * work), rel=1e-5)
 
 
 def random_load(seed):

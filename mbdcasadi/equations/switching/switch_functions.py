@@ -66,6 +66,21 @@ def state_switches(expressions: ca.SX, state: ca.SX, unknown: ca.SX) -> tuple[li
     return _moving(switches, state, unknown), _moving(transients, state, unknown)
 
 
+def as_level(switch: ca.SX) -> tuple[ca.SX, float]:
+    """Return a quantity and its value where a function is zero: of a difference from a number this number.
+
+    Examples
+    --------
+    >>> as_level(ca.SX.sym("x") - 2)
+    (SX(x), 2.0)
+    """
+    if switch.op() == ca.OP_SUB:
+        left, right = operands(switch)
+        if left.is_constant() or right.is_constant():
+            return (right, float(left)) if left.is_constant() else (left, float(right))
+    return switch, 0.0
+
+
 def _of_transient(op: int, node: ca.SX) -> list[ca.SX]:
     """Operand of an operation that may cause a short transient; of powers only if they may divide.
 

@@ -35,8 +35,8 @@ def spline(x: Any, xs: Numbers, ys: Numbers, kind: str = "cubic", outside: str =
 
     The curve meets the points exactly. At a point at which its first, second or third
     derivative jumps, the right-hand one is taken (at the last point the left-hand one).
-    The cost of an evaluation is proportional to the number of points, about 0.1 µs each:
-    hundreds are cheap, thousands are slow.
+    ``simulate`` with ``idas`` looks the piece up, so that many points cost little more than few; elsewhere the cost of
+    an evaluation is proportional to the number of points, about 0.1 µs each: hundreds are cheap, thousands are slow.
 
     Parameters
     ----------

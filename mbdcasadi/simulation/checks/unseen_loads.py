@@ -9,6 +9,7 @@ these the accelerations on the path are integrated and compared with the change 
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
 from functools import partial
 
@@ -17,11 +18,11 @@ import numpy as np
 
 from ...arguments.inputs import Signals
 from ...equations import Equations
-from ...equations.switching.switch_functions import state_switches
+from ...equations.switching.switch_functions import as_level, state_switches
 from ...integrators.compiled import IntegrationFailure
 from ...model.symbols import as_sx
 from ...numerics.evaluation import Evaluator
-from ...numerics.roots import narrowed_extrema, narrowed_roots, sign_changes
+from ...numerics.roots import Functions, Levels, narrowed_extrema, narrowed_roots
 from ..contact.watched_terms import has_gap
 from ..path import Path, hermite_states
 from ..stepper import Stepper
@@ -43,12 +44,16 @@ MISSED_TOLERANCES = 30.0
 MOST_DOUBT = 1e3
 #: Points over a load by which its duration is found, and loads of a path that are looked at, the shortest ones first.
 SAMPLES, MOST_LOADS = 33, 500
+#: Share of the time to the next switch up to which an instant may be off at a first look: between two switches nodes of
+#: the quadrature are in any case.
+CLOSE = 0.1
 #: Instants closer than this share of an output interval are one.
 SAME_INSTANT = 1e-7
-#: Nodes and weights of Gauss's quadrature by four points over [0, 1]; numpy.polynomial would take long to import.
+#: Nodes and weights of Gauss's quadrature by two and four points over [0, 1]; numpy.polynomial would take long to
+#: import.
+_TWO = 0.5 + np.array([-1, 1]) / np.sqrt(12), np.full(2, 0.5)
 _HALVES = np.sqrt(3 / 7 + np.array([1, -1, -1, 1]) * 2 / 7 * np.sqrt(6 / 5)) / 2
-_NODES = 0.5 + np.array([-1, -1, 1, 1]) * _HALVES
-_WEIGHTS = (18 + np.array([-1, 1, 1, -1]) * np.sqrt(30)) / 72
+_FOUR = 0.5 + np.array([-1, -1, 1, 1]) * _HALVES, (18 + np.array([-1, 1, 1, -1]) * np.sqrt(30)) / 72
 
 
 @dataclass(frozen=True)
@@ -83,6 +88,7 @@ class UnseenLoads:
         eom = stepper.numeric.eom
         quantities = _quantities(eom, stepper.signals, integrands)
         self._count, self.watched, self._quantities = quantities.switches, quantities.number, quantities.function
+        self._levels = quantities.levels
         rate = eom.z_rate if integrands is None else integrands
         self._moves = integrands is None
         self._rate = eom.function(rate) if rate.numel() else None
@@ -96,12 +102,12 @@ class UnseenLoads:
         longest = LONG * float(np.max(np.diff(path.times)))
         # between outputs that are no steps, a step may be as long as the path
         most = 0.0 if path.of_steps else float(path.times[-1] - path.times[0])
-        instants, durations = self._instants(path, longest, most)
-        if not instants.size:
-            return None
         n = self._numeric.eom.q.numel()
         limits = self._limits(path)
-        for load in self._suspects(path, instants, durations, self._doubt * limits):
+        instants = partial(self._instants, path, longest, most)
+        if not self._suspects(path, *instants(closely=False), self._doubt * limits, closely=False):
+            return None
+        for load in self._suspects(path, *instants(), self._doubt * limits):
             k = load.interval
             try:
                 end = self._stepper.states_from(float(path.times[k]), path.x[k])(load.stops)[-1]
@@ -165,7 +171,9 @@ class UnseenLoads:
         q, v, z = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
         return self._quantities.rows(times[:, None], q, v, z, self._numeric.p)[0].T
 
-    def _instants(self, path: Path, longest: float, most: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    def _instants(
+        self, path: Path, longest: float, most: float = 0.0, *, closely: bool = True
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Instants at which quantities are zero, largest or smallest, and durations there; infinite at switches.
 
         Parameters
@@ -175,6 +183,9 @@ class UnseenLoads:
         most : float
             Duration up to which extrema of longer ones count, too, s: at the points of the path that show them, and
             with a duration of zero, since their load fills the interval.
+        closely : bool
+            False to take zeros between two points of the path from the straight line through these if they are far
+            from each other.
         """
         lengths = np.diff(path.times)
         # a load about an end of the path has its peak beyond it
@@ -184,12 +195,13 @@ class UnseenLoads:
         times = np.r_[(begins[:, None] + lasts[:, None] * share).ravel(), high]
         values = self._at(path, times)
         with np.errstate(all="ignore"):
-            rows, roots = self._zeros(path, times, values)
+            rows, roots = self._zeros(path, times, values, closely=closely)
             tops, durations, rows_inside, roots_inside = self._turns(path, times, values, longest, most)
             rows, roots = np.r_[rows, rows_inside], np.r_[roots, roots_inside]
             switching = rows < self._count
             width = 1e-4 * float(np.max(lengths))
-            ahead, behind = (self._of_rows(path, rows[~switching], roots[~switching] + x) for x in (width, -width))
+            of_rows = self._of_rows(path, rows[~switching])
+            ahead, behind = (of_rows(roots[~switching] + x) for x in (width, -width))
             passing = 2 * width / np.abs(ahead - behind)
         instants = np.concatenate([roots[switching], roots[~switching], tops])
         lasts = np.concatenate([np.full(int(np.sum(switching)), np.inf), passing, durations])
@@ -202,11 +214,35 @@ class UnseenLoads:
         times = path.times
         return float(2 * times[0] - times[1]), float(2 * times[-1] - times[-2])
 
-    def _zeros(self, path: Path, times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Quantities and instants at which their values, at points of a path, pass zero or are zero (k,)."""
-        (rows, places), (rows_at, places_at) = sign_changes(values)
-        at_rows = partial(self._of_rows, path, rows)
-        roots = narrowed_roots(at_rows, times[places], times[places + 1], values[rows, places])
+    def _zeros(
+        self, path: Path, times: np.ndarray, values: np.ndarray, *, closely: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Quantities and instants at which they pass one of their levels, or are at one at a point of a path (k,)."""
+        rows, places, levels = self._levels.passed(values)
+        low, high, at_low = times[places], times[places + 1], values[rows, places] - levels
+        roots, loose = np.empty(rows.size), np.ones(rows.size, bool)
+        if not closely:
+            per_change = (high - low) / (values[rows, places + 1] - values[rows, places])
+            roots = low - per_change * at_low
+            step = per_change * self._of_rows(path, rows, levels)(roots)
+            order = np.argsort(roots)
+            gaps = np.diff(roots[order], prepend=-np.inf, append=np.inf)
+            loose[order] = ~(np.abs(step[order]) < CLOSE * np.minimum(gaps[:-1], gaps[1:]))
+            roots -= step
+
+        def narrow(chosen: np.ndarray) -> None:
+            of_rows = self._of_rows(path, rows[chosen], levels[chosen])
+            roots[chosen] = narrowed_roots(of_rows, low[chosen], high[chosen], at_low[chosen])
+
+        # a jump passes all levels at one instant, which the first and the last one of them show
+        is_first = np.diff(rows * times.size + places, prepend=-1) != 0
+        cell, is_last = np.cumsum(is_first) - 1, np.r_[is_first[1:], np.ones(min(rows.size, 1), bool)]
+        narrow(loose & (is_first | is_last))
+        jumps = np.abs(roots[is_last] - roots[is_first]) <= SAME_INSTANT * (high - low)[is_first]
+        at_jump = loose & jumps[cell]
+        roots[at_jump] = roots[is_first][cell[at_jump]]
+        narrow(loose & ~at_jump & ~is_first & ~is_last)
+        rows_at, places_at = self._levels.met(values)
         return np.r_[rows, rows_at], np.r_[roots, times[places_at]]
 
     def _turns(
@@ -222,25 +258,28 @@ class UnseenLoads:
         before, middle, after = (values[rows, places + k] for k in range(3))
         half = (times[places + 2] - times[places]) / 2
         durations = np.sqrt(2 / (np.abs(before - 2 * middle + after) / half**2))
-        may_be_beyond = np.abs(middle) <= np.maximum(np.abs(middle - before), np.abs(after - middle))
+        beyond = middle + np.sign(middle - before) * np.maximum(np.abs(middle - before), np.abs(after - middle))
         smooth = rows >= self._count
-        counts = np.where(smooth, durations < longest, may_be_beyond)
+        counts = smooth & (durations < longest)
         lasting = smooth & ~counts & (durations < most)
         shown = times[places[lasting] + 1]
-        rows, places, before, middle, after = (part[counts] for part in (rows, places, before, middle, after))
-        smooth, durations = smooth[counts], durations[counts]
-        low, high = times[places], times[places + 2]
-        tops = narrowed_extrema(partial(self._of_rows, path, rows), low, high, np.sign(middle - before))
-        at_top = self._of_rows(path, rows, tops)
-        # a quantity that is beyond zero between two points alone
-        beyond = (np.sign(at_top) * np.sign(middle) < 0) & ~smooth
-        begin, end, at_begin, at_end = np.r_[low, tops], np.r_[tops, high], np.r_[before, at_top], np.r_[at_top, after]
-        inside = np.tile(beyond, 2) & (np.sign(at_begin) * np.sign(at_end) < 0)
-        rows_inside = np.tile(rows, 2)[inside]
-        at_rows = partial(self._of_rows, path, rows_inside)
-        roots_inside = narrowed_roots(at_rows, begin[inside], end[inside], at_begin[inside])
-        tops, durations = tops[smooth], self._lasting(path, rows[smooth], tops[smooth], durations[smooth], longest)
-        return np.r_[tops, shown], np.r_[durations, np.zeros(shown.size)], rows_inside, roots_inside
+        low, high, sign = times[places], times[places + 2], np.sign(middle - before)
+        chosen, at = rows[counts], (low[counts], high[counts], sign[counts])
+        tops = narrowed_extrema(self._of_rows(path, chosen), *at)
+        durations = self._lasting(path, chosen, tops, durations[counts], longest)
+        # a quantity that is beyond a level between two points alone
+        turning, levels = self._levels.between(rows[~smooth], middle[~smooth], beyond[~smooth])
+        own = np.flatnonzero(~smooth)[turning]
+        rows, low, high, sign, before, after = (part[own] for part in (rows, low, high, sign, before, after))
+        of_rows = self._of_rows(path, rows, levels)
+        summits = narrowed_extrema(of_rows, low, high, sign)
+        at_top = of_rows(summits[:, None])[:, 0]
+        begin, end = np.r_[low, summits], np.r_[summits, high]
+        at_begin, at_end = np.r_[before - levels, at_top], np.r_[at_top, after - levels]
+        inside = np.tile(at_top * sign > 0, 2) & (np.sign(at_begin) * np.sign(at_end) < 0)
+        rows, levels = np.tile(rows, 2)[inside], np.tile(levels, 2)[inside]
+        roots = narrowed_roots(self._of_rows(path, rows, levels), begin[inside], end[inside], at_begin[inside])
+        return np.r_[tops, shown], np.r_[durations, np.zeros(shown.size)], rows, roots
 
     def _lasting(
         self, path: Path, rows: np.ndarray, tops: np.ndarray, durations: np.ndarray, longest: float
@@ -249,12 +288,12 @@ class UnseenLoads:
 
         What is flatter than a parabola lasts longer, a narrow valley in a quantity that hardly changes beside it less.
         """
-        durations, at_top = durations.copy(), self._of_rows(path, rows, tops)
+        durations, at_top = durations.copy(), self._of_rows(path, rows)(tops)
         grown, shrunk = (np.zeros(rows.size, bool) for _ in range(2))
         active = np.arange(rows.size)
         for _ in range(MOST_DOUBLINGS):
             beside = tops[active, None] + durations[active, None] * np.array([-1.0, 1.0])
-            change = np.max(np.abs(self._of_rows(path, rows[active], beside) - at_top[active, None]), axis=1)
+            change = np.max(np.abs(self._of_rows(path, rows[active])(beside) - at_top[active, None]), axis=1)
             too_short = (change < 0.5) & ~shrunk[active] & (durations[active] < longest)
             too_long = (change > 2.0) & ~grown[active]
             grown[active], shrunk[active] = grown[active] | too_short, shrunk[active] | too_long
@@ -264,67 +303,96 @@ class UnseenLoads:
                 break
         return durations
 
-    def _of_rows(self, path: Path, rows: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """Quantities, each at one time or at several, of the shape of the times (k,) or (k, m)."""
-        if not times.size:
-            return np.zeros(times.shape)
-        rows = np.repeat(rows, times.size // rows.size)
-        values = self._at(path, np.clip(times.ravel(), *self._reach(path)))[rows, np.arange(times.size)]
-        return values.reshape(times.shape)
+    def _of_rows(self, path: Path, rows: np.ndarray, levels: np.ndarray | float = 0.0) -> Functions:
+        """Return quantities less levels, each at one time or at several, of the shape of the times (k,) or (k, m)."""
+
+        def at(times: np.ndarray) -> np.ndarray:
+            if not times.size:
+                return np.zeros(times.shape)
+            repeated = np.repeat(rows, times.size // rows.size)
+            values = self._at(path, np.clip(times.ravel(), *self._reach(path)))[repeated, np.arange(times.size)]
+            below: np.ndarray = np.reshape(levels, (-1, *(1,) * (times.ndim - 1)))
+            return values.reshape(times.shape) - below
+
+        return at
 
     # --- what the steps missed --------------------------------------------------------------
     def _suspects(
-        self, path: Path, instants: np.ndarray, durations: np.ndarray, limits: np.ndarray
+        self,
+        path: Path,
+        instants: np.ndarray,
+        durations: np.ndarray,
+        limits: np.ndarray,
+        *,
+        closely: bool = True,
     ) -> list[UnseenLoad]:
-        """Intervals with instants of a load in which the change of the state is not the integral of its rates."""
+        """Intervals with instants of a load in which the change of the state is not the integral of its rates.
+
+        Parameters
+        ----------
+        closely : bool
+            False for a first look, at fewer points.
+        """
         smooth = np.isfinite(durations)
         around = (instants[smooth, None] + durations[smooth, None] * AROUND).ravel()
         # a load may be zero at both of the switches between which it acts, and steps from one to the other miss it
         switches = np.unique(instants[~smooth])
         gaps = np.diff(switches)
-        short = gaps < np.max(np.diff(path.times))
+        short = (gaps < np.max(np.diff(path.times))) & closely
         between = (switches[:-1, None] + gaps[:, None] * BETWEEN)[short].ravel()
         marks = np.concatenate([instants, around, between])
         rounding = SAME_INSTANT * float(np.max(np.diff(path.times)))
         marks = np.unique(marks[(marks > path.times[0] - rounding) & (marks < path.times[-1] + rounding)])
         # a mark at an output belongs to the intervals on both sides of it: a load may fill one from end to end
-        near = np.r_[marks - rounding, marks + rounding]
-        intervals = np.unique(np.clip(np.searchsorted(path.times, near, side="right") - 1, 0, path.times.size - 2))
-        stops = []
-        for k in intervals:
-            start, end = float(path.times[k]), float(path.times[k + 1])
-            inside = marks[(marks > start + rounding) & (marks < end - rounding)]
-            inside = inside[np.diff(inside, prepend=start) > rounding] if inside.size else inside
-            stops.append(np.r_[inside, end])
-        missed = self._missed(path, intervals, stops, limits)
-        return [UnseenLoad(int(intervals[k]), stops[k]) for k in np.flatnonzero(missed)]
+        before, behind = (
+            np.clip(path.times.searchsorted(x, "right") - 1, 0, path.times.size - 2)
+            for x in (marks - rounding, marks + rounding)
+        )
+        intervals = np.unique(np.r_[before, behind])
+        inside = (marks > path.times[before] + rounding) & (marks < path.times[before + 1] - rounding)
+        inside &= np.diff(marks, prepend=-np.inf) > rounding
+        ends, owners = np.r_[marks[inside], path.times[intervals + 1]], np.r_[before[inside], intervals]
+        order = np.argsort(ends)
+        ends, owners = ends[order], owners[order]
+        missed = self._missed(path, owners, ends, limits, _FOUR if closely else _TWO)
+        return [UnseenLoad(int(k), ends[owners == k]) for k in missed]
 
-    def _missed(self, path: Path, intervals: np.ndarray, stops: list[np.ndarray], limits: np.ndarray) -> np.ndarray:
-        """True for intervals in which the change of the state is not the integral of its rates (k,).
+    def _missed(
+        self,
+        path: Path,
+        owners: np.ndarray,
+        ends: np.ndarray,
+        limits: np.ndarray,
+        rule: tuple[np.ndarray, np.ndarray] = _FOUR,
+    ) -> np.ndarray:
+        """Intervals in which the change of the state is not the integral of its rates (n,).
 
         Parameters
         ----------
-        stops : list of numpy.ndarray
-            Ends of the parts of each interval over which its rates are smooth.
+        owners, ends : numpy.ndarray
+            Intervals in increasing order, and ends of the parts over which the rates are smooth, the last one of each
+            interval its end (k,).
+        rule : tuple of numpy.ndarray
+            Nodes and weights over each part.
         """
-        if not intervals.size:
-            return np.zeros(0, bool)
-        owner = np.repeat(np.arange(intervals.size), [part.size for part in stops])
-        begins = np.concatenate([np.r_[path.times[k], part[:-1]] for k, part in zip(intervals, stops, strict=True)])
-        lengths = np.concatenate(stops) - begins
-        rates = self._rates(path, (begins[:, None] + lengths[:, None] * _NODES).ravel())
-        integral = np.zeros((intervals.size, rates.shape[1]))
-        shares = (lengths[:, None] * _WEIGHTS).ravel()
-        np.add.at(integral, np.repeat(owner, _NODES.size), rates * shares[:, None])
-        change = np.diff(path.x[:, self._numeric.eom.q.numel() :], axis=0)[intervals]
-        missed: np.ndarray = ~np.all(np.abs(change - integral) <= limits, axis=1)
+        if not owners.size:
+            return owners
+        nodes, weights = rule
+        is_first = np.diff(owners, prepend=-1) > 0
+        begins = np.where(is_first, path.times[owners], np.r_[0.0, ends[:-1]])
+        lengths = ends - begins
+        rates = self._rates(path, (begins[:, None] + lengths[:, None] * nodes).ravel())
+        rates *= (lengths[:, None] * weights).ravel()[:, None]
+        integral = np.add.reduceat(rates, nodes.size * np.flatnonzero(is_first))
+        change = np.diff(path.x[:, self._numeric.eom.q.numel() :], axis=0)[owners[is_first]]
+        missed: np.ndarray = owners[is_first][~np.all(np.abs(change - integral) <= limits, axis=1)]
         return missed
 
     def _from_its_begin(self, path: Path, load: UnseenLoad, limits: np.ndarray) -> UnseenLoad:
         """The load from the first of the intervals before it that the steps passed over just as well."""
         before = np.arange(load.interval)
-        missed = self._missed(path, before, list(path.times[1 : load.interval + 1, None]), limits)
-        first = int(np.max(before[~missed], initial=-1)) + 1
+        missed = self._missed(path, before, path.times[1 : load.interval + 1], limits)
+        first = int(np.max(np.setdiff1d(before, missed), initial=-1)) + 1
         return UnseenLoad(first, np.r_[path.times[first + 1 : load.interval + 1], load.stops])
 
     def _rates(self, path: Path, times: np.ndarray) -> np.ndarray:
@@ -357,22 +425,32 @@ def _duration(load: np.ndarray, spacing: float) -> float:
 
 
 class _Quantities:
-    """Quantities of a motion at whose zeros the equations switch, and at whose zeros or extrema loads pass quickly.
+    """Quantities of a motion at whose levels the equations switch, and at whose zeros or extrema loads pass quickly.
 
-    Contacts, stops and smoothed friction are left out: these are watched by :class:`~.resolution.Resolution`.
+    Contacts, stops and smoothed friction are left out: these are watched by :class:`~.resolution.Resolution`. What is
+    compared with many numbers, as the argument of a spline, is one quantity.
 
     Attributes
     ----------
     switches, number : int
         Number of those that switch, which come first, and of all.
+    levels : Levels
+        Their levels: the numbers that they are compared with, and zero for what passes quickly.
     function : Evaluator
         ``(t, q, v, z, p) ->`` their values (number,).
     """
 
     def __init__(self, eom: Equations, signals: Signals, integrands: ca.SX | None):
         switches, transients = state_quantities(eom, signals, integrands)
-        column = ca.vertcat(ca.SX(0, 1), *switches, *transients)
-        self.switches, self.number = len(switches), column.numel()
+        levels = defaultdict[int, list[float]](list)
+        quantities: dict[int, ca.SX] = {}
+        for switch in switches:
+            quantity, level = as_level(switch)
+            quantities[quantity.element_hash()] = quantity
+            levels[quantity.element_hash()].append(level)
+        self.levels = Levels([levels[key] for key in quantities] + [[0.0]] * len(transients))
+        column = ca.vertcat(ca.SX(0, 1), *quantities.values(), *transients)
+        self.switches, self.number = len(quantities), column.numel()
         known = [eom.t, eom.q, eom.v, eom.z, eom.p]
         self.function = Evaluator(ca.Function("quantities", known, [ca.densify(column)]))
 
