@@ -214,6 +214,14 @@ def force() -> mbd.Mechanism:
 
 
 @scene
+def mass_flow() -> mbd.Mechanism:
+    fuel = mbd.StateVariable("fuel", 60.0)
+    rocket = mbd.Body("rocket", 40.0 + fuel, 10.0, pose=(0, 0.5, -0.3), shape=mbd.Rectangle(0.14, 0.7))
+    jet = mbd.MassFlow("jet", rocket.at(0, -0.35), rate=-2.0, velocity=(0, -2500.0))
+    return mbd.Mechanism([rocket], forces=[jet], states={fuel: -2.0})
+
+
+@scene
 def tsda() -> mbd.Mechanism:
     block = box("b", (0.9, 0, 0))
     spring = mbd.TSDA("spring", mbd.ground.at(0, 0), block.at(-0.15, 0), stiffness=100, free_length=0.7, damping=3)

@@ -49,6 +49,7 @@ from .model.forces.field import FieldForce, Gravity
 from .model.forces.friction.joint_friction import JointFriction, LoadIndependentFriction
 from .model.forces.friction.laws import Coulomb, DryFriction, FrictionLaw, LuGre, Resistance, Stribeck, Viscous
 from .model.forces.laws import HuntCrossley, hertz_stiffness
+from .model.forces.mass_flow import MassFlow
 from .model.forces.motors import DCMotor
 from .model.forces.springs import RSDA, TSDA, Bushing, DataLaw
 from .model.forces.stops import EndStop
@@ -211,7 +212,7 @@ __all__ = [
     "HollowCircle", "HuntCrossley", "HydraulicCylinder",
     "IdentificationError", "Input", "Integrator", "IntegratorStep", "Interrupted", "Joint", "JointFriction",
     "KnifeEdge", "LinearFeedback", "LinearModel", "Linkage", "Linkages", "LoadIndependentFriction", "LuGre", "Marker",
-    "Mechanism",
+    "MassFlow", "Mechanism",
     "MechanismError", "MechanismWarning", "ModelError", "MotionProgram", "NonholonomicConstraint", "OneWayClutch",
     "OptimalControlProblem", "OptimizationError", "PIController", "Parameter", "Phase", "Point", "PointOnCurve",
     "PointOnLine", "Polygon", "PolygonEdges", "Proposal", "Pulley", "RackAndPinion", "Reachability", "Reaction",

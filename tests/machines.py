@@ -106,6 +106,15 @@ def on_slide(force_of):
     return machine([block], [guide], guide.displacement, 0.05, [force_of(block, guide)])
 
 
+def wagon():
+    """An open wagon under a hopper that stands still."""
+    sand = mbd.StateVariable("sand")
+    wagon = mbd.Body("wagon", mass=2.0 + sand, inertia=0.1)
+    guide = mbd.Translational("guide", GROUND.at(0, 0), wagon.at(0, 0))
+    hopper = mbd.MassFlow("hopper", wagon.at(0, 0.1), 0.5, (-wagon.vx, -1.0), frame="global")
+    return machine([wagon], [guide], guide.displacement, 0.5, [hopper], states={sand: 0.5})
+
+
 def field():
     """A rod in a field that grows with the height."""
     rod = mbd.Body.from_shape("rod", mbd.Rod(1.0), mass=2.0)
@@ -213,6 +222,7 @@ MACHINES = {
             "spring", GROUND.at(-0.3, 0), b.at(0, 0), law=mbd.DataLaw([-0.1, 0, 0.05, 0.1], [-50, 0, 20, 60], free=0.3)
         )
     ),
+    "MassFlow": wagon,
     "FieldForce": field,
     "DCMotor": motor,
     "Actuator": jib,

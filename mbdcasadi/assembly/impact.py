@@ -74,15 +74,17 @@ def impact(
     p = parameter_vector(eom, carried["parameters"] | mapping_of(parameters, "parameters="))
     numeric = NumericEquations(eom, p)
     law = ImpactLaw(eom, read_restitution(restitution, "impact"))
-    q, jump = pose_and_jump(numeric, law, state, f"impact at t = {state.t:.6g} s")
     z = np.array([state[x] if state.equations.contains(x) else x.value for x in mechanism.states])
+    q, jump = pose_and_jump(numeric, law, state, z, f"impact at t = {state.t:.6g} s")
     signals = read_signals(eom, inputs, carried=carried["inputs"])
     s = complete_state(numeric, signals, state.t, q, jump.v, z)
     values = (s.q, s.v, s.a, s.z, s.lam, s.inputs, s.parameters)
     return State(mechanism, s.t, *values, s.obstacle, law.by_joint(jump.impulses))
 
 
-def pose_and_jump(numeric: NumericEquations, law: ImpactLaw, before: State, what: str) -> tuple[np.ndarray, Jump]:
+def pose_and_jump(
+    numeric: NumericEquations, law: ImpactLaw, before: State, z: np.ndarray, what: str
+) -> tuple[np.ndarray, Jump]:
     """Return the pose on the constraints of a new mechanism, and the velocities and impulses there.
 
     Parameters
@@ -93,6 +95,8 @@ def pose_and_jump(numeric: NumericEquations, law: ImpactLaw, before: State, what
         Its law of impact.
     before : State
         Just before.
+    z : numpy.ndarray
+        First-order states of the new mechanism.
     what : str
         Event and time, for messages.
 
@@ -103,7 +107,7 @@ def pose_and_jump(numeric: NumericEquations, law: ImpactLaw, before: State, what
     """
     q, v = _carried(numeric, before, what)
     q = _closed(numeric, law, before.t, q, what)
-    jump = law.solve(numeric, before.t, q, v)
+    jump = law.solve(numeric, before.t, q, v, z)
     if largest(jump.left_over) > NEGLIGIBLE * (1 + largest(jump.v) + largest(v)):
         worst = law.row_names[int(np.argmax(np.abs(jump.contradiction)))]
         raise SimulationError(

@@ -92,10 +92,11 @@ def _implicit(eom: Equations, stem: str) -> list[Tape]:
         eom.Phi_q @ eom.v - eom.nu,
         eom.Phi_q @ eom.a - eom.gamma,
     )
+    changes = ca.depends_on(eom.mass_diagonal, eom.z)
     whole = dict(zip(_NAMES, eom.symbols, strict=True))
     slopes = {f"r_{name}": ca.jacobian(residual, whole[name]) for name in _NAMES[1:6]}
     return [
-        _tape(f"{stem}_mass_matrix", {"p": eom.p}, {"M": eom.M}),
+        _tape(f"{stem}_mass_matrix", {"z": eom.z, "p": eom.p} if changes else {"p": eom.p}, {"M": eom.M}),
         _tape(
             f"{stem}_constraints",
             {"t": eom.t, "q": eom.q, "p": eom.p},

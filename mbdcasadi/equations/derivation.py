@@ -287,13 +287,18 @@ class Equations:
         """The inputs' own values."""
         return np.array([u.value for u in self.mechanism.inputs])
 
-    def masses(self, p: np.ndarray) -> np.ndarray:
-        """Diagonal of M as numbers (n,)."""
+    @cached_property
+    def own_masses(self) -> ca.SX:
+        """Diagonal of M at the states' own values (n,), a metric of masses that change, as an expression in p."""
+        return ca.substitute(self.mass_diagonal, self.z, ca.DM(self.estimate[2]))
+
+    def masses(self, p: np.ndarray, z: np.ndarray | None = None) -> np.ndarray:
+        """Diagonal of M as numbers (n,), by default at the states' own values."""
 
         def make() -> Evaluator:
-            return Evaluator(ca.Function("masses", [self.p], [ca.densify(self.mass_diagonal)]))
+            return Evaluator(ca.Function("masses", [self.z, self.p], [ca.densify(self.mass_diagonal)]))
 
-        return self.shared.get_or_create("masses", make)(p)[0].ravel()
+        return self.shared.get_or_create("masses", make)(self.estimate[2] if z is None else z, p)[0].ravel()
 
     # --- compiled functions -----------------------------------------------------------
     @symbolic

@@ -43,7 +43,9 @@ class Jump:
     dependent: tuple[int, ...]
 
 
-def jump(numeric: NumericEquations, jacobian: np.ndarray, right: np.ndarray, v: np.ndarray) -> Jump:
+def jump(
+    numeric: NumericEquations, jacobian: np.ndarray, right: np.ndarray, v: np.ndarray, z: np.ndarray | None = None
+) -> Jump:
     """Solve ``M (v⁺ - v⁻) + J^T Λ = 0``, ``J v⁺ = b``, also if J has dependent rows or M zeros on its diagonal.
 
     Of rows that depend on each other the first ones bear the impulses.
@@ -56,12 +58,14 @@ def jump(numeric: NumericEquations, jacobian: np.ndarray, right: np.ndarray, v: 
         Rows J (k, n) and right sides b (k,).
     v : numpy.ndarray
         Velocities before (n,).
+    z : numpy.ndarray, optional
+        First-order states, for masses that change with them; by default their own values.
 
     References
     ----------
     Haug 1989, section 6.6; Pfeiffer and Glocker, *Multibody Dynamics with Unilateral Contacts*, 1996, chapter 6.
     """
-    system = _ImpulseSystem(numeric, jacobian)
+    system = _ImpulseSystem(numeric, jacobian, z)
     step, impulses = system.solve(np.zeros((v.size, 1)), (right - jacobian @ v)[:, None])
     after, impulses, dependent = v + step[:, 0], impulses[:, 0], system.dependent
     left_over = jacobian @ after - right
@@ -70,16 +74,16 @@ def jump(numeric: NumericEquations, jacobian: np.ndarray, right: np.ndarray, v: 
 
 
 def impulse_response(
-    numeric: NumericEquations, jacobian: np.ndarray, rows: np.ndarray
+    numeric: NumericEquations, jacobian: np.ndarray, rows: np.ndarray, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return ``Δv`` (n, k) and Λ (m, k) by unit impulses along rows g (k, n): ``M Δv + J^T Λ = g^T``, ``J Δv = 0``."""
-    return _ImpulseSystem(numeric, jacobian).solve(rows.T, np.zeros((len(jacobian), len(rows))))
+    return _ImpulseSystem(numeric, jacobian, z).solve(rows.T, np.zeros((len(jacobian), len(rows))))
 
 
 class _ImpulseSystem:
     """``M Δv + J^T Λ = P``, ``J Δv = b``, of which the first of dependent rows bear the impulses."""
 
-    def __init__(self, numeric: NumericEquations, jacobian: np.ndarray):
+    def __init__(self, numeric: NumericEquations, jacobian: np.ndarray, z: np.ndarray | None):
         # in these units masses and rows are near one, whatever the size of the mechanism
         self._sizes, self._unit = numeric.column_scale, numeric.largest_mass
         self._lengths = row_lengths(jacobian * self._sizes)
@@ -87,7 +91,7 @@ class _ImpulseSystem:
         self.dependent = dependent_rows(rows)
         self._kept = [k for k in range(len(rows)) if k not in set(self.dependent)]
         independent, zero = rows[self._kept], np.zeros((len(self._kept), len(self._kept)))
-        mass = np.diag(numeric.mass * self._sizes**2 / self._unit)
+        mass = np.diag(numeric.eom.masses(numeric.p, z) * self._sizes**2 / self._unit)
         self._matrix = np.block([[mass, independent.T], [independent, zero]])
 
     def solve(self, impulses: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -190,7 +194,9 @@ class ImpactLaw:
         """Return impulses by joint, from those of all rows (k,)."""
         return _split([*dict.fromkeys(self.eom.row_elements), *self.restitution], impulses)
 
-    def solve(self, numeric: NumericEquations, t: float, q: np.ndarray, v: np.ndarray) -> Jump:
+    def solve(
+        self, numeric: NumericEquations, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray | None = None
+    ) -> Jump:
         """Return the velocities just after the impact at a pose.
 
         Parameters
@@ -201,6 +207,8 @@ class ImpactLaw:
             Time, s.
         q, v : numpy.ndarray
             Pose, and velocities just before (n,).
+        z : numpy.ndarray, optional
+            First-order states, for masses that change with them; by default their own values.
         """
         eom = self.eom
         key = ("impact", *((joint, float(e)) for joint, e in self.restitution.items()))
@@ -211,7 +219,7 @@ class ImpactLaw:
             ),
         )
         jacobian, right = (part.full() for part in function(t, q, v, numeric.p))
-        return jump(numeric, jacobian, right.ravel(), v)
+        return jump(numeric, jacobian, right.ravel(), v, z)
 
 
 def impulses_of(element: Any) -> ca.SX:

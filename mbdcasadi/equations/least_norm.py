@@ -36,7 +36,7 @@ def norm_of_multipliers(eom: Equations, weights: np.ndarray | None) -> ca.SX:
     """
     if weights is not None:
         return sizes_by_levers(eom, weights)
-    return row_sizes(ca.sum2(eom.Phi_q**2 @ ca.diag(1 / eom.mass_diagonal)), eom.angular_rows)
+    return row_sizes(ca.sum2(eom.Phi_q**2 @ ca.diag(1 / eom.own_masses)), eom.angular_rows)
 
 
 def sizes_by_levers(eom: Equations, weights: np.ndarray) -> ca.SX:

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import casadi as ca
 import numpy as np
 
-from ..errors import NOT_FINITE, ModelError, SingularityError
+from ..errors import NOT_FINITE, MechanismError, ModelError, SingularityError
 from ..model.forces.friction.modes import switches
 from ..numerics.console import call_each
 from ..numerics.evaluation import Evaluator
@@ -85,7 +85,7 @@ class NumericEquations:
         if not np.any(self.mass > 0):
             return ca.SX(ca.DM(self.weights))
         sizes = ca.DM(self.scale.coordinates)
-        alike = self.eom.mass_diagonal * sizes**2
+        alike = self.eom.own_masses * sizes**2
         return ca.fmax(alike, SMALLEST_WEIGHT * ca.mmax(alike)) / sizes**2
 
     @cached_property
@@ -119,6 +119,18 @@ class NumericEquations:
             body *= max(1.0, least * most / heaviest) if heaviest > 0 else 1.0
             np.maximum(body, least * max(heaviest, least * most), out=body)
         return np.concatenate(bodies)
+
+    @cached_property
+    def mass_of_impulses(self) -> np.ndarray:
+        """Masses of derivatives through impacts (n,); raises an error if they change with states."""
+        changes = ca.which_depends(self.eom.mass_diagonal, self.eom.z, 1, True) if self.eom.z.numel() else []
+        if any(changes):
+            name = self.eom.mechanism.bodies[changes.index(True) // 3].name
+            raise MechanismError(
+                f"body '{name}': its mass or inertia changes with a state, and derivatives of a motion through impacts "
+                "take those that do not; use Contact with a stiffness, or a constant mass"
+            )
+        return self.mass
 
     @cached_property
     def massless(self) -> bool:

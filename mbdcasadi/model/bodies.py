@@ -32,9 +32,10 @@ class Body(Immutable, HoldsSymbols, HasQuantities):
     ----------
     name : str
         Its name, unique in the mechanism.
-    mass : float or expression in parameters
-        Mass, kg; may be zero if the joints determine the translation.
-    inertia : float or expression in parameters
+    mass : float or expression in parameters and states
+        Mass, kg; may be zero if the joints determine the translation. One that changes with states has a
+        :class:`MassFlow` for what leaves and enters.
+    inertia : float or expression in parameters and states
         Moment of inertia ``J'`` about the centre of mass, kg m²; may be zero if the joints determine the rotation.
     pose : (float, float, float), default (0, 0, 0)
         Estimate of ``x, y`` (m) and ``phi`` (rad). A warning is given for an angle that seems to be in degrees.

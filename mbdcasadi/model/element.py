@@ -49,6 +49,8 @@ class Element(Immutable, HoldsSymbols, HasQuantities):
         ``δW = force · δdisplacement``; both expressions of the same size.
     rates : dict of StateVariable to casadi.SX
         Rates of first-order states that the element owns.
+    mass_rates : tuple of (Body, casadi.SX) pairs
+        Mass that it brings to bodies, kg/s; their masses must change by the sum.
     potential : casadi.SX
         Potential energy, J, of forces that have one.
     external : bool
@@ -82,6 +84,7 @@ class Element(Immutable, HoldsSymbols, HasQuantities):
     coordinates: tuple = ()
     virtual_work: tuple[tuple[ca.SX, ca.SX], ...] = ()
     rates: Mapping[Any, ca.SX] = MappingProxyType({})
+    mass_rates: tuple[tuple[Body, ca.SX], ...] = ()
     potential: ca.SX = ca.SX(0)
     external: bool = False
     validity_conditions: tuple[ValidityCondition, ...] = ()
@@ -107,7 +110,14 @@ class Element(Immutable, HoldsSymbols, HasQuantities):
     def expressions(self) -> list[ca.SX]:
         """Expressions that enter the equations, for the check of their symbols."""
         pairs = [as_sx(part) for pair in self.virtual_work for part in pair]
-        return [self.rows, self.velocity_rows, *pairs, as_sx(self.potential), *self.rates.values()]
+        return [
+            self.rows,
+            self.velocity_rows,
+            *pairs,
+            as_sx(self.potential),
+            *self.rates.values(),
+            *(rate for _, rate in self.mass_rates),
+        ]
 
     def acting_on(self, bodies: Sequence[Body]) -> Element:
         """Return the element of a mechanism with these bodies (gravity acts on all of them)."""

@@ -6,15 +6,18 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from ..errors import ExpressionError, ModelError
 from ..numerics.lazy import cached_property
+from ..numerics.tolerances import NEGLIGIBLE
 from .bodies import Body
 from .cache import Cache
 from .drivers import Driver
 from .element import ConstraintElement, Element
 from .immutable import HoldsSymbols, Immutable
 from .quantities import Limit, entries, listed, quantity, refuse_unknown
+from .rates import time_derivative
 from .symbols import (
     Coordinate,
     Input,
@@ -28,6 +31,7 @@ from .symbols import (
     t,
     varying_in,
 )
+from .texts import text_of
 
 
 class Mechanism(Immutable, HoldsSymbols):
@@ -107,6 +111,7 @@ class Mechanism(Immutable, HoldsSymbols):
         self._check_names()
         self._check_connections()
         self._check_symbols()
+        self._check_masses()
         self.values = self._checked_values(values)
         self.cache = Cache()
 
@@ -170,9 +175,26 @@ class Mechanism(Immutable, HoldsSymbols):
                     raise ExpressionError(self._stray(symbol, what))
         for body in self.bodies:
             for name, value in (("mass", body.mass), ("inertia", body.inertia)):
-                if varying := varying_in(value):
-                    raise ExpressionError(
-                        f"{body.description}: {name} may contain parameters only, not {describe(varying[0])}"
+                for symbol in varying_in(value):
+                    role = role_of(symbol)
+                    if role is None or role.kind != "state":
+                        raise ExpressionError(
+                            f"{body.description}: {name} may contain parameters and states only, not {describe(symbol)}"
+                        )
+
+    def _check_masses(self) -> None:
+        """Refuse a body whose mass changes by something else than what flows into it and out of it."""
+        flows: dict[Body, ca.SX] = {}
+        for element in self.elements:
+            for body, rate in getattr(element, "mass_rates", ()):
+                flows[body] = flows.get(body, ca.SX(0)) + rate
+        for body in self.bodies:
+            if body in flows or varying_in(body.mass):
+                change, flow = time_derivative(body.mass, self), flows.get(body, ca.SX(0))
+                if not _are_equal(change, flow):
+                    raise ModelError(
+                        f"{body.description}: its mass changes by {text_of(change)} kg/s, and its flows bring "
+                        f"{text_of(flow)} kg/s; make each flow a MassFlow, and give states in mass= rates that agree"
                     )
 
     @staticmethod
@@ -357,3 +379,12 @@ def _find(parts: Sequence[Any], name: str, kind: str) -> Any:
         if isinstance(name, str) and part.name == name:
             return part
     raise ModelError(f"there is no {kind} {name!r}; there are {', '.join(repr(p.name) for p in parts) or 'none'}")
+
+
+def _are_equal(one: ca.SX, other: ca.SX) -> bool:
+    """Return True if two scalar expressions have the same values at random places."""
+    symbols = ca.vertcat(ca.SX(0, 1), *symbols_of(ca.vertcat(one, other)))
+    places = np.random.default_rng(0).uniform(0.5, 1.5, (symbols.numel(), 5))
+    values = ca.Function("both", [symbols], [ca.densify(ca.vertcat(one, other))])(places).full()
+    apart = np.abs(values[0] - values[1]) <= NEGLIGIBLE * (1 + np.abs(values[0]))
+    return bool(np.all(apart | ~np.all(np.isfinite(values), axis=0)))

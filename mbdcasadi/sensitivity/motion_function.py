@@ -190,7 +190,7 @@ class _Walk:
         delta = (border - w[first]) / rates[first]
         y = y + before * delta
         if cut.impulse:
-            n, mass = system.numeric.eom.q.numel(), system.numeric.mass
+            n, mass = system.numeric.eom.q.numel(), system.numeric.mass_of_impulses
             weights = ca.DM(np.where(mass > 0, mass, system.numeric.weights))
             v = y[n : 2 * n]
             for _ in range(2):  # the second step removes the regularisation of the first

@@ -295,6 +295,7 @@ class _Change:
         v_before = np.zeros(n)
         v_before[self._going_on] = self._instant.x[n_old + self._places]
         q = following.x0[:n]
+        _ = following.motion.numeric.mass_of_impulses  # raises if masses change
         jump = law.solve(following.motion.numeric, time, q, v_before)
         kept = [k for k in range(law.impulses.numel()) if k not in set(jump.dependent)]
         rows = ca.vertcat(law.momentum, law.velocity[kept])

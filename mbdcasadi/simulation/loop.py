@@ -460,7 +460,7 @@ class Run:
         q, v, z = (part[0] for part in self._arc.stepper.outputs.split(self._x[None, :]))
         jacobian, nu = self._arc.numeric.velocity(after, q)
         if nu.size:
-            self._x = np.r_[q, jump(self._arc.numeric, jacobian, nu, v).v, z]
+            self._x = np.r_[q, jump(self._arc.numeric, jacobian, nu, v, z).v, z]
         self._arc.trail.begin(self._time, self._x)
         self._builder.enter(self._time, self._x, self._arc.mode)
 

@@ -368,7 +368,8 @@ class Statics:
         n, k = self.n, self.k
         _, jacobian = self._at_rest(x)
         by_velocity = self._by_velocity(x, self.t, self.numeric.p[self._known_p]).full()
-        inertia = np.vstack([-self.eom.masses(self.parameters(x))[:, None] * basis, np.zeros((k, basis.shape[1]))])
+        masses = self.eom.masses(self.parameters(x), self.split(x)[1])
+        inertia = np.vstack([-masses[:, None] * basis, np.zeros((k, basis.shape[1]))])
         # forces and rates by displacements, velocities, accelerations and states; multipliers follow
         moving = np.vstack([jacobian[:n], jacobian[self.rates]])
         sources = np.hstack([moving[:, :n] @ basis, by_velocity @ basis, inertia, moving[:, n : n + k]])

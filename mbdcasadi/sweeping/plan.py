@@ -96,9 +96,9 @@ class Plan:
 
     def _report_unlike_masses(self) -> None:
         eom = self.setup.eom
-        if not ca.depends_on(eom.mass_diagonal, eom.p):
+        if not ca.depends_on(eom.own_masses, eom.p):
             return
-        masses = ca.Function("masses", [eom.p], [ca.densify(eom.mass_diagonal)])(ca.DM(self.p.T)).full().T
+        masses = ca.Function("masses", [eom.p], [ca.densify(eom.own_masses)])(ca.DM(self.p.T)).full().T
         with np.errstate(divide="ignore", invalid="ignore"):
             ratios = masses / masses[0]
         ratios = ratios[np.isfinite(ratios) & (ratios > 0)]

@@ -56,6 +56,7 @@ def forces(a: mbd.Marker, b: mbd.Marker, pin: mbd.Joint) -> list[mbd.Element]:
     ]  # fmt: skip
     return [
         mbd.Gravity(), mbd.Force("push", b, (tau, 0)), mbd.Torque("motor", b.body, tau),
+        mbd.MassFlow("jet", b, -k, (0, -9)),
         mbd.GeneralizedForce("load", [(b.x, 3.0), (b.body.phi, tau)]), mbd.TSDA("spring", a, b, stiffness=k),
         mbd.RSDA("torsion", a, b, 5.0), mbd.Bushing("rubber", a, b, (1e4, 2e4)), mbd.Rope("rope", a, b, 1.0, 1e4),
         mbd.EndStop("stop", b.y, hunt), mbd.Cylinder("cylinder", a, b, 0.05), mbd.PIController("pi", b.x, 1.0, 0.5),

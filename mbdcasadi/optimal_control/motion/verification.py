@@ -199,16 +199,16 @@ class Replay:
         numeric = self.solution.phases[change.after.number].numeric
         phase = change.after.phase
         q = Recovery(numeric, redundant=False).positions(np.array([before.t]), before.q[change.here][None, :])[0]
-        collision = change.law.solve(numeric, before.t, q, before.v[change.here])
+        z = np.array([x.value for x in phase.mechanism.states])
+        for k, symbol in enumerate(phase.mechanism.states):
+            place = place_of(symbol, before.mechanism.states)
+            z[k] = z[k] if place is None else before.z[place]
+        collision = change.law.solve(numeric, before.t, q, before.v[change.here], z)
         planned = self.solution.variables[change.index]
         kept = collision.impulses[list(change.setup.independent)]
         size = largest(planned)
         if size > 0:
             self.impulse_error = max(self.impulse_error, largest(kept - planned) / size)
-        z = np.array([x.value for x in phase.mechanism.states])
-        for k, symbol in enumerate(phase.mechanism.states):
-            place = place_of(symbol, before.mechanism.states)
-            z[k] = z[k] if place is None else before.z[place]
         eom = phase.equations
         u = eom.input_values
         recovery = Recovery(numeric, redundant=self.solution.phases[change.after.number].redundant)

@@ -146,11 +146,11 @@ class Change:
         )
         law = ca.Function(
             "law",
-            [eom.t, eom.q, eom.v, self.law.v_before, self.law.impulses, eom.p],
+            [eom.t, eom.q, eom.v, eom.z, self.law.v_before, self.law.impulses, eom.p],
             [self.law.momentum, self.law.velocity, self.law.positions],
         )
-        momentum, velocity, _ = law(old.t, new.q, new.v, v, impulses, p)
-        guards = law(old.t, q, new.v, v, impulses, p)[2]
+        momentum, velocity, _ = law(old.t, new.q, new.v, new.z, v, impulses, p)
+        guards = law(old.t, q, new.v, new.z, v, impulses, p)[2]
         units = tuple("N m s" if angle else "N s" for angle in eom.angles)
         impulse = Rows(momentum, eom.coordinate_names, 0.0, self._momentum_scale, units, RowKind.MOMENTUM)
         of_joints = [going_on, self._guard_rows(guards), impulse, self._velocity_rows(velocity)]
@@ -248,11 +248,11 @@ class Change:
         parts = before.scheme.split_point(point)
         p = self.setup.before.numeric.p
         q, v = before.scheme.eom.states(np.array([time]), parts["q"][None, :], parts["v"][None, :], p)
-        collision = self.law.solve(numeric, time, q[0][self.here], v[0][self.here])
+        z = np.array([s.value if i is None else float(parts["z"][i]) for s, i in self._state_places])
+        collision = self.law.solve(numeric, time, q[0][self.here], v[0][self.here], z)
         x[self.index] = collision.impulses[list(self.setup.independent)]
         if after.phase.is_instant:
             chosen = after.scheme.eom.independent
-            z = [s.value if i is None else float(parts["z"][i]) for s, i in self._state_places]
             state = np.r_[q[0][self.here][chosen], collision.v[chosen], z]
             x[after.point_index(0)[: state.size]] = state
             x[after.time_index] = time

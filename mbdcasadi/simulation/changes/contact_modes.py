@@ -307,7 +307,7 @@ class ContactModes(SwitchingModes):
         gaps, sides, speeds, rates, rows = (self._value(free, e) for e in self._expressions)
         gaps, speeds, rates = gaps.ravel(), speeds.ravel(), rates.ravel()
         jacobian, _ = numeric.velocity(free.t, free.q)
-        response, joints = impulse_response(numeric, jacobian, rows)
+        response, joints = impulse_response(numeric, jacobian, rows, free.z)
         deepest = int(np.argmin(gaps))
         if gaps[deepest] < -float(position_limits(numeric, np.array([False]))[0]):
             site = self.sites[self._contacts[deepest]]

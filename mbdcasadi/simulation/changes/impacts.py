@@ -282,7 +282,7 @@ def jump_to(numeric: NumericEquations, state: State, targets: ca.SX, wanted: np.
     rows, nu = numeric.velocity(state.t, state.q)
     jacobian = np.vstack([rows, np.reshape(state[along], (targets.numel(), -1))])
     right = np.r_[nu, wanted - np.atleast_1d(state[rest])]
-    return jump(numeric, jacobian, right, state.v)
+    return jump(numeric, jacobian, right, state.v, state.z)
 
 
 def instant_of(grid: np.ndarray) -> float:

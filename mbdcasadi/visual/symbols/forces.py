@@ -10,6 +10,7 @@ import numpy as np
 from ...model.forces.applied import Force, Torque
 from ...model.forces.field import FieldForce, Gravity
 from ...model.forces.friction.joint_friction import FrictionInJoint
+from ...model.forces.mass_flow import MassFlow
 from ...model.forces.motors import DCMotor
 from ...model.joints.lower_pairs import Revolute, Translational
 from ..drawing import lines, scene
@@ -19,16 +20,16 @@ from .lower_pairs import rubbing_edge
 from .motions import pivot_of
 
 
-class ForceGlyph(Glyph, of=Force):
+class ForceGlyph(Glyph, of=(Force, MassFlow)):
     """A point where the force acts; the arrow, which is to scale, comes with the loads."""
 
     def draw(self) -> None:
         """Draw the point."""
-        self.pen.dot(self.pen.on(self.element.at))
+        self.pen.dot(self.pen.on(self.element.markers[0]))
 
     def loads(self) -> list[Load]:
         """Return the force, which is drawn in any case."""
-        return [Load(self.element.at, self.element.force, "force", always=True)]
+        return [Load(self.element.markers[0], self.element.force, "force", always=True)]
 
     def tooltip(self) -> dict[str, ca.SX]:
         """Return its components."""
