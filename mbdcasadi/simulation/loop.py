@@ -283,7 +283,7 @@ class Run:
         free = self.modes.numeric(self.modes.free)
         self.redundant = free.has_redundant_rows(state.t, state.q)
         if self.redundant:
-            self.modes.refuse_redundant_rows()
+            self.modes.refuse_redundant_rows(state)
             refuse_redundant_rows(self.integrator, free, state)
         self.transitions.begin()
 

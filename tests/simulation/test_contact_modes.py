@@ -199,6 +199,31 @@ def test_parts_that_do_not_act_on_each_other_are_decided_apart():
     np.testing.assert_allclose([state[floor.normal_force] for floor in floors], G)
 
 
+def test_what_joints_and_contacts_do_apart():
+    """Eight balls at rest, and a slider with a dry guide that none of them acts on."""
+    balls = [mbd.Body(f"ball{k}", mass=1, inertia=0.01, pose=(0.3 * k, 0.1, 0)) for k in range(8)]
+    plane, law = mbd.HalfPlane(mbd.ground.at(0, 0)), mbd.DryFriction(0.3)
+    floors = [mbd.RigidContact(f"floor{b.name}", mbd.Circle(b.at(0, 0), 0.1), plane, law) for b in balls]
+    slider = mbd.Body("slider", mass=1, inertia=0.1, pose=(0, 1, 0))
+    rail = mbd.Translational("rail", mbd.ground.at(0, 1), slider.at(0, 0))
+    rub = mbd.JointFriction("rub", rail, law)
+    state = mbd.assemble(
+        mbd.Mechanism([*balls, slider], [rail], forces=[mbd.Gravity(), *floors, rub]), [slider.vx == 1]
+    )
+    np.testing.assert_allclose([state[floor.normal_force] for floor in floors], G)
+    assert state[slider.ax] == pytest.approx(-0.3 * G)
+
+
+def test_redundant_guides_leave_the_load_of_a_contact_unique():
+    """A body between two guides of one direction comes down on rough ground; the guides cannot bear its weight."""
+    body, up = mbd.Body("body", mass=2, inertia=0.1, pose=(0, 0.1, 0)), np.pi / 2
+    guides = [mbd.Translational(f"guide{x}", mbd.ground.at(x, 0, up), body.at(x, 0, up)) for x in (0, 0.5)]
+    outlines = mbd.Circle(body.at(0, 0), 0.1), mbd.HalfPlane(mbd.ground.at(0, 0))
+    floor = mbd.RigidContact("floor", *outlines, mbd.DryFriction(0.3))
+    state = mbd.assemble(mbd.Mechanism([body], guides, forces=[mbd.Gravity(), floor]))
+    assert state[floor.normal_force] == pytest.approx(2 * G)
+
+
 # --- impacts ------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("mu", "restitution"), [(0.1, 0.6), (1.5, 0.3)])
 def test_oblique_bounce_of_a_rod(mu, restitution):

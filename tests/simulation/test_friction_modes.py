@@ -699,3 +699,17 @@ def test_slow_sliding_beside_a_flywheel_at_a_late_start(begin):
     start = [block.x == 0, block.vx == 0.02, wheel.phi == 0, wheel.omega == 0]
     motion = mbd.simulate(mechanism, begin + np.linspace(0, 0.02, 3), initial=start)
     assert motion.final[block.x] == pytest.approx(0.02**2 / (2 * 0.2 * 9.81), rel=1e-4)
+
+
+@pytest.mark.slow
+def test_frictions_that_do_not_act_on_each_other_are_decided_apart():
+    """Seven blocks on rails at rest have four to the seventh choices; each breaks away by its own push."""
+    blocks = [mbd.Body(f"block{k}", mass=1, inertia=1, pose=(0, k, 0)) for k in range(7)]
+    rails = [mbd.Translational(f"rail{k}", mbd.ground.at(0, k), block.at(0, 0)) for k, block in enumerate(blocks)]
+    rubs = [mbd.JointFriction(f"rub{k}", rail, mbd.DryFriction(0.3)) for k, rail in enumerate(rails)]
+    pushes = [mbd.Force(f"push{k}", b.at(0, 0), (40 * mbd.t * (k + 1), 0)) for k, b in enumerate(blocks)]
+    model = mbd.Mechanism(blocks, rails, forces=[mbd.Gravity(), *rubs, *pushes])
+    motion = mbd.simulate(model, np.linspace(0, 0.08, 2))
+    times = [0.3 * G / 40 / (k + 1) for k in range(7)]
+    assert [event.name for event in motion.events] == [f"rub{k} breaks away" for k in range(6, -1, -1)]
+    np.testing.assert_allclose([event.t for event in motion.events], times[::-1], atol=1e-10)

@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from ...numerics.least_squares import largest
 from ...numerics.tolerances import MET, RANK
 from .events import ROUNDING
-from .friction_modes import FRICTION_TOLERANCE, SENSE
+from .friction_modes import FRICTION_TOLERANCE, NO_EFFECT, SENSE
 
-#: Effect of a force on the motion, relative to that on bodies without joints, below which it has none.
-NO_EFFECT = 1e-12
 #: Difference of a cosine from one below which two places slide together.
 TOGETHER = 1e-12
 #: Steps in which loads that are norms of reactions follow the friction that depends on them.
@@ -74,6 +73,33 @@ class Solution:
         return sum(status in ("sticks", "shares") for status in self.statuses)
 
 
+@dataclass(frozen=True, eq=False)
+class Loads:
+    """Loads of spots without a normal row, by the forces.
+
+    Attributes
+    ----------
+    at : callable
+        ``forces -> (values (s,), slopes (s, r))``.
+    depend : numpy.ndarray of bool
+        Loads that depend on the force of a row (s, r).
+    """
+
+    at: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+    depend: np.ndarray
+
+    def of(self, spots: Sequence[int], rows: Sequence[int]) -> Loads:
+        """Return those of some spots, of which the loads depend on some rows alone."""
+        whole = np.zeros(self.depend.shape[1])
+
+        def at(forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            whole[rows] = forces
+            values, slopes = self.at(whole)
+            return values[spots], slopes[np.ix_(spots, rows)]
+
+        return Loads(at, self.depend[np.ix_(spots, rows)])
+
+
 class Complementarity:
     """``rates = c + D forces``, with the laws of contact and friction at some spots.
 
@@ -85,8 +111,8 @@ class Complementarity:
         Diagonal of D if no joint held the bodies (r,).
     spots : sequence of Spot
         The places.
-    loads : callable, optional
-        ``forces -> (values (s,), slopes (s, r))``: loads of the spots without a normal row.
+    loads : Loads, optional
+        Of the spots without a normal row.
     """
 
     def __init__(
@@ -95,7 +121,7 @@ class Complementarity:
         constant: np.ndarray,
         without_joints: np.ndarray,
         spots: Sequence[Spot],
-        loads: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None,
+        loads: Loads | None = None,
     ):
         self._d, self._c, self._spots, self._loads = matrix, constant, tuple(spots), loads
         self._without_joints = without_joints
@@ -106,21 +132,19 @@ class Complementarity:
         self._cosines = matrix / np.outer(self._unit, self._unit)
 
     def parts(self) -> list[tuple[list[int], list[int]]]:
-        """Spots and rows of the parts that do not act on each other; of forces that loads join there is one part."""
-        if self._loads is not None:
-            return [(list(range(len(self._spots))), list(range(self._c.size)))]
+        """Spots and rows of the parts that do not act on each other, neither by their motion nor by their loads."""
         if not self._spots:
             return []
         joined = (np.abs(self._cosines) > NO_EFFECT) | np.eye(self._c.size, dtype=bool)
-        for spot in self._spots:
+        for k, spot in enumerate(self._spots):
             own = [row for row in (spot.normal, spot.tangent) if row is not None]
+            if self._loads is not None:
+                own += np.flatnonzero(self._loads.depend[k]).tolist()
             joined[np.ix_(own, own)] = True
-        for _ in range(self._c.size.bit_length()):  # also by way of others
-            joined = joined @ joined
-        first = np.argmax(joined, axis=1)
-        of = [int(first[spot.tangent if spot.normal is None else spot.normal]) for spot in self._spots]
+        labels = connected_components(joined, directed=False)[1]
+        of = [int(labels[spot.tangent if spot.normal is None else spot.normal]) for spot in self._spots]
         return [
-            ([k for k, own in enumerate(of) if own == part], np.flatnonzero(first == part).tolist())
+            ([k for k, own in enumerate(of) if own == part], np.flatnonzero(labels == part).tolist())
             for part in dict.fromkeys(of)
         ]
 
@@ -228,7 +252,7 @@ class Complementarity:
         """Loads of all spots (s,), and their slopes (s, r)."""
         count = len(self._spots)
         values, slopes = (
-            (np.zeros(count), np.zeros((count, forces.size))) if self._loads is None else self._loads(forces)
+            (np.zeros(count), np.zeros((count, forces.size))) if self._loads is None else self._loads.at(forces)
         )
         for k, spot in enumerate(self._spots):
             if spot.normal is not None:

@@ -13,7 +13,6 @@ import numpy as np
 from ...assembly.consistent_start import consistent_start, position_limits
 from ...assembly.setup import Setup
 from ...equations import equations
-from ...equations.derivation import why_not_unique
 from ...equations.impact_law import by_element, impulse_response
 from ...errors import ModelError, SimulationError, SingularityError
 from ...model.events import Event
@@ -27,9 +26,9 @@ from ...numerics.least_squares import largest, least_norm
 from ...numerics.tolerances import NEGLIGIBLE, ZERO_VALUE
 from ...results.state import State
 from ...results.trajectory import Trajectory
-from .complementarity import Complementarity, Solution, Spot
+from .complementarity import Complementarity, Loads, Solution, Spot
 from .events import at_rest
-from .friction_modes import SENSE, FrictionModes, SwitchingModes
+from .friction_modes import NO_EFFECT, SENSE, FrictionModes, SwitchingModes
 from .modes import Strike
 
 #: Choices of open, sticking and sliding that are looked at for one instant, at most.
@@ -195,11 +194,9 @@ class ContactModes(SwitchingModes):
         both = zip(self.sites, mode.statuses, strict=True)
         return [(site, SENSE.get(status, 0.0)) for site, status in both if site.law is not None]
 
-    def refuse_redundant_rows(self) -> None:
-        lam = equations(self.mechanism).lam
-        names = [self.sites[k].description for k in self._rubs if ca.depends_on(self.sites[k].load, lam)]
-        if names:
-            raise SingularityError(why_not_unique(list(dict.fromkeys(names))))
+    @property
+    def loads(self) -> list[tuple[str, ca.SX]]:
+        return [(self.sites[k].description, self.sites[k].load) for k in self._rubs]
 
     # --- events of a mode ----------------------------------------------------------------------------
     def event_names(self) -> set[str]:
@@ -487,13 +484,16 @@ class ContactModes(SwitchingModes):
             options = tuple(o for o in options if o in ("open", broken[k]))
         return replace(spot, options=options)
 
-    def _loads(self, view: _View, rows: Sequence[int], sites: Sequence[int], *, impulsive: bool = False) -> Any:
+    def _loads(
+        self, view: _View, rows: Sequence[int], sites: Sequence[int], *, impulsive: bool = False
+    ) -> Loads | None:
         """Loads of the frictions in joints by the forces of the rows, or by their impulses; None if there are none."""
         if all(self.sites[k].place is not None for k in sites):
             return None
         eom = view.free.equations
         loads = ca.vertcat(*[self.sites[k].load if self.sites[k].place is None else ca.SX(0) for k in sites])
-        function = eom.function(ca.horzcat(loads, ca.jacobian(loads, eom.lam)))
+        slopes = ca.jacobian(loads, eom.lam)
+        function = eom.function(ca.horzcat(loads, slopes))
         joints, arguments = view.joints[:, rows], list(view.free.arguments)
         given = np.zeros(eom.lam.numel()) if impulsive else view.free.lam
         arguments[5] = given
@@ -504,7 +504,10 @@ class ContactModes(SwitchingModes):
             values = function(*arguments).full()
             return values[:, 0] - finite, values[:, 1:] @ joints
 
-        return at
+        acts = np.abs(joints) > NO_EFFECT * np.max(np.abs(joints), axis=1, keepdims=True, initial=0.0)
+        needs = np.zeros(slopes.shape, int)
+        needs[slopes.sparsity().row(), slopes.sparsity().get_col()] = 1
+        return Loads(at, needs @ acts > 0)
 
     def _solution(
         self,
@@ -514,7 +517,7 @@ class ContactModes(SwitchingModes):
         attempts: Sequence[Sequence[Spot]],
         sites: Sequence[int],
         what: str,
-        loads: Any = None,
+        loads: Loads | None = None,
     ) -> Solution:
         """The one motion that meets the laws: of the parts of the mechanism that do not act on each other, one each."""
         matrix = view.matrix[np.ix_(rows, rows)]
@@ -533,7 +536,7 @@ class ContactModes(SwitchingModes):
                         replace(spots[k], normal=place.get(spots[k].normal), tangent=place.get(spots[k].tangent))
                         for k in own
                     ],
-                    loads,
+                    None if loads is None else loads.of(own, lines),
                 )
                 for spots in attempts
             ]
@@ -603,7 +606,7 @@ def start_in_mode(setup: Setup) -> State:
     free = modes.numeric(modes.free)
     state = consistent_start(free, setup.initial, time, setup.signals)
     if free.has_redundant_rows(time, state.q):
-        modes.refuse_redundant_rows()
+        modes.refuse_redundant_rows(state)
     try:
         if modes.struck(state) is not None:
             raise SimulationError("bodies strike each other", time=time)

@@ -10,10 +10,12 @@ from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from ...assembly.setup import Setup
 from ...equations import equations
 from ...equations.derivation import why_not_unique
+from ...equations.impact_law import impulse_response
 from ...equations.numeric import NumericEquations
 from ...errors import SimulationError, SingularityError
 from ...model.events import Event
@@ -23,7 +25,7 @@ from ...model.quantities import known_value
 from ...model.rates import time_derivative
 from ...numerics.least_squares import largest
 from ...numerics.rank import analyse_rank
-from ...numerics.tolerances import AT_REST
+from ...numerics.tolerances import AT_REST, NEGLIGIBLE
 from ...results.state import State
 from ...results.trajectory import Trajectory
 from .events import ROUNDING
@@ -32,6 +34,8 @@ from .modes import Block, Modes
 
 #: Share by which friction at rest may exceed its limit, and accelerations point the wrong way, by rounding.
 FRICTION_TOLERANCE = 1e-7
+#: Effect of a force on the motion, relative to that on bodies without joints, below which it has none.
+NO_EFFECT = 1e-12
 #: Sliding for each motion that the joints leave free, relative to the largest there could be, below which the pose
 #: alone makes a joint turn: the guide of a crank at its dead centre.
 TURNS = 1e-6
@@ -77,6 +81,19 @@ class SwitchingModes(Modes):
     @abstractmethod
     def sliding(self, mode: Any) -> list[tuple[Any, float]]:
         """Return what has a sliding speed, with the sign of it in a mode, which is 0 at rest."""
+
+    @property
+    @abstractmethod
+    def loads(self) -> list[tuple[str, ca.SX]]:
+        """Return what friction depends on, with the element of each."""
+
+    def refuse_redundant_rows(self, state: State) -> None:
+        numeric = self.numeric(self.free)
+        shared = np.any(np.abs(numeric.rank(state.t, state.q).null_rows) > NEGLIGIBLE, axis=0)
+        open_ = numeric.eom.lam[np.flatnonzero(shared).tolist()]
+        names = [name for name, load in self.loads if ca.depends_on(load, open_)]
+        if names:
+            raise SingularityError(why_not_unique(list(dict.fromkeys(names))))
 
     def refuse_names(self, events: Sequence[Event]) -> None:
         """Raise for an event of the user that has the name of one of the modes."""
@@ -138,12 +155,9 @@ class FrictionModes(SwitchingModes):
     def variant(self, mode: FrictionMode) -> Mechanism:
         return variant_in(self.mechanism, mode.senses)
 
-    def refuse_redundant_rows(self) -> None:
-        eom = equations(self.mechanism)
-        limits = [(f, limit) for f in self.frictions for limit in f.limits_of_pull]
-        names = [f.description for f, limit in limits if ca.depends_on(ca.SX(limit), eom.lam)]
-        if names:
-            raise SingularityError(why_not_unique(list(dict.fromkeys(names))))
+    @property
+    def loads(self) -> list[tuple[str, ca.SX]]:
+        return [(f.description, ca.SX(limit)) for f in self.frictions for limit in f.limits_of_pull]
 
     # --- events of a mode ----------------------------------------------------------------------------
     def event_names(self) -> set[str]:
@@ -246,11 +260,46 @@ class FrictionModes(SwitchingModes):
         for i in by_pose:
             choices[i] = ["forth", "back", "free"]
         choices = [self._allowed(i, state, senses) for i, senses in enumerate(choices)]
+        senses, held, groups = [own[0] for own in choices], list[int](), self._groups(state, resting)
+        for group in groups:
+            alone = [["free"] if i in resting and i not in group else own for i, own in enumerate(choices)]
+            found = self._group_holding(state, v, alone, {i: rows[i] for i in group}, by_pose, broken)
+            if found is None:
+                return None
+            if len(groups) == 1:
+                return found
+            held += [i for i in found[0].held if i in group]
+            for i in group:
+                senses[i] = found[0].senses[i]
+        mode = FrictionMode(tuple(senses), tuple(held))
+        return mode, self.at(mode, state.t, state.q, v, state.z)
+
+    def _group_holding(
+        self,
+        state: State,
+        v: np.ndarray,
+        choices: Sequence[list[str]],
+        rows: dict[int, np.ndarray],
+        by_pose: Sequence[int],
+        broken: dict[int, float],
+    ) -> tuple[FrictionMode, State] | None:
+        """Mode that meets the laws of some frictions at rest, and the state in it; others at rest are free.
+
+        Parameters
+        ----------
+        v : numpy.ndarray
+            Velocities with the speeds of what rests at zero (n,).
+        choices : sequence of list of str
+            Senses of all frictions.
+        rows : dict of int to numpy.ndarray
+            Sliding of the frictions, see `_slides`.
+        """
+        resting, at_limit = list(rows), None
+        by_pose = [i for i in by_pose if i in rows]
         begins = [(i, rows[i], rows[k]) for i in rows for k in broken if k in rows]
         breaking = {i for i, own, other in begins if _parallel(own, other)}
         # what has a part in the motion that begins would break away at once if it were at its limit: others come first
         strict = {i for i, own, other in begins if abs(float(own @ other)) > TURNS}
-        at_limit: tuple[FrictionMode, State] | None = None
         for senses, held in self._candidates(choices, rows):
             mode = FrictionMode(senses, tuple(held))
             try:
@@ -263,18 +312,38 @@ class FrictionModes(SwitchingModes):
                 continue
         return at_limit
 
-    def _resting(self, state: State, speeds: np.ndarray) -> list[int]:
-        """Frictions at rest; raise if they are too many."""
-        limit = AT_REST * self._fineness * (1 + largest(state.v))
-        frictions = zip(self.frictions, speeds, strict=True)
-        resting = [i for i, (f, s) in enumerate(frictions) if abs(s) <= limit + _speed_by_rounding(f, state)]
-        if 3 ** len(resting) > TRIALS:
+    def _groups(self, state: State, resting: Sequence[int]) -> list[list[int]]:
+        """Frictions at rest that act on each other, by their motion or their loads; raise if they are too many."""
+        numeric, frictions = self.numeric(self.free), [self.frictions[i] for i in resting]
+        eom = numeric.eom
+        speeds = ca.vertcat(ca.SX(0, 1), *[friction.sliding_speed for friction in frictions])
+        along = np.reshape(state[ca.jacobian(speeds, eom.v)], speeds.shape[:1] + eom.v.shape[:1])
+        response, joints = impulse_response(numeric, numeric.velocity(state.t, state.q)[0], along)
+        matrix = along @ response
+        unit = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+        acts = np.abs(joints) > NO_EFFECT * np.max(np.abs(joints), axis=1, keepdims=True, initial=0.0)
+        joined = np.abs(matrix / np.outer(unit, unit)) > NO_EFFECT
+        for k, friction in enumerate(frictions):
+            limit = ca.vertcat(*[ca.SX(value) for _, value in _limits(friction)])
+            needs = np.array(ca.which_depends(limit, eom.lam, 1, False), bool)
+            by_friction = [ca.depends_on(limit, other.multipliers) for other in frictions]
+            joined[k] |= by_friction | np.any(acts[needs], axis=0)
+        count, labels = connected_components(joined, directed=False)
+        groups = [np.flatnonzero(labels == part).tolist() for part in range(count)]
+        largest_group = max(map(len, groups), default=0)
+        if 3**largest_group > TRIALS:
             raise SimulationError(
-                f"{len(resting)} frictions come to rest together at t = {state.t:.6g} s, more than are sorted out at "
-                "once; take a smoothed law for some of them",
+                f"{largest_group} frictions that act on each other rest together at t = {state.t:.6g} s, more than are "
+                "sorted out at once; take a smoothed law for some of them",
                 time=state.t,
             )
-        return resting
+        return [[resting[k] for k in group] for group in groups] or [[]]
+
+    def _resting(self, state: State, speeds: np.ndarray) -> list[int]:
+        """Frictions at rest."""
+        limit = AT_REST * self._fineness * (1 + largest(state.v))
+        frictions = zip(self.frictions, speeds, strict=True)
+        return [i for i, (f, s) in enumerate(frictions) if abs(s) <= limit + _speed_by_rounding(f, state)]
 
     @staticmethod
     def _choices(i: int, speed: float, rests: bool, broken: dict[int, float]) -> list[str]:
@@ -348,7 +417,7 @@ class FrictionModes(SwitchingModes):
         slide = [(rows[i], SENSE[modes[i]]) for i in rows if i not in held and i not in sticking]
         if any(_parallel(one, other) * sense * to < 0 for (one, sense), (other, to) in combinations(slide, 2)):
             return False
-        return all(mode != "free" or i in held for i, mode in enumerate(modes))
+        return all(modes[i] != "free" or i in held for i in rows)
 
     def _is_met(
         self,

@@ -115,8 +115,8 @@ class Modes(ABC):
         """Return names of the events by which a mode follows another one at once, without a zero of theirs."""
         return []
 
-    def refuse_redundant_rows(self) -> None:
-        """Raise if dependent constraint rows leave something undetermined."""
+    def refuse_redundant_rows(self, state: State) -> None:
+        """Raise if constraint rows that depend on each other at a state leave something undetermined."""
         return None
 
     def check(self, mode: Any, block: Block) -> None:
