@@ -13,7 +13,7 @@ from importlib import import_module as _import_module
 
 from .arguments.inputs import SampledController
 from .assembly.impact import impact
-from .equations import Equations, equations
+from .equations.public import Equations, equations
 from .errors import (
     AssemblyError,
     ConditionError,

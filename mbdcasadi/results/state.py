@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import casadi as ca
 import numpy as np
 
-from ..equations import Equations, equations
+from ..equations.public import Equations, equations
 from ..errors import MechanismError
 from ..model.conditions import Relations
 from ..model.immutable import HoldsSymbols

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..equations import Equations, equations
+from ..equations.public import Equations, equations
 from ..errors import MechanismError
 from ..model.forces.friction.modes import switches
 from ..model.immutable import HoldsSymbols

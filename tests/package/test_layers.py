@@ -44,7 +44,7 @@ INNER = {
 }
 
 #: Rooms whose modules import each other without circles.
-WITHOUT_CIRCLES = tuple(sorted(set(HEIGHT) - {"equations", "__init__", "__main__", "errors"}))
+WITHOUT_CIRCLES = tuple(sorted(set(HEIGHT) - {"__init__", "__main__", "errors"}))
 
 
 @cache
