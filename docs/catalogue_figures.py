@@ -222,6 +222,15 @@ def mass_flow() -> mbd.Mechanism:
 
 
 @scene
+def wheel() -> mbd.Trajectory:
+    axle = mbd.Body("axle", 20.0, 0.5, pose=(0, 0.318, 0.3))
+    tyre = mbd.HuntCrossley(2e4, exponent=1, damping=0.2)
+    road = mbd.Wheel("tyre", axle.at(0, 0), mbd.ground.at(0, 0), lambda x: 0.04 * mbd.cos(6 * x), 0.3, tyre)
+    drives = [mbd.Driver("speed", axle.x, 1.2 * mbd.t), mbd.Driver("turn", axle.phi, 0.3 - 4 * mbd.t)]
+    return mbd.simulate(mbd.Mechanism([axle], drivers=drives, forces=[mbd.Gravity(), road]), duration=0.8)
+
+
+@scene
 def tsda() -> mbd.Mechanism:
     block = box("b", (0.9, 0, 0))
     spring = mbd.TSDA("spring", mbd.ground.at(0, 0), block.at(-0.15, 0), stiffness=100, free_length=0.7, damping=3)

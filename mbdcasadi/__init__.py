@@ -53,6 +53,7 @@ from .model.forces.mass_flow import MassFlow
 from .model.forces.motors import DCMotor
 from .model.forces.springs import RSDA, TSDA, Bushing, DataLaw
 from .model.forces.stops import EndStop
+from .model.forces.wheel import Wheel
 from .model.geometry.cam_outlines import CamOutline
 from .model.geometry.curves import Curve
 from .model.geometry.motion_programs import MotionProgram, dwell, fall, rise
@@ -220,7 +221,8 @@ __all__ = [
     "Rolling", "RollingOnCurve", "Rope", "Rosenbrock", "RunEquations", "RungeKutta", "SampledController", "Segment",
     "Sensitivities", "ShakingForce", "Shape", "SimulationError", "SingularityError", "Smoothing", "Solution",
     "Stability", "State", "StateVariable", "SteppingMethod", "Strategy", "Stribeck", "Sweep", "Torque", "Trajectory",
-    "Transcription", "Translational", "ValidityCondition", "Viscous", "Waypoint", "Weld", "absolute", "animate",
+    "Transcription", "Translational", "ValidityCondition", "Viscous", "Waypoint", "Weld", "Wheel", "absolute",
+    "animate",
     "assemble", "at_end", "at_start", "between", "bounded", "check", "cost_function", "draw", "dwell", "equations",
     "equilibrium", "equilibrium_path", "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness",
     "holding_range", "identify", "impact", "integral", "inverse_dynamics", "kinematics", "latin_hypercube", "library",

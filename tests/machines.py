@@ -223,6 +223,17 @@ MACHINES = {
         )
     ),
     "MassFlow": wagon,
+    "Wheel": lambda: on_slide(
+        lambda b, g: mbd.Wheel(
+            "tyre",
+            b.at(0, 0),
+            GROUND.at(0, -0.1),
+            lambda x: 0.002 * mbd.sin(20 * x),
+            0.105,
+            mbd.HuntCrossley(1e4, exponent=1),
+            mbd.Viscous(3.0),
+        )
+    ),
     "FieldForce": field,
     "DCMotor": motor,
     "Actuator": jib,

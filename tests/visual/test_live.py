@@ -174,13 +174,19 @@ def roped():
 
 
 def valley():
-    """A wheel that rolls in a valley on a cart."""
-    cart = mbd.Body("cart", mass=3.0, inertia=1.0)
+    """A wheel that rolls in a valley on a cart that sand falls into, and one with a tyre on a wavy road."""
+    sand = mbd.StateVariable("sand")
+    cart = mbd.Body("cart", mass=3.0 + sand, inertia=1.0)
     wheel = mbd.Body("wheel", mass=2.0, inertia=0.01, pose=(-0.4, 0.35, 0))
+    axle = mbd.Body("axle", mass=10.0, inertia=0.5, pose=(2.0, 0.25, 0))
     rail = mbd.Translational("rail", mbd.ground.at(0, 0), cart.at(0, 0))
     road = mbd.Curve(lambda s: (s, s**2), -1, 1)
     rolls = mbd.RollingOnCurve("road", wheel.at(0, 0), cart.at(0, 0), road, 0.1)
-    return mbd.Mechanism([cart, wheel], joints=[rail, rolls], forces=[mbd.Gravity()]), []
+    tyre = mbd.HuntCrossley(2e3, exponent=1)
+    waves = mbd.Wheel("tyre", axle.at(0, 0), mbd.ground.at(0, 0), lambda x: 0.02 * mbd.sin(x), 0.3, tyre)
+    hopper = mbd.MassFlow("hopper", cart.at(0, 0), 0.5, (-cart.vx, 0), frame="global")
+    forces = [mbd.Gravity(), waves, hopper]
+    return mbd.Mechanism([cart, wheel, axle], joints=[rail, rolls], forces=forces, states={sand: 0.5}), [axle.vx == 1]
 
 
 MECHANISMS = [

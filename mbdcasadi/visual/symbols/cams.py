@@ -1,4 +1,4 @@
-"""Cams and their followers, and points on curves."""
+"""Cams and their followers, points on curves, and wheels on tracks."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ import casadi as ca
 import numpy as np
 
 from ...model.bodies import Marker
+from ...model.forces.wheel import Wheel
 from ...model.geometry.curves import Curve
 from ...model.joints.cams import CamCam, CamFlatFollower, CamPointFollower, PointOnCurve
 from ...model.joints.rolling_on_curve import RollingOnCurve
 from ..drawing import lines, scene
-from ..drawing.pen import Pen
+from ..drawing.pen import Frame, Pen
 from .base import glyph
 from .gears import disc
 
@@ -85,15 +86,28 @@ def point_on_curve(joint: PointOnCurve, pen: Pen) -> None:
 def rolling_on_curve(joint: RollingOnCurve, pen: Pen) -> None:
     """A wheel with spokes on a track, hatched on the ground, on the side of the curve away from the wheel."""
     disc(pen, joint.b, pen.number(joint.radius))
-    frame, u = pen.on(joint.a), pen.unit
     middle, _, _ = _slot(pen, joint.curve, joint.parameter, 0.0)
+    _track(pen, pen.on(joint.a), middle[:: -joint.side], joint.curve.closed)
+
+
+@glyph.register
+def wheel(element: Wheel, pen: Pen) -> None:
+    """A wheel with spokes on the part of the road that it drives over."""
+    base, hub = element.markers
+    radius = pen.number(element.radius)
+    disc(pen, hub, radius)
+    low, high = pen.span(element.place[0])
+    margin = 0.6 * radius + 2 * pen.unit
+    places = np.linspace(low - margin, high + margin, POINTS)
+    _track(pen, pen.on(base), pen.curve(lambda x: ca.vertcat(x, element.height(x)), places))
+
+
+def _track(pen: Pen, frame: Frame, points: np.ndarray, closed: bool = False) -> None:
+    """A line through points (k, 2) with the wheel to its left: hatched on the ground, a line on a body."""
     line, layer = ("ground line", scene.GROUND) if frame.body is None else ("body line", scene.GUIDE)
-    frame.draw(line, middle, closed=joint.curve.closed, layer=layer)
+    frame.draw(line, points, closed=closed, layer=layer)
     if frame.body is None:
-        strokes = lines.hatching(
-            middle[:: -joint.side], 0.62 * u, 0.75 * u
-        )  # to the right of a line away from the wheel
-        frame.draw("hatch", *strokes, layer=layer)
+        frame.draw("hatch", *lines.hatching(points, 0.62 * pen.unit, 0.75 * pen.unit), layer=layer)
 
 
 def _slot(pen: Pen, curve: Curve, parameter: Any, half: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
