@@ -104,6 +104,21 @@ def test_nonlinear_plan_is_that_of_optimize():
 
 
 @pytest.mark.slow
+def test_steps_that_lead_nowhere_are_halved():
+    """From these starts whole steps have no value after a few iterations; with shorter ones the plan is the optimum."""
+    model, cart, bob, force, _, away = pendulum_on_cart()
+    problem = mbd.OptimalControlProblem(
+        model, duration=1.5, running_cost=away + 0.01 * force**2, terminal_cost=5 * mbd.at_end(away)
+    )
+    controller = mbd.Controller(problem, sample=0.05, intervals=30, iterations=60)
+    assert controller.step([0.12, 0.84, -0.74, -1.84]).status == 0
+    assert controller.plan.cost == pytest.approx(218.0510, abs=1e-3)  # of optimize
+    for start in ([0.41, 1.96, -0.48, 2.78], [0.12, 2.15, -1.08, 0.93], [-0.27, 0.71, -0.7, -0.91]):
+        controller.reset()
+        assert controller.step(start).status in (0, 4) and np.isfinite(controller.plan.cost)
+
+
+@pytest.mark.slow
 def test_limits_of_a_crane_hold():
     """The lean of a rope and the load of its pin, which accelerations decide, keep their limits in the motion."""
     force = mbd.Input("force", lower=-10, upper=10)

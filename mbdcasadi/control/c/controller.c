@@ -4,6 +4,11 @@
 #define CONVERGED 1e-9
 /* The change above which iterations that end without have not. */
 #define NOT_CONVERGED 1e-6
+/* Share of the descent that its slope promises which a step has to bring, and what is rounding of cost and misses. */
+#define DESCENT 1e-4
+#define ROUNDING 1e-9
+/* Share of a step that is taken in any case. */
+#define SHORTEST_STEP 0.01
 
 void controller_reset(controller* m) {
   m->status = CONTROLLER_SOLVED;
@@ -35,17 +40,17 @@ static int closes(controller* m, const double* x) {
   return follow_loops(m->time, x, m->p, q, m->w);
 }
 
-/* Add the change to the plan; returns its largest part, relative to 1 and the size of what changes. */
-static double change_plan(controller* m) {
+/* Add a share of the change to the plan; returns its largest part, relative to 1 and the size of what changes. */
+static double change_plan(controller* m, double share) {
   double largest = 0.0;
   for (int k = 0; k <= N; ++k) {
     for (int j = 0; j < NX; ++j) {
-      const double step = m->change[k * ND + j];
+      const double step = share * m->change[k * ND + j];
       largest = fmax(largest, fabs(step) / (1.0 + fabs(m->x[k * NX + j])));
       m->x[k * NX + j] += step;
     }
     for (int j = 0; k < N && j < NU; ++j) {
-      const double step = m->change[k * ND + NX + j];
+      const double step = share * m->change[k * ND + NX + j];
       largest = fmax(largest, fabs(step) / (1.0 + fabs(m->u[k * NU + j])));
       m->u[k * NU + j] += step;
     }
@@ -54,17 +59,56 @@ static double change_plan(controller* m) {
   return largest;
 }
 
-/* Steps of the program from a plan; the status. */
+/* By how much the plan misses the measured state, the equations, limits and conditions of the end together. */
+static double missed(const controller* m, const double* x) {
+  double sum = 0.0;
+  for (int i = 0; i < NX; ++i) sum += fabs(x[i] - m->x[i]);
+  for (int i = 0; i < N * NX; ++i) sum += fabs(m->miss[i]);
+  for (int k = 0; k <= N; ++k)
+    for (int i = 0; i < rows_at(k); ++i) {
+      const double row = m->row[k * NC + i];
+      if (kind_of(k, i)) sum += kind_of(k, i) == 2 ? fabs(row) : fmax(row, 0.0);
+    }
+  return sum;
+}
+
+/* Slope of cost and price times what is missed along the change, at a price that makes it a descent by half of that. */
+static double descent(controller* m, double miss, double* price) {
+  const double model = slope_of_cost(m, m->change, m->slope);
+  double slope = 0.0;
+  for (int i = 0; i < (N + 1) * ND; ++i) slope += m->gradient[i] * (i < N * ND + NX ? m->change[i] : 0.0);
+  if (miss > 0.0) *price = fmax(*price, 2.0 * model / miss);
+  return slope - *price * miss;
+}
+
+/* Steps of the program from a plan; the status. A step after which cost and misses together have not become less is
+   halved (the line search of Han). */
 static int improve(controller* m, const double* x) {
   double first[CONTROLLER_SIZE(NX)];
-  double change = 0.0;
+  double change = 0.0, merit = 0.0, slope = 0.0, price = 0.0, length = 0.0;
   int is_met = 1;
   for (m->iterations = 0; m->iterations < CONTROLLER_ITERATIONS; ++m->iterations) {
-    if (!m->is_prepared && !linearise(m)) return CONTROLLER_NO_VALUE;
+    const int has_value = m->is_prepared || linearise(m);
+    if (length > SHORTEST_STEP && !(has_value && m->cost + price * missed(m, x) <= merit + DESCENT * length * slope)) {
+      copy_to(m->q, m->near, (N + 1) * NQ);
+      change_plan(m, -length / 2.0);
+      length /= 2.0;
+      continue;
+    }
+    if (!has_value) return CONTROLLER_NO_VALUE;
     for (int i = 0; i < NX; ++i) first[i] = x[i] - m->x[i];
     is_met = solve_quadratic(m, first, 0);
     if (!is_met && !solve_quadratic(m, first, 1)) return CONTROLLER_NO_VALUE;
-    change = change_plan(m);
+    length = 0.0;
+    if (CONTROLLER_ITERATIONS > 1 && is_met) {
+      const double miss = missed(m, x);
+      slope = descent(m, miss, &price);
+      merit = m->cost + price * miss;
+      merit += ROUNDING * (fabs(m->cost) + price * miss);
+      copy_to(m->near, m->q, (N + 1) * NQ);
+      length = 1.0;
+    }
+    change = change_plan(m, 1.0);
     if (!(change <= 1e150)) return CONTROLLER_NO_VALUE;
     if (change <= CONVERGED) break;
   }
