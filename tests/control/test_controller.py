@@ -106,7 +106,7 @@ def test_nonlinear_plan_is_that_of_optimize():
 @pytest.mark.slow
 def test_steps_that_lead_nowhere_are_halved():
     """From these starts whole steps have no value after a few iterations; with shorter ones the plan is the optimum."""
-    model, cart, bob, force, _, away = pendulum_on_cart()
+    model, _, _, force, _, away = pendulum_on_cart()
     problem = mbd.OptimalControlProblem(
         model, duration=1.5, running_cost=away + 0.01 * force**2, terminal_cost=5 * mbd.at_end(away)
     )
