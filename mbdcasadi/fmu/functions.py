@@ -27,7 +27,8 @@ from ..results.state import State
 from ..results.validity import validity_conditions
 from ..simulation.contact.compiled_elements import repeated_elements
 from ..simulation.contact.watched_terms import WatchedTerms, least_gap, watched_terms
-from ..simulation.stepping.explicit_system import compared_quantities, dynamics_of, projection_of, switching_of
+from ..simulation.quantities import quantities_of
+from ..simulation.stepping.explicit_system import dynamics_of, projection_of, switching_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +176,7 @@ class Model:
     @cached_property
     def compared(self) -> ca.SX:
         """Quantities of the state at whose zeros loads switch."""
-        return ca.vertcat(ca.SX(0, 1), *compared_quantities(self.eom, self.signals))
+        return ca.vertcat(ca.SX(0, 1), *quantities_of(self.eom, self.signals).compared)
 
     @property
     def switching(self) -> ca.Function:

@@ -13,7 +13,8 @@ from seeds import seeds
 import mbdcasadi as mbd
 from mbdcasadi.arguments.inputs import read_signals
 from mbdcasadi.equations.switching.switch_functions import state_switches
-from mbdcasadi.simulation.checks.unseen_loads import _quantities, meets_loads
+from mbdcasadi.simulation.checks.unseen_loads import meets_loads
+from mbdcasadi.simulation.quantities import quantities_of
 
 METHODS = ["idas", "dop853", "erk", "rosenbrock"]
 TIMES = np.linspace(0, 10, 11)
@@ -262,7 +263,7 @@ def test_the_argument_of_a_spline_is_one_quantity():
     gas = mbd.spline(body.phi, angles, np.cos(angles), outside="periodic")
     mechanism = mbd.Mechanism([body], forces=[mbd.Torque("gas", body, gas)])
     eom = mbd.equations(mechanism)
-    quantities = _quantities(eom, read_signals(eom, None))
+    quantities = quantities_of(eom, read_signals(eom, None))
     assert quantities.switches == 2  # the number of periods, and the angle within one
     inside = quantities.levels.between(np.arange(2), np.full(2, 0.01), np.full(2, 12.5))[1]
     np.testing.assert_allclose(inside, angles[1:-1])

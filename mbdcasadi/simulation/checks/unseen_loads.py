@@ -9,7 +9,6 @@ these the accelerations on the path are integrated and compared with the change 
 
 from __future__ import annotations
 
-from collections import defaultdict
 from dataclasses import dataclass
 from functools import partial
 
@@ -18,13 +17,10 @@ import numpy as np
 
 from ...arguments.inputs import Signals
 from ...equations import Equations
-from ...equations.switching.switch_functions import as_level, state_switches
 from ...integrators.compiled import IntegrationFailure
-from ...model.symbols import as_sx
-from ...numerics.evaluation import Evaluator
-from ...numerics.roots import Functions, Levels, narrowed_extrema, narrowed_roots
-from ..contact.watched_terms import has_gap
+from ...numerics.roots import Functions, narrowed_extrema, narrowed_roots
 from ..path import Path, hermite_states
+from ..quantities import quantities_of
 from ..stepper import Stepper
 
 #: Points of each output interval at which the quantities are evaluated.
@@ -86,7 +82,7 @@ class UnseenLoads:
     def __init__(self, stepper: Stepper, integrands: ca.SX | None = None):
         self._stepper, self._numeric = stepper, stepper.numeric
         eom = stepper.numeric.eom
-        quantities = _quantities(eom, stepper.signals, integrands)
+        quantities = quantities_of(eom, stepper.signals, integrands)
         self._count, self.watched, self._quantities = quantities.switches, quantities.number, quantities.function
         self._levels = quantities.levels
         rate = eom.z_rate if integrands is None else integrands
@@ -407,14 +403,7 @@ class UnseenLoads:
 
 def meets_loads(eom: Equations, signals: Signals, integrands: ca.SX | None = None) -> bool:
     """Return True if a motion may meet loads, or integrands that come and go, that steps pass over."""
-    return bool(_quantities(eom, signals, integrands).number)
-
-
-def _quantities(eom: Equations, signals: Signals, integrands: ca.SX | None = None) -> _Quantities:
-    """Quantities of a motion that are watched; those of its loads are kept for a mechanism."""
-    if integrands is not None:
-        return _Quantities(eom, signals, integrands)
-    return signals.kept(eom, ("state quantities",), lambda: _Quantities(eom, signals, None), bounded=True)
+    return bool(quantities_of(eom, signals, integrands).number)
 
 
 def _duration(load: np.ndarray, spacing: float) -> float:
@@ -422,53 +411,3 @@ def _duration(load: np.ndarray, spacing: float) -> float:
     high = load > np.max(load) / 2
     loads = int(np.sum(np.diff(high.astype(int), prepend=0) > 0))
     return spacing * int(np.sum(high)) / max(loads, 1)
-
-
-class _Quantities:
-    """Quantities of a motion at whose levels the equations switch, and at whose zeros or extrema loads pass quickly.
-
-    Contacts, stops and smoothed friction are left out: these are watched by :class:`~.resolution.Resolution`. What is
-    compared with many numbers, as the argument of a spline, is one quantity.
-
-    Attributes
-    ----------
-    switches, number : int
-        Number of those that switch, which come first, and of all.
-    levels : Levels
-        Their levels: the numbers that they are compared with, and zero for what passes quickly.
-    function : Evaluator
-        ``(t, q, v, z, p) ->`` their values (number,).
-    """
-
-    def __init__(self, eom: Equations, signals: Signals, integrands: ca.SX | None):
-        switches, transients = state_quantities(eom, signals, integrands)
-        levels = defaultdict[int, list[float]](list)
-        quantities: dict[int, ca.SX] = {}
-        for switch in switches:
-            quantity, level = as_level(switch)
-            quantities[quantity.element_hash()] = quantity
-            levels[quantity.element_hash()].append(level)
-        self.levels = Levels([levels[key] for key in quantities] + [[0.0]] * len(transients))
-        column = ca.vertcat(ca.SX(0, 1), *quantities.values(), *transients)
-        self.switches, self.number = len(quantities), column.numel()
-        known = [eom.t, eom.q, eom.v, eom.z, eom.p]
-        self.function = Evaluator(ca.Function("quantities", known, [ca.densify(column)]))
-
-
-def state_quantities(
-    eom: Equations, signals: Signals, integrands: ca.SX | None = None
-) -> tuple[list[ca.SX], list[ca.SX]]:
-    """Quantities of the loads, or of integrands, that switch, and others that may pass quickly."""
-    everything = _loads(eom) if integrands is None else integrands
-    if eom.u.numel() and ca.depends_on(everything, eom.u):
-        everything = ca.substitute(everything, eom.u, signals.with_expressions(eom.u))
-    unknown = ca.vertcat(eom.a, eom.lam, eom.u)
-    state = ca.vertcat(eom.q, eom.v, eom.z)
-    return state_switches(everything, state, unknown)
-
-
-def _loads(eom: Equations) -> ca.SX:
-    elements = [e for e in eom.mechanism.elements if not has_gap(e) and not getattr(e, "smoothings", ())]
-    loads = [ca.vec(as_sx(x)) for e in elements for pair in e.virtual_work for x in pair]
-    loads += [ca.vec(ca.SX(rate)) for rate in eom.mechanism.state_rates.values()]
-    return ca.vertcat(ca.SX(0, 1), *loads, eom.Phi, eom.velocity_rows)

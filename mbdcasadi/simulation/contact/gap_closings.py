@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...numerics.roots import TO_ROUNDING, narrowed_roots
 from ..path import Path, hermite_states
 from ..stepper import Stepper
 from .watched_terms import SHALLOW, WatchedTerms
@@ -130,15 +131,14 @@ class GapClosings:
 
     def _located(self, path: Path, owner: int, inside: float, before: float) -> Closing:
         """Closing of a gap from a time at which it is closed, and one before."""
-        opened = before
-        for _ in range(60):
-            middle = (opened + inside) / 2
-            if not opened < middle < inside:
-                break
-            if self._of(owner, path, np.array([middle]))[0][0] > 0:
-                opened = middle
-            else:
-                inside = middle
+        bracket = np.array([before]), np.array([inside])
+
+        def gap(times: np.ndarray) -> np.ndarray:
+            return self._of(owner, path, times.ravel())[0].reshape(times.shape)
+
+        middle = float(narrowed_roots(gap, *bracket, np.ones(1), TO_ROUNDING)[0])
+        inside = float(np.nextafter(middle, np.inf))
+        opened = float(np.nextafter(middle, -np.inf))
         # up to where the path is seen open again, which may have many times inside
         later = path.times[np.searchsorted(path.times, inside, side="right").clip(max=path.times.size - 1) :]
         apart = self._of(owner, path, later)[0] >= 0

@@ -16,12 +16,9 @@ from ...integrators.native.stretch import ExplicitSystem
 from ...numerics.c_code import SIGNATURE, simplified, tape_of
 from ...numerics.c_interface import constant_table
 from ...numerics.tolerances import NEGLIGIBLE
-from ..checks.unseen_loads import state_quantities
 from ..contact.compiled_elements import RepeatedElements, repeated_elements
 from ..contact.watched_terms import WatchedTerms, has_gap
-
-#: Comparisons at which steps end, at most: more are those of tables, whose pieces join smoothly.
-MOST_COMPARED = 16
+from ..quantities import quantities_of
 
 
 def dynamics_of(numeric: NumericEquations, *, redundant: bool = False) -> ca.Function:
@@ -148,12 +145,6 @@ def _system(
     )
 
 
-def compared_quantities(eom: Equations, signals: Signals) -> list[ca.SX]:
-    """Return the quantities of the state at whose zeros loads switch; none if they are as many as those of tables."""
-    compared = state_quantities(eom, signals)[0]
-    return compared if len(compared) <= MOST_COMPARED else []
-
-
 def switching_of(eom: Equations, signals: Signals, *, with_gaps: bool) -> ca.Function:
     """``(t, q, v, z, p) ->`` quantities at whose zeros forces, or their derivatives, jump; kept for a mechanism.
 
@@ -169,7 +160,7 @@ def switching_of(eom: Equations, signals: Signals, *, with_gaps: bool) -> ca.Fun
         unknown = ca.vertcat(eom.a, eom.lam, eom.u)
         gaps = [ca.vec(ca.SX(e.watched_gaps)) for e in eom.mechanism.elements if with_gaps and has_gap(e)]
         known_gaps = [gap for gap in gaps if not ca.depends_on(gap, unknown)]
-        content = ca.vertcat(ca.SX(0, 1), *known_gaps, *compared_quantities(eom, signals))
+        content = ca.vertcat(ca.SX(0, 1), *known_gaps, *quantities_of(eom, signals).compared)
         known = [eom.t, eom.q, eom.v, eom.z, eom.p]
         return ca.Function("switching", known, [ca.densify(content)])
 
