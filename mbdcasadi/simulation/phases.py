@@ -43,11 +43,13 @@ class _ControllerOfWhole(SampledController):
     def __init__(self, function: Callable[[float, State], Any], whole: SampledController):
         super().__init__(function, whole.period)
         self._whole = whole
-        self.meaning = whole.meaning
 
     @property
     def status(self) -> int | None:
         return self._whole.status
+
+    def meaning(self, status: int) -> str:
+        return self._whole.meaning(status)
 
 
 class PhasedRun:
