@@ -250,16 +250,16 @@ class _Change:
             elif isinstance(symbol, StateVariable):
                 states[symbol] = row
         dp = self._following.dp(parameters)
-        dq, dv = self._carried(dp)
-        dv = self._jumped(dq, dv, dp)
         old, n = list(self._flow.mechanism.states), self._flow.eom.q.numel()
-        dz = np.zeros((len(self._following.mechanism.states), dq.shape[1]))
+        dz = np.zeros((len(self._following.mechanism.states), self._instant.dt.size))
         for k, symbol in enumerate(self._following.mechanism.states):
             place = place_of(symbol, old)
             dz[k] = states.get(symbol, 0.0 if place is None else self._instant.dx[2 * n + place])
+        dq, dv = self._carried(dz, dp)
+        dv = self._jumped(dq, dv, dz, dp)
         return np.vstack([dq, dv, dz]), parameters
 
-    def _carried(self, dp: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _carried(self, dz: np.ndarray, dp: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Variations of the coordinates just after it, and of the velocities just before it, of bodies that go on."""
         following, eom, law, dt = self._following, self._following.eom, self._law, self._instant.dt
         n_old, n = self._flow.eom.q.numel(), eom.q.numel()
@@ -269,11 +269,14 @@ class _Change:
         if not rows.numel():
             return dq, dv
         slopes = ca.Function(
-            "rows", [eom.t, eom.q, eom.p], [ca.densify(ca.jacobian(rows, x)) for x in (eom.q, eom.t, eom.p)]
+            "rows",
+            [eom.t, eom.q, eom.z, eom.p],
+            [ca.densify(ca.jacobian(rows, x)) for x in (eom.q, eom.t, eom.z, eom.p)],
         )
-        by_q, by_t, by_p = (x.full() for x in slopes(self._instant.time, following.x0[:n], following.p))
+        state = following.x0[:n], following.x0[2 * n : 2 * n + eom.z.numel()]
+        by_q, by_t, by_z, by_p = (x.full() for x in slopes(self._instant.time, *state, following.p))
         new = [k for k in range(n) if k not in set(self._going_on)]
-        open_ = by_q @ dq + by_t @ dt[None, :] + by_p @ dp
+        open_ = by_q @ dq + by_t @ dt[None, :] + by_z @ dz + by_p @ dp
         if new:
             dq[new] = least_norm(by_q[:, new], -open_)
             open_ = open_ + by_q[:, new] @ dq[new]
@@ -288,25 +291,25 @@ class _Change:
             )
         return dq, dv
 
-    def _jumped(self, dq: np.ndarray, dv: np.ndarray, dp: np.ndarray) -> np.ndarray:
+    def _jumped(self, dq: np.ndarray, dv: np.ndarray, dz: np.ndarray, dp: np.ndarray) -> np.ndarray:
         """Variations of the velocities just after it: the law of impact, differentiated as an implicit function."""
         following, eom, law, time = self._following, self._following.eom, self._law, self._instant.time
         n_old, n = self._flow.eom.q.numel(), eom.q.numel()
         v_before = np.zeros(n)
         v_before[self._going_on] = self._instant.x[n_old + self._places]
-        q = following.x0[:n]
+        q, z = following.x0[:n], following.x0[2 * n : 2 * n + eom.z.numel()]
         _ = following.motion.numeric.mass_of_impulses  # raises if masses change
-        jump = law.solve(following.motion.numeric, time, q, v_before)
+        jump = law.solve(following.motion.numeric, time, q, v_before, z)
         kept = [k for k in range(law.impulses.numel()) if k not in set(jump.dependent)]
         rows = ca.vertcat(law.momentum, law.velocity[kept])
         unknowns = ca.vertcat(eom.v, law.impulses[kept])
-        known = [eom.t, eom.q, law.v_before, eom.p]
+        known = [eom.t, eom.q, law.v_before, eom.z, eom.p]
         arguments = [*known, eom.v, law.impulses]
         slopes = ca.Function("impact", arguments, [ca.densify(ca.jacobian(rows, s)) for s in (unknowns, *known)])
-        by_unknowns, by_t, by_q, by_v, by_p = (
-            m.full() for m in slopes(time, q, v_before, following.p, jump.v, jump.impulses)
+        by_unknowns, by_t, by_q, by_v, by_z, by_p = (
+            m.full() for m in slopes(time, q, v_before, z, following.p, jump.v, jump.impulses)
         )
-        right = -(by_t @ self._instant.dt[None, :] + by_q @ dq + by_v @ dv + by_p @ dp)
+        right = -(by_t @ self._instant.dt[None, :] + by_q @ dq + by_v @ dv + by_z @ dz + by_p @ dp)
         return np.asarray(least_norm(by_unknowns, right)[:n])
 
 
@@ -317,8 +320,9 @@ def start_directions(mechanism: Mechanism, state: State) -> np.ndarray:
     n, k = eom.q.numel(), eom.z.numel()
     if not rows.numel():
         return np.eye(2 * n + k)
-    jacobian = ca.jacobian(rows, ca.vertcat(eom.q, eom.v))
-    function = ca.Function("rows", [eom.t, eom.q, eom.v, eom.p], [ca.densify(jacobian)])
-    slope = function(state.t, state.q, state.v, state.parameters).full()
+    slopes = [ca.densify(ca.jacobian(rows, x)) for x in (ca.vertcat(eom.q, eom.v), eom.z)]
+    function = ca.Function("rows", [eom.t, eom.q, eom.v, eom.z, eom.p], slopes)
+    slope, by_z = (x.full() for x in function(state.t, state.q, state.v, state.z, state.parameters))
     tangent = analyse_rank(slope).null_columns
-    return np.block([[tangent, np.zeros((2 * n, k))], [np.zeros((k, tangent.shape[1])), np.eye(k)]])
+    led = -least_norm(slope, by_z) if eom.follows_states else np.zeros((2 * n, k))
+    return np.block([[tangent, led], [np.zeros((k, tangent.shape[1])), np.eye(k)]])
