@@ -106,8 +106,7 @@ class Joints:
         self._random = np.random.default_rng(1)
 
     def _equations(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        numeric = self._numeric  # rows of drivers, which alone follow states, are left out
-        phi, jacobian = numeric.position(self._t, pose, numeric.eom.estimate[2])
+        phi, jacobian = self._numeric.position(self._t, pose)
         return phi[self._kept], jacobian[self._kept]
 
     def motions(self, pose: np.ndarray) -> np.ndarray:

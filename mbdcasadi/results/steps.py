@@ -113,6 +113,10 @@ class Interpolation(ABC):
     def knots(self, start: float, end: float) -> np.ndarray:
         """Return times from one to another between which everything is smooth, s; both sides of each jump."""
 
+    def by_mode(self) -> list[Any]:
+        """Return the parts in one mode of exact friction and contacts each, see :class:`RunAgain`; none if unknown."""
+        return []
+
 
 class Continuation(ABC):
     """The equations by which a motion goes on between its outputs, and what integrates them again.
@@ -143,6 +147,10 @@ class Continuation(ABC):
     @abstractmethod
     def complete(self, places: Places, states: States) -> Arrays:
         """Return ``q, v, a, z, lam, u`` on the constraints at states near to them."""
+
+    def by_mode(self) -> list[Any]:
+        """Return the parts in one mode of exact friction and contacts each; none if there are none."""
+        return []
 
     @abstractmethod
     def again(self, stretches: Sequence[Stretch]) -> list[States]:
@@ -229,6 +237,9 @@ class Refined(Interpolation):
         self._shortest = max(SHORTEST * length, 4 * BESIDE * float(np.spacing(latest)))
         self._spans: Spans | None = None
         self._blocks: dict[int, _Steps] = {}
+
+    def by_mode(self) -> list[Any]:
+        return self._motion.by_mode()
 
     # --- the motion at times ---------------------------------------------------------------------
     def at(self, times: np.ndarray) -> Arrays:

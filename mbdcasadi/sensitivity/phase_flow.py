@@ -16,11 +16,12 @@ from ..integrators import Integrator
 from ..integrators.failures import reason_of
 from ..model.mechanism import Mechanism
 from ..model.symbols import place_of
-from ..results.phases import present
+from ..numerics.lazy import cached_property
 from ..results.state import State
 from ..results.trajectory import Trajectory
 from .derivatives import Compiled, lengths_of
 from .differentiable_motion import DifferentiableMotion
+from .switched_motion import SmoothPhase, smooth_phases
 
 #: Length of the stretch in which a motion that ends just after a change is evaluated, as a share of the whole.
 MOMENT = 1e-6
@@ -77,9 +78,14 @@ class VariedMotion:
     integrator: Integrator
     inputs: Any = None
 
+    @cached_property
+    def phases(self) -> list[SmoothPhase]:
+        """Its phases with smooth equations."""
+        return smooth_phases(self.motion)
+
     def grid(self, number: int) -> np.ndarray:
         """Output times within a phase, with its ends; of one that ends just after a change a moment is taken."""
-        part = self.motion.phases[number]
+        part = self.phases[number].motion
         first, last = float(part.t[0]), float(part.t[-1])
         apart = 1e-9 * max(last - first, float(np.spacing(abs(last))))
         inside = self.times[(self.times > first + apart) & (self.times < last - apart)]
@@ -133,7 +139,8 @@ class PhaseFlow:
     """
 
     def __init__(self, varied: VariedMotion, number: int, ending: ca.SX | None = None):
-        part = varied.motion.phases[number]
+        phase = varied.phases[number]
+        part = phase.motion
         self.part, self.mechanism, self.eom = part, part.mechanism, part.equations
         self.grid, whole, directions = varied.grid(number), varied.motion.mechanism, varied.directions
         known_inputs = pairs_with(self.mechanism.inputs, pairs_of(varied.inputs, "inputs="))
@@ -149,8 +156,8 @@ class PhaseFlow:
         self.motion = DifferentiableMotion(setup, varied.integrator, varied=places, ending=ending)
         self.p = setup.p
         self.x0 = np.r_[first.q, first.v, first.z]
-        values, outputs = varied.motion.parameters_by_phase[number], varied.outputs
-        shown = self._with_absent_parameters([present(e, whole, self.mechanism) for e in outputs], whole, values)
+        outputs = varied.outputs
+        shown = self._with_absent_parameters([phase.shown(e, whole) for e in outputs], whole, phase.parameters)
         known = [self.eom.contains(e) for e in shown]
         self._shown = [e for e, has in zip(shown, known, strict=True) if has]
         self.rows = np.repeat(np.array(known, bool), [e.numel() for e in outputs])

@@ -13,6 +13,7 @@ from ..arguments.values import pairs_of, pairs_with
 from ..errors import ModelError
 from ..integrators import Integrator
 from ..model.events import Event
+from ..model.forces.friction.modes import switching, without_exact_friction
 from ..model.immutable import HoldsSymbols
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries
@@ -162,7 +163,8 @@ def sensitivities(
         As for :func:`simulate`; through changes of the mechanism inputs are numbers and expressions.
     events : sequence of Event, optional
         Changes of the mechanism (``becomes=``) and terminal events: derivatives are carried across them, the instants
-        of which change too. ``found.events`` has the derivatives of the instants and of the states there.
+        of which change too. ``found.events`` has the derivatives of the instants and of the states there, also of the
+        events of ``DryFriction``, clutches and ``RigidContact``: stick and slip, touching, impacts, lift-off.
     method : {"idas", "dop853", "erk", "rosenbrock", "auto"}
         Integrator. DOP853 serves the same motions as in :func:`simulate`, and is several times faster where the
         analysis is repeated; a single one of a large mechanism may take longer to prepare than to run.
@@ -177,10 +179,11 @@ def sensitivities(
     Raises
     ------
     ModelError
-        For what the mechanism does not have, events that reset velocities, and changes that take place together.
+        For what the mechanism does not have, events that reset velocities, and changes that take place together for
+        the given values alone.
     SimulationError
         If the integrator stops; if the motion touches the zero of an event, or a joint would not close for other
-        values, so that there is no derivative.
+        values, or friction stick or a contact touch at the start, so that there is no derivative.
 
     Warns
     -----
@@ -209,7 +212,7 @@ def sensitivities(
         named, read = named_outputs(outputs), read_events(events)
         arguments: dict[str, Any] = {"initial": initial, "inputs": inputs, "parameters": parameters}
         arguments |= {"method": method, "reltol": reltol, "abstol": abstol}
-        if read:
+        if read or switching(mechanism):
             return _through_changes(mechanism, times, named, wrt, read, arguments)
         setup = MotionSetup(mechanism, "sensitivities", times, **arguments)
         run = CompiledRun(setup, wrt, [e for _, e in named])
@@ -236,7 +239,8 @@ def _through_changes(
         "inputs": pairs_with(mechanism.inputs, all_inputs),
         "parameters": pairs_with(mechanism.parameters, pairs_of(arguments["parameters"], "parameters=")),
     }
-    setup = MotionSetup(mechanism, "sensitivities", times, **(arguments | own))
+    # what sticks and touches at the start does so by the conditions there
+    setup = MotionSetup(without_exact_friction(mechanism), "sensitivities", times, **(arguments | own))
     p = motion.phases[0].parameters if len(motion.phases) == 1 else motion.parameters
     values = dict(zip(whole.parameters, p.tolist(), strict=True)) | dict(all_inputs)
     design = PhasedDesignVariables(wrt, setup, setup.differentiable_start, whole, values)

@@ -24,6 +24,7 @@ from ..simulation.changes.events import read_events
 from .phase_flow import Directions, VariedMotion
 from .phased_variation import phased_variation, start_directions
 from .return_map import Stability, next_start, warn_of_a_clock
+from .switched_motion import smooth_phases
 
 
 @runtime_checkable
@@ -119,7 +120,8 @@ def stability(
 def _stability_of_simulation(
     motion: Trajectory, boundary: Sequence[Condition], events: Sequence[Event], inputs: Any, integrator: Integrator
 ) -> Stability:
-    first, last = motion.phases[0], motion.phases[-1]
+    phases = smooth_phases(motion)
+    first, last = phases[0].motion, phases[-1].motion
     # in the symbols of their own mechanisms
     start, end = (State(state.mechanism, *state.arguments) for state in (first.initial, last.final))
     if inputs is None:
@@ -130,8 +132,9 @@ def _stability_of_simulation(
     variation = phased_variation(VariedMotion(motion, motion.t[[0, -1]], [], directions, integrator, known), events)
     last_event = variation.events[-1] if variation.events and variation.events[-1].t == motion.t[-1] else None
     if last_event is not None and np.any(last_event.time):
-        rows = [as_sx(value) for value in dict(inputs).values()] + _timed(motion, events)
-        mechanisms = [part.mechanism for part in motion.phases]
+        of_modes = [event for phase in phases for event in phase.events]
+        rows = [as_sx(value) for value in dict(inputs).values()] + _timed(motion, [*events, *of_modes])
+        mechanisms = [phase.motion.mechanism for phase in phases]
         warn_of_a_clock(mechanisms, rows, f"event '{last_event.name}' ends the period")
     left, right = [], []
     for relation in boundary:

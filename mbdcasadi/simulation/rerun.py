@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from ..numerics.console import Interruption, interruptible
 from ..numerics.lazy import cached_property
 from ..results.state import Arrays, State
 from ..results.steps import Continuation, Interpolation, Places, Refined, Spans, States, Stretch
+from ..results.trajectory import Trajectory
 from .changes.modes import Block, Modes
 from .outputs import Outputs
 from .trajectory_builder import Span
@@ -57,6 +58,18 @@ class _HeldMode(Modes):
 
     def decided(self, state: State, events: Sequence[Event] = (), before: Any = None) -> tuple[Any, State]:
         return self.mode, state
+
+
+class ModePart(NamedTuple):
+    """A part of a motion in one mode: its state at the start and at the end, in the mechanism of that mode.
+
+    The breaks are times at which inputs or equations change, s.
+    """
+
+    modes: Modes
+    mode: Any
+    motion: Trajectory
+    breaks: np.ndarray
 
 
 class RunAgain(Continuation):
@@ -112,6 +125,17 @@ class RunAgain(Continuation):
         whole = np.vstack(states)
         return Spans(np.concatenate(numbers), np.concatenate(times), States(*np.split(whole, [n, 2 * n], axis=1)))
 
+    def by_mode(self) -> list[ModePart]:
+        spans, parts = self.spans(), list[ModePart]()
+        for k, span in enumerate(self._spans):
+            rows = np.flatnonzero(spans.number == k)[[0, -1]]
+            since = np.full(2, spans.t[rows[0]])
+            places = Places(np.full(2, k), spans.t[rows], since)
+            t, q, v, a, z, lam, u = self._block(span.mode, places, spans.states.at(rows))
+            mechanism, p = self._whole.variant(span.mode), self._outputs_in(span.mode).numeric.p
+            parts.append(ModePart(self._whole, span.mode, Trajectory(mechanism, t, q, v, a, z, lam, u, p), self.breaks))
+        return parts
+
     # --- equations -------------------------------------------------------------------------------
     def _outputs_in(self, mode: Any) -> Outputs:
         if mode not in self._outputs:
@@ -155,8 +179,8 @@ class RunAgain(Continuation):
         for mode, rows in self._by_mode(places):
             some = Places(*(x[rows] for x in places))
             recovery = self._outputs_in(mode).recovery
-            q = recovery.positions(some.t, states.q[rows], states.z[rows])
-            v = recovery.velocities(some.t, q, states.v[rows], states.z[rows])
+            q = recovery.positions(some.t, states.q[rows])
+            v = recovery.velocities(some.t, q, states.v[rows])
             block = self._whole.whole_block(mode, self._block(mode, some, States(q, v, states.z[rows])))
             found.append((rows, *block[1:]))
         rows, *columns = (np.concatenate(parts) for parts in zip(*found, strict=True))
@@ -181,9 +205,9 @@ class RunAgain(Continuation):
             self._modes[span.mode] = _HeldMode(self._whole, span.mode)
         modes, recovery = self._modes[span.mode], self._outputs_in(span.mode).recovery
         modes.levels[:] = span.levels
-        at, (q, v, z) = np.array([stretch.start]), (x[None] for x in stretch.state)
-        q = recovery.positions(at, q, z)
-        stretch = stretch._replace(state=States(q, recovery.velocities(at, q, v, z), stretch.state.z))
+        at, q, v = np.array([stretch.start]), *(x[None] for x in stretch.state[:2])
+        q = recovery.positions(at, q)
+        stretch = stretch._replace(state=States(q, recovery.velocities(at, q, v), stretch.state.z))
         t, q, v, _, z, _, _ = run.again(modes, stretch, interruption)
         rows = np.searchsorted(t, stretch.times[stretch.times <= t[-1]])
         return States(q[rows], v[rows], z[rows])
