@@ -11,6 +11,7 @@ from .linkages import five_bar, four_bar, slider_crank
 from .machines import cam_follower, planetary_gear
 from .model import Model
 from .pendulums import pendulum_chain
+from .six_bars import stephenson, watt
 from .yokes import quick_return, scotch_yoke
 
 __all__ = [
@@ -25,4 +26,6 @@ __all__ = [
     "quick_return",
     "scotch_yoke",
     "slider_crank",
+    "stephenson",
+    "watt",
 ]

@@ -24,12 +24,12 @@ def free_linkage(
     gravity: Any = GRAVITY,
     name: str = "linkage",
     guides: Mapping[str, float] | None = None,
+    motors: Mapping[str, str] | None = None,
 ) -> Model:
-    """Return a linkage of pins and sliders whose points are unknowns for :func:`synthesize`, driven by a torque.
+    """Return a linkage of pins and sliders whose points are unknowns for :func:`synthesize`, driven by torques.
 
     The drawn pose is that of the first position: bodies have the axes of the ground there, and joints meet whatever
-    the points are. Two bodies that have a point in common are pinned there; of more, each to the first of them. The
-    torque acts on the first body.
+    the points are. Two bodies that have a point in common are pinned there; of more, each to the first of them.
 
     Parameters
     ----------
@@ -48,19 +48,22 @@ def free_linkage(
     guides : mapping of str to float, optional
         Sliders, which are bodies, with the drawn angles of their guides on the ground, through their first pins, rad;
         these angles are unknowns too.
+    motors : mapping of str to str, optional
+        Names of inputs, which are torques, with the bodies on which they act; ``tau`` on the first body by default.
 
     Returns
     -------
     Model
         Bodies by their names, pins by those of their points, markers by those of the points that one body has, and
         guides by those of their sliders, ``slider_guide``; ``unknowns``, a dictionary of the parameters ``Ax, Ay, …``
-        and ``slider_angle``; input ``tau``; coordinates are the angles of the bodies that are pinned to the ground, and
-        the displacements of sliders.
+        and ``slider_angle``; inputs by the names of `motors`; coordinates are the angles of the bodies that are pinned
+        to the ground, and the displacements of sliders.
 
     Raises
     ------
     ModelError
-        For points that are not given or belong to no body, and a linkage that is not pinned to the ground.
+        For points that are not given or belong to no body, bodies that are not there, and a linkage that is not pinned
+        to the ground.
 
     Examples
     --------
@@ -70,55 +73,81 @@ def free_linkage(
     """
     what = "free_linkage"
     drawn = {key: np.array(pair_of_numbers(place, what, f"point {key}")) for key, place in points.items()}
-    of_point: dict[str, list[str]] = {key: [] for key in drawn}
-    for body, names in bodies.items():
-        for key in names:
-            if key not in drawn:
-                raise ModelError(f"{what}: {body} has the point {key!r}, which is not among points")
-            of_point[key].append(body)
-    for key, owners in of_point.items():
-        if not owners or key in bodies:
-            raise ModelError(f"{what}: point {key!r} {'has the name of a body' if owners else 'belongs to no body'}")
+    of_point = _owners(drawn, bodies, what)
+    moving = [body for body in bodies if body != "ground"]
+    angles = dict[str, Parameter]()
+    for body, angle in (guides or {}).items():
+        _among(body, moving, what, "guides=")
+        angles[body] = Parameter(f"{body}_angle", number(angle, what, f"angle of the guide of {body}"))
     unknowns = {
         key + axis: Parameter(key + axis, float(value))
         for key, place in drawn.items()
         for axis, value in zip("xy", place, strict=True)
-    }
+    } | {f"{body}_angle": angle for body, angle in angles.items()}
     place = {key: ca.vertcat(unknowns[key + "x"], unknowns[key + "y"]) for key in drawn}
-    moving = [body for body in bodies if body != "ground"]
-    angles = dict[str, Parameter]()
-    for body, angle in (guides or {}).items():
-        if body not in moving:
-            raise ModelError(f"{what}: guides= has {body!r}, which is not among the moving bodies")
-        angles[body] = Parameter(f"{body}_angle", number(angle, what, f"angle of the guide of {body}"))
-    unknowns |= {f"{body}_angle": angle for body, angle in angles.items()}
     made: dict[str, tuple[Body, ca.SX]] = {"ground": (ground, ca.SX.zeros(2))}
     for body, mass in zip(moving, masses_of(masses, len(moving), what), strict=True):
         pinned = _pinned(bodies[body], of_point)
         made[body] = _body(body, [place[key] for key in pinned], mass, slides=body in angles)
+    pins, carried = _joined(made, place, of_point)
+    guided = {
+        body: _guide(body, *made[body], place[_pinned(bodies[body], of_point)[0]], angle)
+        for body, angle in angles.items()
+    }
+    turning = {body: made[body][0].phi for owners in of_point.values() if "ground" in owners for body in owners}
+    turning.pop("ground", None)
+    turning |= {body: guide.displacement for body, guide in guided.items()}
+    if not turning:
+        raise ModelError(f"{what}: no body is pinned to the ground; give it points, as in {{'ground': 'AD', …}}")
+    sliding = {f"{body}_guide": guide for body, guide in guided.items()}
+    parts = {**{body: made[body][0] for body in moving}, **pins, **sliding, **carried}
+    for body in (motors or {}).values():
+        _among(body, moving, what, "motors=")
+    driven = {key: made[body][0] for key, body in (motors or {}).items()}
+    return cranked(name, turning, gravity, parts, parameters=list(unknowns.values()), motors=driven, unknowns=unknowns)
+
+
+def _owners(points: Mapping[str, np.ndarray], bodies: Mapping[str, Sequence[str]], what: str) -> dict[str, list[str]]:
+    """Bodies that have each point."""
+    owners: dict[str, list[str]] = {key: [] for key in points}
+    for body, names in bodies.items():
+        for key in names:
+            if key not in points:
+                raise ModelError(f"{what}: {body} has the point {key!r}, which is not among points")
+            owners[key].append(body)
+    for key, of in owners.items():
+        if not of or key in bodies:
+            raise ModelError(f"{what}: point {key!r} {'has the name of a body' if of else 'belongs to no body'}")
+    return owners
+
+
+def _among(body: str, moving: Sequence[str], what: str, where: str) -> None:
+    if body not in moving:
+        raise ModelError(f"{what}: {where} has {body!r}, which is not among the moving bodies")
+
+
+def _joined(
+    made: Mapping[str, tuple[Body, ca.SX]], place: Mapping[str, ca.SX], of_point: Mapping[str, Sequence[str]]
+) -> tuple[dict[str, Revolute], dict[str, Marker]]:
+    """Pins at the points that several bodies have, and markers at those of one alone."""
 
     def at(body: str, key: str) -> Marker:
         return made[body][0].at(*ca.vertsplit(place[key] - made[body][1]))
 
-    pins, carried, turning = dict[str, Revolute](), dict[str, Marker](), dict[str, ca.SX]()
+    pins, carried = dict[str, Revolute](), dict[str, Marker]()
     for key, (first, *others) in of_point.items():
         if not others:
             carried[key] = at(first, key)
         for k, other in enumerate(others):
             label = key if not k else f"{key}{k + 1}"
             pins[label] = Revolute(label, at(first, key), at(other, key))
-        if "ground" in (first, *others):
-            turning |= {body: made[body][0].phi for body in (first, *others) if body != "ground"}
-    sliding = dict[str, Translational]()
-    for body, angle in angles.items():
-        first_pin = _pinned(bodies[body], of_point)[0]
-        (x, y), (u, v) = (ca.vertsplit(place[first_pin] - origin) for origin in (ca.SX.zeros(2), made[body][1]))
-        guide = Translational(f"{body}_guide", ground.at(x, y, angle), made[body][0].at(u, v, angle))
-        sliding[f"{body}_guide"], turning[body] = guide, guide.displacement
-    if not turning:
-        raise ModelError(f"{what}: no body is pinned to the ground; give it points, as in {{'ground': 'AD', …}}")
-    parts = {**{body: made[body][0] for body in moving}, **pins, **sliding, **carried}
-    return cranked(name, turning, gravity, parts, parameters=list(unknowns.values()), unknowns=unknowns)
+    return pins, carried
+
+
+def _guide(name: str, body: Body, center: ca.SX, pin: ca.SX, angle: Parameter) -> Translational:
+    """Guide of a slider on the ground through one of its pins."""
+    own = body.at(*ca.vertsplit(pin - center), angle)
+    return Translational(f"{name}_guide", ground.at(*ca.vertsplit(pin), angle), own)
 
 
 def _pinned(points: Sequence[str], of_point: Mapping[str, Sequence[str]]) -> list[str]:
@@ -142,13 +171,26 @@ def _body(name: str, pins: Sequence[ca.SX], mass: float, *, slides: bool = False
     return Body(name, mass=mass * total, inertia=mass * inertia, pose=(*values_of(center).ravel(), 0.0)), center
 
 
+def _renamed(model: Model, own: Sequence[str], others: Mapping[str, Any]) -> Model:
+    """A model with some parts under their own names, and others."""
+    return Model(model.mechanism, model.coordinates, **{name: getattr(model, name) for name in own}, **others)
+
+
 def free_slider_crank(points: Mapping[str, np.ndarray], masses: Sequence[float], gravity: Any) -> Model:
     """Slider-crank of the pins A, B, C on a guide through C; see :func:`slider_crank`."""
     bodies = {"ground": "A", "crank": "AB", "rod": "BC", "slider": "C"}
     model = free_linkage(points, bodies, masses, gravity, "slider-crank", guides={"slider": 0.0})
-    parts = {name: getattr(model, name) for name in ("crank", "rod", "slider", "tau", "unknowns")}
     joints = {"main": model.A, "pin": model.B, "wrist": model.C, "guide": model.slider_guide}
-    return Model(model.mechanism, model.coordinates, **parts, **joints)
+    return _renamed(model, ("crank", "rod", "slider", "tau", "unknowns"), joints)
+
+
+def free_five_bar(points: Mapping[str, np.ndarray], masses: Sequence[float], gravity: Any) -> Model:
+    """Five-bar of the pins A, B, C, D and the tip P; see :func:`five_bar`."""
+    bodies = {"ground": "AD", "left": "AB", "left_link": "BP", "right": "DC", "right_link": "CP"}
+    motors = {"tau_left": "left", "tau_right": "right"}
+    model = free_linkage(points, bodies, masses, gravity, "five-bar", motors=motors)
+    own = ("left", "left_link", "right", "right_link", *"ABCD", *motors, "unknowns")
+    return _renamed(model, own, {"tip_pin": model.P, "tip": model.P.a})
 
 
 def free_four_bar(points: Mapping[str, np.ndarray], masses: Sequence[float], gravity: Any) -> Model:
@@ -156,14 +198,8 @@ def free_four_bar(points: Mapping[str, np.ndarray], masses: Sequence[float], gra
     bodies = {"ground": "AD", "crank": "AB", "coupler": "BCP", "rocker": "DC"}
     model = free_linkage(points, bodies, masses, gravity, "four-bar")
     unknowns = model.unknowns
-    parts = {name: getattr(model, name) for name in ("crank", "coupler", "rocker", *"ABCD", "tau", "unknowns")}
-    return Model(
-        model.mechanism,
-        model.coordinates,
-        **parts,
-        point=model.P,
-        cognates=lambda values: _cognates(unknowns, values),
-    )
+    others = {"point": model.P, "cognates": lambda values: _cognates(unknowns, values)}
+    return _renamed(model, ("crank", "coupler", "rocker", *"ABCD", "tau", "unknowns"), others)
 
 
 def _cognates(unknowns: Mapping[str, Parameter], values: Mapping[Parameter, float]) -> list[dict[Parameter, float]]:

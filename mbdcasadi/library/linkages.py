@@ -8,14 +8,12 @@ import numpy as np
 
 from ..errors import ModelError
 from ..model.bodies import Body, ground
-from ..model.forces.applied import Torque
 from ..model.forces.field import GRAVITY
 from ..model.geometry.shapes import Rectangle
 from ..model.joints.lower_pairs import Revolute, Translational
-from ..model.mechanism import Mechanism
 from ..model.quantities import yes_or_no
-from ..model.symbols import Input, number
-from .free_linkages import free_four_bar, free_slider_crank
+from ..model.symbols import number
+from .free_linkages import free_five_bar, free_four_bar, free_slider_crank
 from .model import (
     Model,
     at_angle,
@@ -26,7 +24,6 @@ from .model import (
     masses_of,
     meeting_point,
     pair_of_numbers,
-    weight,
 )
 
 
@@ -101,6 +98,8 @@ def five_bar(
     angles: tuple[float, float] = (2.0, 1.1),
     masses: Any = 1.0,
     gravity: Any = GRAVITY,
+    *,
+    free: bool = False,
 ) -> Model:
     """Return a symmetric five-bar, a parallel robot with two torques.
 
@@ -116,12 +115,16 @@ def five_bar(
         Of left crank, left link, right crank, right link, kg.
     gravity : (float, float) or None
         m/s².
+    free : bool, default False
+        True if the points A, B, C, D and the tip P are unknowns for :func:`synthesize`: the drawn pose is that of its
+        first position, all angles are zero there, and `masses` are those of a metre of each bar, kg/m.
 
     Returns
     -------
     Model
         Bodies ``left, left_link, right, right_link``; pins ``A, B, tip_pin, C, D``; inputs
-        ``tau_left, tau_right``; marker ``tip``; coordinates ``left`` and ``right``.
+        ``tau_left, tau_right``; marker ``tip``; coordinates ``left`` and ``right``. A free one has
+        ``unknowns``, a dictionary of the parameters ``Ax … Py`` by their names.
     """
     what = "five_bar"
     r, long, width = lengths(what, crank=crank, link=link, base=base)
@@ -130,6 +133,8 @@ def five_bar(
     b, d = at_angle(r, left), e + at_angle(r, right)
     c = meeting_point(b, long, d, long, True, what)
     m = masses_of(masses, 4, what)
+    if yes_or_no(free, what, "free"):
+        return free_five_bar({"A": np.zeros(2), "D": e, "B": b, "C": d, "P": c}, m, gravity)
     bodies = {
         "left": bar("left", (0, 0), b, m[0]),
         "left_link": bar("left link", b, c, m[1]),
@@ -144,15 +149,9 @@ def five_bar(
         "C": Revolute("C", d3, d4),
         "D": Revolute("D", ground.at(width, 0), e3),
     }
-    inputs = {f"tau_{side}": Input(f"tau {side}", unit="N m") for side in ("left", "right")}
-    motors = [Torque(f"{side} motor", bodies[side], inputs[f"tau_{side}"]) for side in ("left", "right")]
-    mechanism = Mechanism(
-        list(bodies.values()), list(joints.values()), forces=[*weight(gravity), *motors],
-        inputs=list(inputs.values()), name="five-bar",
-    )  # fmt: skip
-    return Model(
-        mechanism, {"left": joints["A"].angle, "right": joints["D"].angle}, **bodies, **joints, **inputs, tip=c2
-    )
+    coordinates = {"left": joints["A"].angle, "right": joints["D"].angle}
+    motors = {"tau_left": bodies["left"], "tau_right": bodies["right"]}
+    return cranked("five-bar", coordinates, gravity, {**bodies, **joints}, motors=motors, tip=c2)
 
 
 def slider_crank(

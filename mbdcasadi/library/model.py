@@ -77,20 +77,27 @@ def cranked(
     parts: Mapping[str, Any],
     joints: Sequence[Any] = (),
     parameters: Sequence[Any] = (),
+    motors: Mapping[str, Body] | None = None,
     **more: Any,
 ) -> Model:
-    """Return the mechanism of the bodies, joints and forces among its parts, with a torque on the first body, ``tau``.
+    """Return the mechanism of the bodies, joints and forces among its parts, with torques as inputs.
 
-    `joints` and `parameters` are there besides, without names of their own; `more` are further attributes of the model.
+    The torques `motors` act on the bodies given, ``tau`` on the first body without; `joints` and `parameters` are there
+    besides, without names of their own; `more` are further attributes of the model.
     """
-    tau = Input("tau", unit="N m")
     elements = [part for part in parts.values() if isinstance(part, Element)]
     rows = [*(part for part in elements if isinstance(part, ConstraintElement)), *joints]
     bodies = [part for part in parts.values() if isinstance(part, Body)]
     forces = [part for part in elements if not isinstance(part, ConstraintElement)]
-    loads = [*weight(gravity), Torque("motor", bodies[0], tau), *forces]
-    mechanism = Mechanism(bodies, rows, forces=loads, inputs=[tau], parameters=parameters, name=name)
-    return Model(mechanism, coordinates, **parts, tau=tau, **more)
+    motors = motors or {"tau": bodies[0]}
+    inputs = {key: Input(key.replace("_", " "), unit="N m") for key in motors}
+    labels = ["motor"] if len(motors) == 1 else [f"{body.name} motor" for body in motors.values()]
+    torques = [Torque(label, motors[key], inputs[key]) for label, key in zip(labels, motors, strict=True)]
+    mechanism = Mechanism(
+        bodies, rows, forces=[*weight(gravity), *torques, *forces], inputs=list(inputs.values()), parameters=parameters,
+        name=name,
+    )  # fmt: skip
+    return Model(mechanism, coordinates, **parts, **inputs, **more)
 
 
 def weight(gravity: Any) -> list[Gravity]:

@@ -14,7 +14,7 @@ DECADES = 1.5
 #: Iterations, and of these on poses alone before the first.
 ITERATIONS, FIRST = 100, 8
 #: Damping at first, its factors after a step that comes nearer and one that does not, and that at which a start ends.
-DAMPING, LESS, MORE, MOST = 1e-2, 0.2, 4.0, 1e8
+DAMPING, LESS, MORE, MOST = 1e-2, 0.5, 3.0, 1e8
 #: Sum of squares of residuals, divided by their sizes, from which Newton's method finds the solution.
 MET = 1e-20
 #: Share of the ends on some of the positions that go on to all, and random starts of their poses.

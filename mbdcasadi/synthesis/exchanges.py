@@ -53,18 +53,24 @@ def _places(positions: Positions, order: tuple[int, ...]) -> np.ndarray | None:
             return None
         left.remove(twin)
         for marker, k in zip(joint.markers, _order(twin, wanted) or [], strict=True):
-            pairs = zip(ca.vertsplit(marker.local), ca.vertsplit(twin.markers[k].local), strict=True)
-            for here, there in pairs:
-                # expressions of one form hold their symbols in one order; whether they are of one is seen by values
-                inside = [[unknown.get(x.element_hash()) for x in symbols_of(e)] for e in (here, there)]
-                if len(inside[0]) != len(inside[1]):
-                    return None
-                for place, image in zip(*inside, strict=True):
-                    known = place is not None and image is not None
-                    if known and moved.setdefault(place, image) != image:
-                        return None
+            if not _move(marker.local, twin.markers[k].local, unknown, moved):
+                return None
     places = np.array([moved.get(k, k) for k in range(len(unknown))])
     return places if len(set(places.tolist())) == places.size else None
+
+
+def _move(here: ca.SX, there: ca.SX, unknown: dict[int, int], moved: dict[int, int]) -> bool:
+    """Enter where the unknowns of a place go, if it goes to another one; False if they go elsewhere already."""
+    for one, other in zip(ca.vertsplit(here), ca.vertsplit(there), strict=True):
+        # expressions of one form hold their symbols in one order; whether they are of one is seen by values
+        inside = [[unknown.get(x.element_hash()) for x in symbols_of(e)] for e in (one, other)]
+        if len(inside[0]) != len(inside[1]):
+            return False
+        for place, image in zip(*inside, strict=True):
+            known = place is not None and image is not None
+            if known and moved.setdefault(place, image) != image:
+                return False
+    return True
 
 
 def _order(joint: object, bodies: list[object]) -> list[int] | None:

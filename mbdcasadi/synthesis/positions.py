@@ -98,11 +98,8 @@ class Positions:
         others = [x for x in mechanism.parameters if place_of(x, unknowns) is None]
         numbers = [mechanism.value_of(x, x.value) for x in others]
         self._known = ca.vertcat(ca.SX(0, 1), *others, eom.t), ca.DM([*numbers, 0.0])
-        self.relations = [
-            [self._checked(c, f"position {k}", poses=True) for c in _read(given, f"position {k}")]
-            for k, given in enumerate(positions, start=1)
-        ]
-        conditions = [self._checked(c, "conditions=", poses=False) for c in _read(conditions, "conditions=")]
+        self.relations = [self._read(given, f"position {k}", poses=True) for k, given in enumerate(positions, start=1)]
+        on_unknowns = self._read(conditions, "conditions=", poses=False)
         self.closing = self._with_known(reduced.Phi)
         self.q = self._with_known(reduced.of(eom.q)[0])
         turns = eom.angular_rows[reduced.position_rows] if reduced.rows else np.zeros(0, bool)
@@ -120,15 +117,23 @@ class Positions:
         self.residuals = columns
         self.twins = self._twins()
         self.sizes = self._sizes_of_unknowns([*columns, ca.vertcat(ca.SX(0, 1), *[e for e, _ in at_drawn])])
-        equal = [self._scaled_condition(c) for c in conditions if c.equality]
-        equal[len(equal) * (not exact) : len(equal) * (not exact)] = at_drawn
-        self.held = len(equal) if exact else len(equal) - len(at_drawn)
-        limits = [self._scaled_condition(c) for c in conditions if not c.equality]
+        equal = [self._scaled_condition(c) for c in on_unknowns if c.equality]
+        self.held = len(equal) + len(at_drawn) * exact
+        limits = [self._scaled_condition(c) for c in on_unknowns if not c.equality]
         limits += [limit for k in range(len(self.unknowns)) for limit in self._bounds(k)]
         self.spans = self._spans()
-        (self.fixed, self.fixed_rows), (self.limits, self.limit_rows) = _split(equal), _split(limits)
+        self.fixed, self.fixed_rows = _split([*at_drawn, *equal] if exact else [*equal, *at_drawn])
+        self.limits, self.limit_rows = _split(limits)
 
     # --- reading ---------------------------------------------------------------------------------
+    def _read(self, given: object, where: str, *, poses: bool) -> list[Condition]:
+        """Relations that synthesis can use, or an error that says where they are."""
+        try:
+            conditions = read_conditions(given)
+        except ConditionError as error:
+            raise ConditionError(f"synthesize: {where}: {error}") from None
+        return [self._checked(condition, where, poses=poses) for condition in conditions]
+
     def _checked(self, condition: Condition, where: str, *, poses: bool) -> Condition:
         """A condition that synthesis can use."""
         known = {x.element_hash() for x in ca.vertsplit(ca.vertcat(self.eom.q if poses else ca.SX(0, 1), self.eom.p))}
@@ -239,14 +244,6 @@ class Positions:
         x, size = self.unknowns[k], float(self.sizes[k])
         sides = ((x.lower, x.lower - self.p[k], ">="), (x.upper, self.p[k] - x.upper, "<="))
         return [(e / size, Row(f"{x.label} {sign} {v:g}", size)) for v, e, sign in sides if np.isfinite(v)]
-
-
-def _read(conditions: object, where: str) -> tuple[Condition, ...]:
-    """Relations, or an error that says where they are."""
-    try:
-        return read_conditions(conditions)
-    except ConditionError as error:
-        raise ConditionError(f"synthesize: {where}: {error}") from None
 
 
 def place_of_hash(symbol: ca.SX, symbols: Sequence[ca.SX]) -> bool:

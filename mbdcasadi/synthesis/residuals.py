@@ -10,6 +10,7 @@ import numpy as np
 
 from ..equations.batches import Values, batches_of
 from ..numerics.symbolic import symbolic
+from .eliminated import Rows
 from .points import PointFunction
 from .positions import Positions
 
@@ -30,8 +31,8 @@ class Block:
     Attributes
     ----------
     step, pose, rows : PointFunction
-        Of a pose, the unknowns, the numbers and the damping: sums of squares with the reduced normal equations; with
-        the step of the pose alone; and the rows with their slopes.
+        Of a pose, the unknowns, the numbers and the damping: the reduced normal equations, and the step of the pose
+        by those of the unknowns; the sum of squares and the step of the pose alone; and the rows with their slopes.
     numbers, values : numpy.ndarray
         The positions, and the numbers of each.
     """
@@ -89,22 +90,23 @@ class Residuals:
         """True where joints of a body coincide (starts,)."""
         if self._spans is None:
             return np.zeros(len(p), bool)
-        spans = self._spans(p)
+        spans = self._spans(p[:, None])[1][:, 0]
         return ~(np.min(spans, axis=1) > COINCIDENT * np.max(spans, axis=1))
 
-    def _called(self, function: str, block: Block, y: np.ndarray, p: np.ndarray, damping: np.ndarray) -> np.ndarray:
-        starts, positions = len(p), len(block.numbers)
-        flat = y[:, block.numbers].reshape(-1, self.k)
-        unknowns, dampings = np.repeat(p, positions, axis=0), np.repeat(damping, positions)[:, None]
-        found: np.ndarray = getattr(block, function)(flat, unknowns, np.tile(block.values, (starts, 1)), dampings)
-        return found.reshape(starts, positions, -1)
+    def _called(
+        self, function: str, block: Block, y: np.ndarray, p: np.ndarray, damping: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        found: tuple[np.ndarray, np.ndarray] = getattr(block, function)(
+            y[:, block.numbers], p[:, None], block.values[None], damping[:, None, None]
+        )
+        return found
 
     def fixed(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals of conditions and of limits that are passed (starts, m), and their slopes (starts, m, n)."""
         starts = len(p)
         if not self.m:
             return np.zeros((starts, 0)), np.zeros((starts, 0, self.n))
-        found = self._fixed(p)
+        found = self._fixed(p[:, None])[1][:, 0]
         return found[:, : self.m], found[:, self.m :].reshape(starts, self.n, self.m).transpose(0, 2, 1)
 
     def settled(self, y: np.ndarray, p: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
@@ -127,7 +129,7 @@ class Residuals:
     def _poses(self, y: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         value, move = np.empty(y.shape[:2]), np.empty(y.shape)
         for block in self._blocks:
-            found = self._called("pose", block, y, p, np.zeros(len(p)))
+            _, found = self._called("pose", block, y, p, np.zeros(len(p)))
             value[:, block.numbers], move[:, block.numbers] = found[..., 0], found[..., 1:]
         return value, move
 
@@ -135,39 +137,34 @@ class Residuals:
         """Damped Gauss-Newton step of poses (starts, positions, k) and unknowns (starts, n)."""
         n, k, starts, sizes = self.n, self.k, len(p), self.sizes
         residual, slopes = self.fixed(p)
-        matrix = np.einsum("smi,smj->sij", slopes, slopes)
-        right = np.einsum("smi,sm->si", slopes, residual)
+        matrix = slopes.transpose(0, 2, 1) @ slopes
+        right = (residual[:, None] @ slopes)[:, 0]
         moves = np.empty((starts, self.count, k, 1 + n))
         for block in self._blocks:
-            found = self._called("step", block, y, p, damping)
-            matrix += found[..., 1 : 1 + n * n].sum(axis=1).reshape(starts, n, n)
-            right += found[..., 1 + n * n : 1 + n * n + n].sum(axis=1)
-            moves[:, block.numbers] = found[..., 1 + n * n + n :].reshape(starts, -1, 1 + n, k).swapaxes(2, 3)
+            sums, found = self._called("step", block, y, p, damping)
+            matrix += sums[:, : n * n].reshape(starts, n, n)
+            right += sums[:, n * n :]
+            moves[:, block.numbers] = found.reshape(starts, -1, k, 1 + n)
         matrix, right = sizes[:, None] * matrix * sizes, sizes * right
         trace = np.trace(matrix, axis1=1, axis2=2)
         matrix += (damping * trace / n + LEAST_DAMPING * trace + np.finfo(float).tiny)[:, None, None] * np.eye(n)
         matrix[~np.isfinite(matrix).all(axis=(1, 2))] = np.eye(n)
         dp = -sizes * np.linalg.solve(matrix, np.nan_to_num(right)[..., None])[..., 0]
-        return moves[..., 0] + np.einsum("sckn,sn->sck", moves[..., 1:], dp), dp
+        both = np.hstack([np.ones((starts, 1)), dp])
+        return (moves.reshape(starts, -1, 1 + n) @ both[..., None]).reshape(starts, self.count, k), dp
 
-    def whole(self, y: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """All residuals of one start (m,), those of the unknowns alone first, and slopes by all poses and unknowns."""
-        residual, slopes = (x[0] for x in self.fixed(p[None]))
-        n, k = self.n, self.k
-        values, slopes_of = [residual], [np.hstack([np.zeros((len(residual), self.count * k)), slopes])]
-        parts: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-        for block in self._blocks:
-            found = self._called("rows", block, y[None], p[None], np.zeros(1))[0]
-            m = found.shape[1] // (1 + k + n)
-            for number, row in zip(block.numbers.tolist(), found, strict=True):
-                part = np.zeros((m, self.count * k + n))
-                part[:, number * k : (number + 1) * k] = row[m : m + m * k].reshape(k, m).T
-                part[:, self.count * k :] = row[m + m * k :].reshape(n, m).T
-                parts[number] = row[:m], part
-        for number in range(self.count):
-            values.append(parts[number][0])
-            slopes_of.append(parts[number][1])
-        return np.concatenate(values), np.vstack(slopes_of)
+    def rows(self, y: np.ndarray, p: np.ndarray) -> Rows:
+        """All rows of one start, divided by their sizes, with their slopes."""
+        fixed, fixed_slopes = (x[0] for x in self.fixed(p[None]))
+        n, k, count = self.n, self.k, self.count
+        found = [self._called("rows", block, y[None], p[None], np.zeros(1))[1][0] for block in self._blocks]
+        sizes = [each.shape[1] // (1 + k + n) for each in found]
+        all_rows = np.zeros((count, max(sizes, default=0), 1 + k + n))
+        present = np.zeros(all_rows.shape[:2], bool)
+        for block, each, m in zip(self._blocks, found, sizes, strict=True):
+            all_rows[block.numbers, :m] = each.reshape(-1, 1 + k + n, m).swapaxes(1, 2)
+            present[block.numbers, :m] = True
+        return Rows(fixed, fixed_slopes, all_rows[..., 0], all_rows[..., 1 : 1 + k], all_rows[..., 1 + k :], present)
 
 
 def _functions(column: ca.SX, y: ca.SX, p: ca.SX, numbers: ca.SX) -> dict[str, PointFunction]:
@@ -182,11 +179,13 @@ def _functions(column: ca.SX, y: ca.SX, p: ca.SX, numbers: ca.SX) -> dict[str, P
     reduced = to_unknown.T @ to_unknown + coupled.T @ solved[:, 1:]
     slope = to_unknown.T @ column + coupled.T @ solved[:, 0]
     results = {
-        "step": ca.vertcat(ca.sumsqr(column), ca.vec(reduced), slope, ca.vec(solved)),
+        "step": ca.vertcat(ca.vec(reduced), slope, ca.vec(solved.T)),
         "pose": ca.vertcat(ca.sumsqr(column), solved[:, 0]),
         "rows": ca.vertcat(column, ca.vec(to_pose), ca.vec(to_unknown)),
     }
+    summed = {"step": p.numel() * (p.numel() + 1)}
+    arguments = [y, p, numbers, damping]
     return {
-        name: PointFunction(ca.Function(f"synthesis_{name}", [y, p, numbers, damping], [ca.densify(result)]))
+        name: PointFunction(ca.Function(f"synthesis_{name}", arguments, [ca.densify(result)]), summed.get(name, 0))
         for name, result in results.items()
     }

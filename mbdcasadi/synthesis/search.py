@@ -117,7 +117,7 @@ class SynthesisSearch:
         best = int(np.argmin(value))
         if value[best] < MET:
             return ""
-        rows = part.whole(y[best], p[best])[0]
+        rows = part.rows(y[best], p[best]).all
         kinds = [self.positions.fixed_rows, self.positions.limit_rows, *(self.positions.rows[k] for k in chosen)]
         return named_misses([row for kind in kinds for row in kind], rows)
 

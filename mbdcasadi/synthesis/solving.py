@@ -9,9 +9,11 @@ import numpy as np
 
 from ..numerics.lazy import cached_property
 from ..numerics.least_squares import largest
-from ..numerics.rank import analyse_rank, unit_rows
+from ..numerics.rank import analyse_rank
 from ..numerics.symbolic import LOCK
+from ..numerics.tolerances import DEPENDENT, RANK
 from .descent import MET
+from .eliminated import Eliminated, Rows
 from .positions import Positions
 from .residuals import Residuals
 
@@ -68,22 +70,24 @@ class Solving:
         fixed, limits = len(positions.fixed_rows), len(positions.limit_rows)
         self._is_limit = np.zeros(len(rows), bool)
         self._is_limit[fixed : fixed + limits] = True
-        self._columns = self._sizes(positions)
-        self.columns = self._columns.size
+        self._pose_sizes, self._sizes = np.where(positions.turning, 1.0, positions.length), positions.sizes
+        self.columns = residuals.count * residuals.k + residuals.n
         self.rank, self.equations = self._generic_ranks()
-
-    def _sizes(self, positions: Positions) -> np.ndarray:
-        of_pose = np.where(positions.turning, 1.0, positions.length)
-        return np.concatenate([np.tile(of_pose, len(positions.residuals)), positions.sizes])
 
     @property
     def free(self) -> int:
         """Number of dimensions that the positions leave free."""
         return self.columns - self.rank
 
-    def _scaled(self, y: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        rows, slopes = self.residuals.whole(y, p)
-        return rows, slopes * self._columns
+    def _scaled(self, y: np.ndarray, p: np.ndarray) -> Rows:
+        """Rows with slopes by poses and unknowns divided by their sizes."""
+        rows = self.residuals.rows(y, p)
+        to_pose, to_unknown = rows.to_pose * self._pose_sizes, rows.to_unknown * self._sizes
+        return replace(rows, fixed_slopes=rows.fixed_slopes * self._sizes, to_pose=to_pose, to_unknown=to_unknown)
+
+    def _eliminated(self, rows: Rows, tolerance: float) -> Eliminated:
+        """Rows of length one without limits, poses eliminated."""
+        return Eliminated(rows.of_length_one().times(~self._is_limit), tolerance)
 
     def _generic_ranks(self) -> tuple[int, int]:
         """Rank of the rows at random dimensions and poses, alike if positions are, and number of those that count.
@@ -95,54 +99,54 @@ class Solving:
             y = random.uniform(-np.pi, np.pi, size=(self.residuals.count, self.residuals.k))
             y = np.array([*y, self.positions.start])[self.positions.twins] if len(y) else y
             p = self.positions.drawn_values + self.positions.sizes * random.normal(size=self.residuals.n)
-            rows, slopes = (x[~self._is_limit] for x in self._scaled(y, p))
-            if np.isfinite(slopes).all() and np.isfinite(rows).all():
-                both = np.column_stack([slopes, rows])
-                ranks.append((analyse_rank(unit_rows(slopes)).rank, analyse_rank(unit_rows(both)).rank))
+            rows = self._scaled(y, p)
+            if rows.are_finite:
+                given = self._eliminated(rows, RANK)
+                both = np.column_stack([given.slopes, given.values])
+                ranks.append(tuple(given.rank_of_poses + analyse_rank(x).rank for x in (given.slopes, both)))
         rank, independent = max(ranks)
         return rank, independent if independent <= self.columns else int(np.sum(~self._is_limit))
 
-    def _onto(self, y: np.ndarray, p: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, ...] | None:
-        """Least steps to where chosen rows vanish: poses, unknowns, all rows and slopes there; None if they do not."""
-        rows, slopes = self._scaled(y, p)
+    def _onto(self, y: np.ndarray, p: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray, Rows] | None:
+        """Least steps to where chosen rows vanish: poses, unknowns, and rows there; None if they do not."""
+        rows = self._scaled(y, p)
         for _ in range(NEWTON):
-            if not (np.isfinite(rows).all() and np.isfinite(slopes).all()):
+            if not rows.are_finite:
                 return None
-            step = -self._columns * np.linalg.lstsq(slopes[chosen], rows[chosen], rcond=None)[0]
+            dy, dp = Eliminated(rows.times(chosen), DEPENDENT).step()
             for share in SHARES:
-                moved, to = y + share * step[: y.size].reshape(y.shape), p + share * step[y.size :]
-                there, then = self._scaled(moved, to)
-                if nearer := largest(there[chosen]) < largest(rows[chosen]):
-                    y, p, rows, slopes = moved, to, there, then
+                moved, to = y + share * self._pose_sizes * dy, p + share * self._sizes * dp
+                there = self._scaled(moved, to)
+                if nearer := largest(there.all[chosen]) < largest(rows.all[chosen]):
+                    y, p, rows = moved, to, there
                     break
             if not nearer:
                 break
-        return (y, p, rows, slopes) if largest(rows[chosen]) < SOLVED else None
+        return (y, p, rows) if largest(rows.all[chosen]) < SOLVED else None
 
     def newton(self, y: np.ndarray, p: np.ndarray) -> Solution | None:
         """The solution near to an estimate; None if there is none, or it is no linkage of its own."""
         found = self._onto(y, p, np.ones(self._is_limit.size, bool))
         if found is None or self.residuals.degenerate(found[1][None])[0]:
             return None
-        y, p, rows, slopes = found
-        solution = Solution(y, p, rows * self.row_sizes)
+        y, p, rows = found
+        solution = Solution(y, p, rows.all * self.row_sizes)
         if not self.exact:
             return solution
-        analysis = analyse_rank(unit_rows(slopes[~self._is_limit]), ISOLATED)
-        if analysis.rank >= self.rank:
+        given = self._eliminated(rows, ISOLATED)
+        analysis = analyse_rank(given.slopes, ISOLATED)
+        if given.rank_of_poses + analysis.rank >= self.rank:
             return solution
-        family = self._family(y, p, analysis.null_columns.T) - self.free
+        family = self._family(y, p, [(given.along(dp), dp) for dp in analysis.null_columns.T]) - self.free
         return replace(solution, family=family) if family > 0 else None
 
-    def _family(self, y: np.ndarray, p: np.ndarray, directions: np.ndarray) -> int:
+    def _family(self, y: np.ndarray, p: np.ndarray, directions: list[tuple[np.ndarray, np.ndarray]]) -> int:
         """Number of the directions in which other linkages lie beside one; at a point where roots meet, none do."""
         count, all_rows = 0, np.ones(self._is_limit.size, bool)
-        for direction in directions:
-            step = FAMILY_STEP * self._columns * direction
-            there = self._onto(y + step[: y.size].reshape(y.shape), p + step[y.size :], all_rows)
+        for dy, dp in directions:
+            there = self._onto(y + FAMILY_STEP * self._pose_sizes * dy, p + FAMILY_STEP * self._sizes * dp, all_rows)
             if there is not None:
-                moved = largest((there[1] - p) / self.positions.sizes)
-                count += moved > FAMILY_STEP / 2 * largest(direction[y.size :])
+                count += largest((there[1] - p) / self._sizes) > FAMILY_STEP / 2 * largest(dp)
         return count
 
     def nearest(self, y: np.ndarray, p: np.ndarray) -> Solution | None:
@@ -150,7 +154,7 @@ class Solving:
 
         It misses no more than the estimate with its joints closed and its conditions met.
         """
-        if np.sum(self.residuals.whole(y, p)[0] ** 2) < MET and (solved := self.newton(y, p)) is not None:
+        if np.sum(self.residuals.rows(y, p).all ** 2) < MET and (solved := self.newton(y, p)) is not None:
             return solved
         closed = self._onto(y, p, self._held)
         if closed is None:
@@ -161,12 +165,17 @@ class Solving:
             x = program(x0=np.concatenate([y.ravel(), p]) / self._columns, lbg=lower, ubg=0.0)["x"].full().ravel()
         x *= self._columns
         best = self._onto(x[: y.size].reshape(y.shape), x[y.size :], self._held)
-        if best is None or np.sum(best[2] ** 2) > np.sum(closed[2] ** 2):
+        if best is None or np.sum(best[2].all ** 2) > np.sum(closed[2].all ** 2):
             best = closed
-        y, p, rows, _ = best
+        y, p, rows = best[0], best[1], best[2].all
         if np.sum(rows**2) < MAY_BE_EXACT and (solved := self.newton(y, p)) is not None:
             return solved
         return None if self.residuals.degenerate(p[None])[0] else Solution(y, p, rows * self.row_sizes)
+
+    @property
+    def _columns(self) -> np.ndarray:
+        """Sizes of all poses and the unknowns."""
+        return np.concatenate([np.tile(self._pose_sizes, self.residuals.count), self._sizes])
 
     @property
     def _held(self) -> np.ndarray:

@@ -120,7 +120,7 @@ def synthesize(
     problem = Positions(mechanism, free, positions, conditions, exact=exact)
     search = SynthesisSearch(problem, exact=exact, symmetries=symmetries, seed=seed)
     search.check()
-    search.run(seconds - (clock.perf_counter() - began), executor)
+    search.run(seconds, executor)
     if not search.found:
         raise ModelError(
             f"{what}: no linkage was found from {search.starts} starts in {seconds:g} s; each position is in reach by "

@@ -251,3 +251,54 @@ def test_a_free_linkage_is_pinned_where_bodies_have_points_in_common():
     ):
         with pytest.raises(mbd.ModelError, match=match):
             mbd.library.free_linkage(places, wrong)
+
+
+@pytest.mark.parametrize(
+    "make, kind, ternary",
+    [
+        (mbd.library.watt, 1, "BCE DCG"), (mbd.library.watt, 2, "ADG DCE"), (mbd.library.stephenson, 1, "ABE DCG"),
+        (mbd.library.stephenson, 2, "BEF DCG"), (mbd.library.stephenson, 3, "ADG BCE"),
+    ],
+)  # fmt: skip
+def test_six_bars_turn_by_their_cranks(make, kind, ternary):
+    """Seven pins, one degree of freedom; Watt's bodies of three pins share one, Stephenson's none; masses by length."""
+    model = make(kind, masses=2.0)
+    joints = model.mechanism.joints
+    assert len(joints) == 7 and mbd.check(model.mechanism).degrees_of_freedom == 1
+    pins = {}
+    for joint in joints:
+        for marker in joint.markers:
+            pins.setdefault(marker.body.name, set()).add(joint.name)
+    assert sorted("".join(sorted(names)) for names in pins.values() if len(names) == 3) == sorted(
+        "".join(sorted(names)) for names in ternary.split()
+    )
+    first, second = (set(names) for names in ternary.split())
+    assert len(first & second) == (make is mbd.library.watt)
+    path = mbd.kinematics(model.driven(crank=2 * np.pi * mbd.t), np.linspace(0, 1, 61))[model.point.position]
+    assert np.allclose(path[0], path[-1], atol=1e-7) and np.max(np.ptp(path, axis=0)) > 0.2
+    length = np.hypot(*(model.unknowns[name].value for name in ("Bx", "By")))
+    assert mbd.assemble(model.mechanism)[model.crank.mass] >= 2.0 * length * (1 - 1e-9)
+    assert len(model.unknowns) == 16 and model.point.body is model.link
+    other = make(kind, {"P": (0.5, 0.6)}, point_on="coupler")
+    assert other.point.body is other.coupler and other.unknowns["Py"].value == 0.6
+    for match, wrong in (
+        ("kind must be a whole number", {"kind": 4}),
+        ("point_on must be one of", {"point_on": "bar"}),
+    ):
+        with pytest.raises(mbd.ModelError, match=match):
+            make(**wrong)
+
+
+def test_a_free_five_bar_is_the_five_bar():
+    """The same tip over both angles; two torques, and masses of bars."""
+    free, plain = mbd.library.five_bar(free=True, masses=3.0), mbd.library.five_bar()
+    times = np.linspace(0, 0.4, 5)
+    tips = [
+        mbd.kinematics(model.driven(left=start[0] + mbd.t, right=start[1] - mbd.t), times)[model.tip.position]
+        for model, start in ((free, (0.0, 0.0)), (plain, (2.0, 1.1)))
+    ]
+    assert np.allclose(*tips) and np.max(np.ptp(tips[0], axis=0)) > 0.05
+    assert free.mechanism.inputs == (free.tau_left, free.tau_right) and len(free.unknowns) == 10
+    assert mbd.assemble(free.mechanism)[free.left_link.mass] == pytest.approx(0.9)
+    with pytest.raises(mbd.ModelError, match="motors= has 'x', which is not among the moving bodies"):
+        mbd.library.free_linkage({"A": (0, 0), "B": (1, 0)}, {"ground": "A", "b": "AB"}, motors={"tau": "x"})
