@@ -62,7 +62,7 @@ class Rows:
 class Eliminated:
     """Rows in the unknowns alone that are left if each pose meets as many of its own rows as it can.
 
-    With the singular values of the slopes of a position by its pose, ``J_y = U S V^T``, the rows ``U^T J_p`` of those that
+    With singular values of the slopes of a position by its pose, ``J_y = U S V^T``, the rows ``U^T J_p`` of those that
     vanish are left, and the others give the pose.
 
     Parameters

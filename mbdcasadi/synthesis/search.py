@@ -219,7 +219,13 @@ class SynthesisSearch:
 
 def _images(symmetry: SymmetryMap, values: dict[Parameter, float]) -> tuple[Mapping[Parameter, float], ...]:
     """What a map makes of a linkage."""
-    images = symmetry(dict(values))
+    try:
+        images = symmetry(dict(values))
+    except Exception as error:
+        given = ", ".join(f"{x.label} = {value:.6g}" for x, value in values.items())
+        raise ModelError(
+            f"synthesize: a function in symmetries= fails with {type(error).__name__}: {error}; for {given}"
+        ) from error
     if not is_list(images) or not all(isinstance(image, Mapping) for image in images):
         raise ModelError(f"synthesize: symmetries= takes functions that return a list of dictionaries, got {images!r}")
     for image in images:

@@ -12,7 +12,7 @@ from ..equations import equations
 from ..errors import ModelError
 from ..model.conditions import Relations
 from ..model.mechanism import Mechanism
-from ..model.quantities import entries, is_list, listed, refuse_twice, whole, yes_or_no
+from ..model.quantities import entries, function_of, is_list, listed, refuse_twice, whole, yes_or_no
 from ..model.symbols import Parameter, place_of, positive
 from ..numerics.console import keyboard_interrupts
 from .linkage import Linkage, Shared
@@ -57,13 +57,13 @@ def synthesize(
         For each position what holds there: ``[tracer.position == (1, 2)]``, ``[crank.phi == 0.3, rocker.phi == 0.1]``,
         the pose of a body.
     conditions : sequence of relations, optional
-        On the unknowns: equalities and limits, ``[length <= 2, a / b == 0.5]``.
+        On the unknowns: equalities and limits, ``[length <= 2, a / b == 0.5, bounded(0.5, b, 1.5)]``.
     exact : bool, default True
         False if relations hold as nearly as can be: then the sum of squares of what they miss, in lengths of the
         drawing and radians, is least. The linkage closes exactly in any case, and conditions hold.
     seconds : float, default 60
-        Longest wall-clock time of the search. It ends before if each linkage was found 20 times, or, if relations need
-        not be exact, with one that meets them all.
+        Longest wall-clock time of the search, its equations not counted. It ends before if each linkage was found 20
+        times, or, if relations need not be exact, with one that meets them all.
     executor : concurrent.futures.Executor, optional
         Threads or processes that search; without, this thread.
     seed : int, default 0
@@ -115,8 +115,10 @@ def synthesize(
     positions = [tuple(one) for one in positions]
     if () in positions:
         raise ModelError(f"{what}: position {positions.index(()) + 1} has no relation")
-    if not is_list(symmetries) or not all(callable(one) for one in symmetries):
+    if not is_list(symmetries):
         raise ModelError(f"{what}: symmetries= takes functions, got {symmetries!r}")
+    for symmetry in symmetries:
+        function_of(symmetry, what, "symmetries=", "values")
     problem = Positions(mechanism, free, positions, conditions, exact=exact)
     search = SynthesisSearch(problem, exact=exact, symmetries=symmetries, seed=seed)
     search.check()

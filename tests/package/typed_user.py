@@ -148,6 +148,8 @@ def analyses() -> None:
     free = mbd.library.four_bar(free=True)
     places = [[free.crank.phi == 0.3 * x, free.rocker.phi == 0.2 * x] for x in range(3)]
     linkages: mbd.Linkages = mbd.synthesize(free.mechanism, list(free.unknowns.values()), places, seconds=0.5)
+    six: mbd.library.Model = mbd.library.stephenson(3, {"P": (0.8, 1.5)}, masses=2.0)
+    assert six.unknowns["Py"].value == 1.5 and mbd.library.watt(1).mechanism.bodies
     linkage: mbd.Linkage = linkages[0]
     assert linkage.residual < 1e-9 and linkages.where(crank_turns=True).sorted(lambda x: x.residual) is not None
     below: mbd.Reachability = mbd.reachable(mechanism, [rod.y <= -0.2], path=[rod.x <= 1])

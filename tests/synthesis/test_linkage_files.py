@@ -47,10 +47,12 @@ def test_a_linkage_is_a_guess_for_an_optimum():
         mbd.Waypoint(angle / (2 * np.pi), [(model.point.x - x) ** 2 + (model.point.y - y) ** 2 <= 0.01**2])
         for x, y, angle in timed
     ]
+    free = [u[name] for name in ("Bx", "By", "Cx", "Cy", "Px", "Py")]
+    near = [mbd.bounded(found[0][x] - 0.2, x, found[0][x] + 0.2) for x in free]
     problem = mbd.OptimalControlProblem(
         found[0].mechanism, duration=1.0, initial=[model.crank.phi == 0, model.crank.omega == 2 * np.pi],
-        path=[model.crank.omega == 2 * np.pi], waypoints=waypoints, running_cost=model.tau**2,
-        free_parameters=[u[name] for name in ("Bx", "By", "Cx", "Cy", "Px", "Py")],
+        path=[model.crank.omega == 2 * np.pi], waypoints=waypoints, boundary=near, running_cost=model.tau**2,
+        free_parameters=free,
     )  # fmt: skip
     solution = mbd.optimize(problem, guess=motion)
     assert np.max(np.abs(solution.trajectory[model.tau])) < 0.5 * torque

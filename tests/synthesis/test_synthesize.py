@@ -182,7 +182,7 @@ def test_five_poses_are_pairs_of_burmesters_dyads():
 @pytest.mark.parametrize("count, free", [(3, 4), (4, 2)])
 def test_fewer_poses_leave_a_sample(count, free):
     """Of 8 places of pins, each pose after the first one binds two; the coupler takes them all the same."""
-    model, found = guided(count, seconds=4)
+    model, found = guided(count, seconds=2)
     assert found.search.free == free and found.missing is None and f"{free} dimensions stay free" in repr(found)
     assert len(found) > 20 and max(x.residual for x in found) < 1e-9
     place = model.coupler.phi
@@ -226,7 +226,7 @@ def test_nine_points_are_closed_under_cognates():
     model = mbd.library.four_bar(**DRAWN, free=True)
     found = mbd.synthesize(
         model.mechanism, list(model.unknowns.values()), [[model.point.position == p] for p in NINE],
-        seconds=20, symmetries=[model.cognates],
+        seconds=12, symmetries=[model.cognates],
     )  # fmt: skip
     assert 30 <= len(found) <= 192 and len(found) % 3 == 0 and all(x.residual < 1e-9 for x in found)
     points = np.array([[x[p] for p in joints(model)] for x in found])
@@ -259,7 +259,7 @@ def test_the_nearest_linkage_is_the_least_sum_of_squares():
     u = model.unknowns
     positions = [[model.crank.phi == i, model.rocker.phi == o] for i, o in ((0, 0), (0.4, 0.2), (0.8, 0.5), (1.2, 0.9))]
     held = [*pivots(model), u["Cx"] == 1.2, u["Cy"] == 0.8, u["Bx"] == 0.4]
-    found = mbd.synthesize(model.mechanism, joints(model), positions, held, exact=False, seconds=5)
+    found = mbd.synthesize(model.mechanism, joints(model), positions, held, exact=False, seconds=3)
     best = found[0]
 
     def squares(y):
@@ -317,7 +317,10 @@ def test_arguments_are_checked():
     refused("position 1: .* contains time 't'", positions=lambda m: [[m.point.x == mbd.t]])
     refused("seconds must be positive", seconds=0)
     refused("executor= takes", executor=3)
-    refused("symmetries= takes functions", symmetries=[1])
+    refused("symmetries= takes functions", symmetries=1)
+    refused("symmetries= must be a function of values, got 1", symmetries=[1])
+    refused("symmetries= must be a function of values: too many", symmetries=[lambda: []])
+    refused("fails with ZeroDivisionError: .*; for Ax = ", symmetries=[lambda values: 1 / 0])
     refused("exact", exact="no")
     refused("list of dictionaries, got None", symmetries=[lambda values: None])
     refused("returned 'Bx', which is not in unknowns=", symmetries=[lambda values: [{"Bx": 1.0}]])
