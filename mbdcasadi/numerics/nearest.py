@@ -10,7 +10,7 @@ import numpy as np
 from .console import quiet
 from .least_squares import largest, least_norm, row_scale
 from .newton import Equations, backtrack, refine_root, solve
-from .rank import inverse_of_independent
+from .rank import analyse_rank, inverse_of_independent, unit_rows
 from .tolerances import EPSILON, NEGLIGIBLE
 
 #: Newton steps, and products with the Hessian in each.
@@ -102,7 +102,7 @@ def nearest(
         return sizes * nearest(in_sizes, feasible / sizes, target / sizes, weights * sizes**2)
     root = np.sqrt(weights)
     x = refine_root(equations, np.array(feasible, float), weights)
-    if largest(x - target) <= SAME * (1 + largest(x)):
+    if largest(x - target) <= SAME * (1 + largest(x)) or _is_alone(equations(x)[1]):
         return x
     for _ in range(STEPS):
         _, jacobian = equations(x)
@@ -122,6 +122,12 @@ def nearest(
         if largest(step) <= NO_STEP * size:
             return x
     return x
+
+
+def _is_alone(jacobian: np.ndarray) -> bool:
+    """Return True if the rows determine all unknowns: there is nothing to slide along."""
+    rows, unknowns = jacobian.shape
+    return rows >= unknowns and analyse_rank(unit_rows(jacobian)).rank == unknowns
 
 
 def _newton_step(

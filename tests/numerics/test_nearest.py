@@ -130,3 +130,18 @@ def test_a_set_that_comes_round_ends():
         lambda x, held: np.array([-1.0 if k == 0 and len(held) == 2 else 1.0 for k in held]),
     )
     assert found is None
+
+
+def test_a_solution_that_is_alone_is_there_at_once():
+    """Two curves cross at a point: nothing to slide along, whatever the weights."""
+    calls = []
+
+    def crossing(x):
+        calls.append(x)
+        return np.array([x[0] ** 2 / 4 + x[1] ** 2 - 1, x[0] - x[1]]), np.array([[x[0] / 2, 2 * x[1]], [1.0, -1.0]])
+
+    start = solve(crossing, np.array([1.0, 1.0]), np.ones(2)).x
+    calls.clear()
+    found = nearest(crossing, start, np.array([3.0, -2.0]), np.array([1.0, 1e-9]))
+    np.testing.assert_allclose(found, np.full(2, np.sqrt(0.8)), rtol=1e-15)
+    assert len(calls) < 10

@@ -172,11 +172,27 @@ class PhaseSolution:
         """Points of :attr:`trajectory` in each interval."""
         return (len(self.trajectory) - 1) // self.mesh.count
 
+    @property
+    def end_differences(self) -> np.ndarray:
+        """Differences from the next mesh point of each interval, integrated again, in q, v and z (N, 2 n + k).
+
+        Raises
+        ------
+        RuntimeError
+            If the end of an interval is not reached.
+        """
+        if isinstance(self._reintegrated, RuntimeError):
+            raise self._reintegrated.with_traceback(None)
+        return self._reintegrated
+
     @cached_property
     @symbolic
-    def end_differences(self) -> np.ndarray:
-        """Differences from the next mesh point of each interval, integrated again, in q, v and z (N, 2 n + k)."""
-        return end_differences(self.polynomials)
+    def _reintegrated(self) -> np.ndarray | RuntimeError:
+        """The differences, or why there are none: an interval that locks up takes the integrator many steps."""
+        try:
+            return end_differences(self.polynomials)
+        except RuntimeError as error:
+            return error
 
     @property
     def end_errors(self) -> np.ndarray:
