@@ -1,8 +1,8 @@
 """The consistent start of an analysis, from a state or from conditions.
 
 Three problems, one after the other: first-order states, pose, velocity, each
-nearest to its estimate among all that meet the constraints and the conditions;
-then accelerations and multipliers from the equations of motion.
+nearest to its estimate among all that meet the constraints and the conditions
+(states that a driver follows may follow the pose); then accelerations and multipliers from the equations of motion.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from ..numerics.least_squares import largest
 from ..numerics.newton import solve
 from ..numerics.rank import dependent_rows, unit_rows
 from ..results.state import State
+from .followed_states import led_start
 from .pose import PoseProblem
 from .velocity import VelocityProblem
 
@@ -60,25 +61,33 @@ def consistent_start(
         else:  # another one on the same bodies
             q, v = np.atleast_1d(initial[eom.q]), np.atleast_1d(initial[eom.v])
             z = np.atleast_1d(initial[eom.z]) if eom.z.numel() else np.zeros(0)
-        refuse_inconsistent(numeric, initial, time, q, v)
+        refuse_inconsistent(numeric, initial, time, q, v, z)
         return complete_state(numeric, signals, time, q, v, z)
     at_position, at_velocity, at_states = levels_of(numeric, read_conditions(initial))
     q0, v0, z0 = eom.estimate
     z = _first_order_states(numeric, at_states, time, z0)
-    q = PoseProblem(numeric, at_position, time, z).solve(q0 if near is None else near)
-    v = VelocityProblem(numeric, at_velocity, time, q, z).solve(v0)
+    q0 = q0 if near is None else near
+    if eom.follows_states and (at_position or at_velocity):
+        q, v, z = led_start(numeric, (at_position, at_velocity, at_states), time, (q0, v0), z)
+    else:
+        q = PoseProblem(numeric, at_position, time, z).solve(q0)
+        v = VelocityProblem(numeric, at_velocity, time, q, z).solve(v0)
     return complete_state(numeric, signals, time, q, v, z)
 
 
-def refuse_inconsistent(numeric: NumericEquations, state: State, time: float, q: np.ndarray, v: np.ndarray) -> None:
-    """Raise for a pose and velocity, given as a state, that break the constraints."""
-    numeric.of_state("consistent", (time, q, v), lambda: _refuse_inconsistent(numeric, state, time, q, v))
+def refuse_inconsistent(
+    numeric: NumericEquations, state: State, time: float, q: np.ndarray, v: np.ndarray, z: np.ndarray
+) -> None:
+    """Raise for a pose, velocity and states, given as a state, that break the constraints."""
+    numeric.of_state("consistent", (time, q, v, z), lambda: _refuse_inconsistent(numeric, state, time, q, v, z))
 
 
-def _refuse_inconsistent(numeric: NumericEquations, state: State, time: float, q: np.ndarray, v: np.ndarray) -> None:
+def _refuse_inconsistent(
+    numeric: NumericEquations, state: State, time: float, q: np.ndarray, v: np.ndarray, z: np.ndarray
+) -> None:
     eom = numeric.eom
-    phi, _ = numeric.position(time, q)
-    jacobian, nu = numeric.velocity(time, q)
+    phi, _ = numeric.position(time, q, z)
+    jacobian, nu = numeric.velocity(time, q, z)
     rows = np.abs(np.concatenate([phi, jacobian @ v - nu]))
     angular = np.concatenate([eom.position_angular_rows, eom.angular_rows])
     excess = rows / position_limits(numeric, angular)

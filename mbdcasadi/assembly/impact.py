@@ -74,12 +74,17 @@ def impact(
     p = parameter_vector(eom, carried["parameters"] | mapping_of(parameters, "parameters="))
     numeric = NumericEquations(eom, p)
     law = ImpactLaw(eom, read_restitution(restitution, "impact"))
-    z = np.array([state[x] if state.equations.contains(x) else x.value for x in mechanism.states])
+    z = states_after(mechanism, state)
     q, jump = pose_and_jump(numeric, law, state, z, f"impact at t = {state.t:.6g} s")
     signals = read_signals(eom, inputs, carried=carried["inputs"])
     s = complete_state(numeric, signals, state.t, q, jump.v, z)
     values = (s.q, s.v, s.a, s.z, s.lam, s.inputs, s.parameters)
     return State(mechanism, s.t, *values, s.obstacle, law.by_joint(jump.impulses))
+
+
+def states_after(mechanism: Mechanism, before: State) -> np.ndarray:
+    """Return the first-order states (k,) of a new mechanism: as they were before, those that are new by their value."""
+    return np.array([before[x] if before.equations.contains(x) else x.value for x in mechanism.states], float)
 
 
 def pose_and_jump(
@@ -96,7 +101,7 @@ def pose_and_jump(
     before : State
         Just before.
     z : numpy.ndarray
-        First-order states of the new mechanism.
+        First-order states of the new mechanism (k,).
     what : str
         Event and time, for messages.
 
@@ -106,7 +111,7 @@ def pose_and_jump(
         See :func:`impact`.
     """
     q, v = _carried(numeric, before, what)
-    q = _closed(numeric, law, before.t, q, what)
+    q = _closed(numeric, law, before.t, q, z, what)
     jump = law.solve(numeric, before.t, q, v, z)
     if largest(jump.left_over) > NEGLIGIBLE * (1 + largest(jump.v) + largest(v)):
         worst = law.row_names[int(np.argmax(np.abs(jump.contradiction)))]
@@ -136,18 +141,18 @@ def _carried(numeric: NumericEquations, before: State, what: str) -> tuple[np.nd
     return q, v
 
 
-def _closed(numeric: NumericEquations, law: ImpactLaw, t: float, q: np.ndarray, what: str) -> np.ndarray:
+def _closed(numeric: NumericEquations, law: ImpactLaw, t: float, q: np.ndarray, z: np.ndarray, what: str) -> np.ndarray:
     """The pose on the constraints of a new mechanism; one in which they do not hold is refused."""
     eom, count = numeric.eom, 3 * len(numeric.eom.mechanism.bodies)
     of_bodies, others = np.split(q, [count])
 
     def rows(others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        phi, jacobian = numeric.position(t, np.r_[of_bodies, others])
+        phi, jacobian = numeric.position(t, np.r_[of_bodies, others], z)
         return phi, jacobian[:, count:]
 
     if others.size:  # coordinates without inertia belong to the joints that close
         q = np.r_[of_bodies, solve(rows, others, np.ones(others.size)).x]
-    phi = numeric.position(t, q)[0]
+    phi = numeric.position(t, q, z)[0]
     function = ca.Function("momentary", [eom.t, eom.q, eom.p], [ca.densify(law.momentary)])
     moment = function(t, q, numeric.p).full().ravel()
     limits = np.r_[position_limits(numeric), position_limits(numeric, np.zeros(moment.size, bool))]
@@ -160,4 +165,4 @@ def _closed(numeric: NumericEquations, law: ImpactLaw, t: float, q: np.ndarray, 
             "that instant",
             time=t,
         )
-    return np.asarray(Recovery(numeric, redundant=False).positions(np.array([t]), q[None, :])[0])
+    return np.asarray(Recovery(numeric, redundant=False).positions(np.array([t]), q[None, :], z[None, :])[0])

@@ -63,7 +63,7 @@ class PoseProblem(NearestProblem):
 
     # --- closing the linkage -------------------------------------------------------------
     def _rows(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return self.numeric.position(self.t, q)
+        return self.numeric.position(self.t, q, self.z)
 
     def _close(self, estimate: np.ndarray) -> np.ndarray:
         outcomes = []

@@ -43,7 +43,7 @@ class VelocityProblem(NearestProblem):
         self, numeric: NumericEquations, conditions: Sequence[Condition], t: float, q: np.ndarray, z: np.ndarray
     ):
         super().__init__(numeric, conditions, t)
-        self._jacobian, self._nu = numeric.velocity(t, q)
+        self._jacobian, self._nu = numeric.velocity(t, q, z)
         eom = numeric.eom
         self._known = ca.vertcat(eom.q, eom.z, eom.t, eom.p), ca.vertcat(q, z, t, numeric.p)
         self.sizes = numeric.scale.coordinates  # in one second

@@ -40,7 +40,7 @@ def effective_masses(eom: Equations, p: np.ndarray, mass: np.ndarray, scale: Sca
     if not eom.lam.numel() or np.min(alike, initial=np.inf) > ALIKE * most:
         return None
     total = float(np.sum(alike)) or 1.0
-    jacobians = [np.asarray(eom.jacobian(0.0, pose, p)[0].full()) for pose in generic_poses(eom)]
+    jacobians = [np.asarray(eom.slopes(0.0, pose, p).full()) for pose in generic_poses(eom)]
     units = scale.length * scale.usual_rows
     scaled = [matrix * scale.coordinates / units[:, None] for matrix in jacobians if np.all(np.isfinite(matrix))]
     if not scaled:

@@ -99,7 +99,7 @@ def _implicit(eom: Equations, stem: str) -> list[Tape]:
         _tape(f"{stem}_mass_matrix", {"z": eom.z, "p": eom.p} if changes else {"p": eom.p}, {"M": eom.M}),
         _tape(
             f"{stem}_constraints",
-            {"t": eom.t, "q": eom.q, "p": eom.p},
+            {"t": eom.t, "q": eom.q, **({"z": eom.z} if eom.follows_states else {}), "p": eom.p},
             {"Phi": eom.Phi, "Phi_q": eom.Phi_q, "nu": eom.nu},
         ),
         _tape(f"{stem}_residual", whole, {"r": residual}),

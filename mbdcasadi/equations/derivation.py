@@ -88,15 +88,50 @@ class Equations:
     def nu(self) -> ca.SX:
         """Right side of the velocity equation (m,), ``Phi_q v = nu = -Phi_t``."""
         rest = ca.substitute(self.velocity_rows, self.v, ca.SX.zeros(self.v.numel()))
-        return ca.vertcat(-ca.jacobian(self.Phi, self.t), -rest)[self._order]
+        return ca.vertcat(-self.in_time(self.Phi), -rest)[self._order]
 
     @cached_property
     @symbolic
     def gamma(self) -> ca.SX:
         """Right side of the acceleration equation (m,)."""
-        rate = ca.jtimes(self.Phi, self.q, self.v) + ca.jacobian(self.Phi, self.t)
+        rate = ca.jtimes(self.Phi, self.q, self.v) + self.in_time(self.Phi)
         rate = ca.vertcat(rate, self.velocity_rows)[self._order]
-        return -(ca.jtimes(rate, self.q, self.v) + ca.jacobian(rate, self.t))
+        return -(ca.jtimes(rate, self.q, self.v) + self.in_time(rate))
+
+    def in_time(self, expression: ca.SX) -> ca.SX:
+        """Rate of a column in a pose that stands still: by time itself, and by states, which follow their rates."""
+        rate = ca.jacobian(expression, self.t)
+        if self.z.numel() and ca.depends_on(expression, self.z):
+            rate += ca.jtimes(expression, self.z, self.z_rate)
+        return rate
+
+    @property
+    def follows_states(self) -> bool:
+        """True if a driver prescribes a function of first-order states."""
+        return bool(self.following_rows)
+
+    @cached_property
+    def following_rows(self) -> list[int]:
+        """Rows of drivers that prescribe functions of first-order states."""
+        depends = ca.which_depends(self.Phi, self.z, 1, True) if self.z.numel() and self.Phi.numel() else []
+        return [int(row) for row, here in zip(self.position_rows, depends, strict=False) if here]
+
+    @property
+    def closing(self) -> ca.SX:
+        """Rows of ``Phi`` that no state enters: those of poses to which drivers may lead by the states they follow."""
+        following = set(self.following_rows)
+        return self.Phi[[place for place, row in enumerate(self.position_rows) if int(row) not in following]]
+
+    @cached_property
+    def followed_states(self) -> list[int]:
+        """Places of the states that drivers follow, and of those on which their rates depend."""
+        followed, expression = list[int](), self.Phi
+        while self.z.numel() and (depends := ca.which_depends(expression, self.z, 1, False)):
+            new = [k for k, here in enumerate(depends) if here and k not in followed]
+            if not new:
+                break
+            followed, expression = sorted([*followed, *new]), self.z_rate[new]
+        return followed
 
     @cached_property
     @symbolic
@@ -301,8 +336,14 @@ class Equations:
 
     @cached_property
     def jacobian(self) -> ca.Function:
-        """``(t, q, p) -> (Phi_q, nu)``."""
-        return ca.Function("velocity", [self.t, self.q, self.p], [self.Phi_q, ca.densify(self.nu)])
+        """``(t, q, p) -> (Phi_q, nu)``; ``(t, q, z, p)`` if drivers follow states."""
+        states = [self.z] if self.follows_states else []
+        return ca.Function("velocity", [self.t, self.q, *states, self.p], [self.Phi_q, ca.densify(self.nu)])
+
+    @cached_property
+    def slopes(self) -> ca.Function:
+        """``(t, q, p) -> Phi_q``, which no state enters."""
+        return ca.Function("slopes", [self.t, self.q, self.p], [self.Phi_q])
 
     def __repr__(self) -> str:
         return f"Equations(n = {self.q.numel()} coordinates, m = {self.lam.numel()} constraint rows)"

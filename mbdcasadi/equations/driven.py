@@ -28,9 +28,9 @@ class DrivenEquations:
         predict, correct by Newton's method, then velocity and acceleration.
         `correction` is how far the pose was moved from the prediction,
         `remainder` the last Newton step, `contradiction` by how much redundant rows contradict each other.
-        Not if there are velocity-level rows: the pose then follows from no time alone.
+        Not if there are velocity-level rows, or if drivers follow states: the pose then follows from no time alone.
     rates : casadi.Function
-        ``(t, q, p) -> (v, a, contradiction)``: velocity and acceleration in a pose.
+        ``(t, q, z, u, p) -> (v, a, contradiction)``: velocity and acceleration in a pose.
     multipliers : casadi.Function
         ``(t, q, v, a, z, u, p, D) -> lam`` from ``Phi_q^T lam = Q - M a``, of
         least norm ``lam^T D lam`` if rows are redundant.
@@ -61,14 +61,15 @@ class DrivenEquations:
 
     def _velocity_and_acceleration(self) -> ca.Function:
         eom = self._eom
-        velocity = ca.Function("velocity", [eom.t, eom.q, eom.p], [eom.Phi_q, ca.densify(eom.nu)])
-        acceleration = ca.Function("gamma", [eom.t, eom.q, eom.v, eom.p], [ca.densify(eom.gamma)])
-        now, q, p = ca.MX.sym("t"), ca.MX.sym("q", eom.q.numel()), ca.MX.sym("p", eom.p.numel())
-        jacobian, nu = velocity(now, q, p)
+        velocity = ca.Function("velocity", [eom.t, eom.q, eom.z, eom.p], [eom.Phi_q, ca.densify(eom.nu)])
+        acceleration = ca.Function("gamma", [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p], [ca.densify(eom.gamma)])
+        sizes = {name: getattr(eom, name).numel() for name in ("t", "q", "z", "u", "p")}
+        now, q, z, u, p = (ca.MX.sym(name, size) for name, size in sizes.items())
+        jacobian, nu = velocity(now, q, z, p)
         v = self._least_squares(jacobian, nu)
-        a = self._least_squares(jacobian, acceleration(now, q, v, p))
+        a = self._least_squares(jacobian, acceleration(now, q, v, z, u, p))
         contradiction = ca.norm_inf(jacobian @ v - nu) / (1 + ca.norm_inf(v))
-        return ca.Function("rates", [now, q, p], [v, a, contradiction], ["t", "q", "p"], ["v", "a", "contradiction"])
+        return ca.Function("rates", [now, q, z, u, p], [v, a, contradiction])
 
     def _step(self) -> ca.Function:
         eom = self._eom
@@ -84,7 +85,7 @@ class DrivenEquations:
             change = self._least_squares(jacobian, phi)
             q = q - change
         phi, _ = position(now, q, p)
-        v, a, torn = self.rates(now, q, p)
+        v, a, torn = self.rates(now, q, ca.MX.zeros(eom.z.numel()), ca.MX.zeros(eom.u.numel()), p)
         moved = ca.norm_inf(q - predicted)
         contradiction = ca.fmax(ca.norm_inf(phi), torn)
         return ca.Function(

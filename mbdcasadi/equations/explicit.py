@@ -121,7 +121,7 @@ def tree_rows(eom: Equations) -> dict[int, tuple[int, dict[int, float]]]:
     """Position rows that give coordinates one after the other, from the ground along the pins of a tree.
 
     A coordinate may be given in any number of others; those that remain are mostly angles. Rows that
-    depend on time are left out, and all of them if one has a value that jumps.
+    depend on time or states are left out, and all of them if one has a value that jumps.
 
     Returns
     -------
@@ -131,7 +131,8 @@ def tree_rows(eom: Equations) -> dict[int, tuple[int, dict[int, float]]]:
     if jumps_anywhere([eom.Phi]):
         return {}
     rows, still = _rows(eom), [ca.SX(rate).is_zero() for rate in ca.vertsplit(eom.nu)]
-    able = {place: rows[int(k)] for place, k in enumerate(eom.position_rows) if still[int(k)]}
+    follows = [bool(eom.follows_states and ca.depends_on(row, eom.z)) for row in ca.vertsplit(eom.Phi)]
+    able = {place: rows[int(k)] for place, k in enumerate(eom.position_rows) if still[int(k)] and not follows[place]}
     linear = {k for row in able.values() for k in row.linear} - {k for row in able.values() for k in row.curved}
     unknown = {place: linear & set(row.linear) for place, row in able.items()}
     solved: dict[int, tuple[int, dict[int, float]]] = {}

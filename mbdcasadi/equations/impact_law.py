@@ -194,9 +194,7 @@ class ImpactLaw:
         """Return impulses by joint, from those of all rows (k,)."""
         return _split([*dict.fromkeys(self.eom.row_elements), *self.restitution], impulses)
 
-    def solve(
-        self, numeric: NumericEquations, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray | None = None
-    ) -> Jump:
+    def solve(self, numeric: NumericEquations, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray) -> Jump:
         """Return the velocities just after the impact at a pose.
 
         Parameters
@@ -207,18 +205,20 @@ class ImpactLaw:
             Time, s.
         q, v : numpy.ndarray
             Pose, and velocities just before (n,).
-        z : numpy.ndarray, optional
-            First-order states, for masses that change with them; by default their own values.
+        z : numpy.ndarray
+            First-order states (k,).
         """
         eom = self.eom
         key = ("impact", *((joint, float(e)) for joint, e in self.restitution.items()))
         function = eom.mechanism.cache.get_or_create(
             key,
             lambda: ca.Function(
-                "impact", [eom.t, eom.q, self.v_before, eom.p], [ca.densify(self.jacobian), ca.densify(self.right)]
+                "impact",
+                [eom.t, eom.q, self.v_before, eom.z, eom.p],
+                [ca.densify(self.jacobian), ca.densify(self.right)],
             ),
         )
-        jacobian, right = (part.full() for part in function(t, q, v, numeric.p))
+        jacobian, right = (part.full() for part in function(t, q, v, z, numeric.p))
         return jump(numeric, jacobian, right.ravel(), v, z)
 
 

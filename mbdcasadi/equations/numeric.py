@@ -152,47 +152,59 @@ class NumericEquations:
     @cached_property
     def _position(self) -> Evaluator:
         eom = self.eom
-        return self._evaluator("position", lambda: ([eom.t, eom.q, eom.p], [eom.Phi, eom.position_jacobian]))
+        return self._evaluator("position", lambda: ([eom.t, eom.q, eom.z, eom.p], [eom.Phi, eom.position_jacobian]))
+
+    @cached_property
+    def _jacobian(self) -> Evaluator:
+        eom = self.eom
+        return eom.shared.get_or_create("slopes", lambda: Evaluator(eom.slopes))
 
     @cached_property
     def velocity_function(self) -> ca.Function:
-        """``(t, q, p) -> (Phi_q, nu)``."""
+        """``(t, q, z, p) -> (Phi_q, nu)``."""
         return self._velocity.function
 
     @cached_property
     def _velocity(self) -> Evaluator:
         eom = self.eom
-        return eom.shared.get_or_create("velocity", lambda: Evaluator(eom.jacobian))
+        return self._evaluator("velocity", lambda: ([eom.t, eom.q, eom.z, eom.p], [eom.Phi_q, ca.densify(eom.nu)]))
 
     @cached_property
     def _acceleration(self) -> Evaluator:
         eom = self.eom
-        return self._evaluator("acceleration", lambda: ([eom.t, eom.q, eom.v, eom.p], [eom.Phi_q, eom.gamma]))
+        known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
+        return self._evaluator("acceleration", lambda: (known, [eom.Phi_q, eom.gamma]))
 
     def _evaluator(self, key: str, terms: Callable[[], tuple[list[ca.SX], list[ca.SX]]]) -> Evaluator:
         """A function of one time from its arguments and results, made once for a mechanism."""
         return self.eom.shared.get_or_create(key, lambda: Evaluator(ca.Function(key, *terms())))
 
-    def position(self, t: float, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def position(self, t: float, q: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``Phi`` and its Jacobian, position rows only."""
-        phi, jacobian = self._position(t, q, self.p)
+        phi, jacobian = self._position(t, q, z, self.p)
         return phi.ravel(), jacobian
 
-    def velocity(self, t: float, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def jacobian(self, t: float, q: np.ndarray) -> np.ndarray:
+        """``Phi_q``, all rows, which no state enters."""
+        return self._jacobian(t, q, self.p)[0]
+
+    def velocity(self, t: float, q: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``Phi_q`` and ``nu``, all rows."""
-        jacobian, nu = self._velocity(t, q, self.p)
+        jacobian, nu = self._velocity(t, q, z, self.p)
         return jacobian, nu.ravel()
 
-    def acceleration(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def acceleration(
+        self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """``Phi_q`` and ``gamma``, all rows."""
-        jacobian, gamma = self._acceleration(t, q, v, self.p)
+        jacobian, gamma = self._acceleration(t, q, v, z, u, self.p)
         return jacobian, gamma.ravel()
 
-    def largest_miss(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[str, float]:
+    def largest_miss(self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray) -> tuple[str, float]:
         """Name of the row that is met worst at a state, at the level of positions or velocities, and by how much."""
         eom = self.eom
-        jacobian, nu = self.velocity(t, q)
-        residual = np.r_[self.position(t, q)[0], jacobian @ v - nu]
+        jacobian, nu = self.velocity(t, q, z)
+        residual = np.r_[self.position(t, q, z)[0], jacobian @ v - nu]
         names = [*eom.position_names, *(f"the rate of {name}" for name in eom.row_names)]
         worst = int(np.argmax(np.abs(residual))) if residual.size else 0
         return (names[worst], float(residual[worst])) if residual.size else ("", 0.0)
@@ -250,11 +262,11 @@ class NumericEquations:
 
     def scaled_jacobian(self, t: float, q: np.ndarray) -> np.ndarray:
         """``Phi_q`` with columns that compare and rows of length one (m, n)."""
-        return self.scale.scaled(self.velocity(t, q)[0])
+        return self.scale.scaled(self.jacobian(t, q))
 
     def row_size(self, t: float, q: np.ndarray) -> np.ndarray:
         """Length of each row of ``Phi_q`` with scaled columns (m,)."""
-        return self.scale.row_size(self.velocity(t, q)[0])
+        return self.scale.row_size(self.jacobian(t, q))
 
     def _rank_tolerance(self, q: np.ndarray) -> float:
         """Singular value that is none: levers are differences of places, whose rounding grows with their distance."""
@@ -275,7 +287,7 @@ class NumericEquations:
 
     def _sparse_jacobian(self, t: float, q: np.ndarray) -> ca.DM:
         """:meth:`scaled_jacobian` with its zeros left out."""
-        jacobian = self.velocity_function(t, q, self.p)[0] @ ca.diag(ca.DM(self.column_scale))
+        jacobian = self.eom.slopes(t, q, self.p) @ ca.diag(ca.DM(self.column_scale))
         size = np.sqrt(ca.sum2(jacobian**2).full().ravel())
         return ca.diag(ca.DM(1 / self.scale.known_size(size))) @ jacobian
 
@@ -314,7 +326,7 @@ class NumericEquations:
             Parameter values other than these.
         """
         known, (count, m) = ca.DM(self.p if p is None else p), lam.shape
-        jacobians = self.velocity_function(t[None, :], q.T, known)[0].full().reshape(m, count, -1).transpose(1, 2, 0)
+        jacobians = self.eom.slopes(t[None, :], q.T, known).full().reshape(m, count, -1).transpose(1, 2, 0)
         root = 1 / np.sqrt(self.norm_of_multipliers(t[None, :], q.T, known).full().T)
         scaled = self.column_scale[:, None] * jacobians * root[:, None, :]
         return root * np.einsum("kmn,knl,kl->km", np.linalg.pinv(scaled, rcond=RANK), scaled, lam / root)
@@ -352,11 +364,11 @@ class NumericEquations:
                 names += [] if np.all(np.isfinite(found.full())) else [name]
         return names
 
-    def rows_not_finite(self, t: float, q: np.ndarray, v: np.ndarray) -> list[str]:
+    def rows_not_finite(self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray) -> list[str]:
         """Names of the rows that have no finite value, no finite slope or no finite ``nu`` and ``gamma`` at a state."""
-        (jacobian, nu), (_, gamma) = self.velocity(t, q), self.acceleration(t, q, v)
+        (jacobian, nu), (_, gamma) = self.velocity(t, q, z), self.acceleration(t, q, v, z, u)
         finite = np.isfinite(nu) & np.isfinite(gamma) & np.all(np.isfinite(jacobian), axis=1)
-        finite[self.eom.position_rows] &= np.isfinite(self.position(t, q)[0])
+        finite[self.eom.position_rows] &= np.isfinite(self.position(t, q, z)[0])
         return [name for name, well in zip(self.eom.row_names, finite, strict=True) if not well]
 
     def refuse_missing_mass(self, t: float, q: np.ndarray) -> None:
@@ -399,7 +411,7 @@ class NumericEquations:
                 "friction is so large that a joint jams, or a force is not finite there",
                 time=t,
             )
-        jacobian, gamma = self.acceleration(t, q, v)
+        jacobian, gamma = self.acceleration(t, q, v, z, u)
         left_over = jacobian @ a - gamma if a.size else np.zeros(0)
         residual = left_over / self._acceleration_terms(jacobian, gamma, a, lam)
         broken = [] if finite else self.not_finite(t, q, v, z, u)

@@ -58,7 +58,8 @@ class Equations(derivation.Equations):
     Phi_q : casadi.SX
         Constraint Jacobian (m, n); for a velocity-level row its derivative by `v`.
     nu : casadi.SX
-        Right side of the velocity equation (m,), ``Phi_q v = nu = -Phi_t``.
+        Right side of the velocity equation (m,), ``Phi_q v = nu = -Phi_t``. Here and in `gamma` the partial derivative
+        by time follows first-order states, ``Phi_t + Phi_z z_rate``, if drivers prescribe these.
     gamma : casadi.SX
         Right side of the acceleration equation (m,),
         ``gamma = -(Phi_q v)_q v - 2 Phi_qt v - Phi_tt``.
@@ -97,7 +98,7 @@ class Equations(derivation.Equations):
         """Write the equations as C: one file and its header, which need a C compiler and nothing else.
 
         With ``engine.c`` the functions are ``engine_mass_matrix (p -> M)``,
-        ``engine_constraints (t, q, p -> Phi, Phi_q, nu)``, ``engine_residual
+        ``engine_constraints (t, q, p -> Phi, Phi_q, nu)`` (``t, q, z, p`` if drivers follow states), ``engine_residual
         (t, q, v, a, z, lam, u, p -> r)`` with ``r = [M a + Phi_q^T lam - Q; Phi;
         Phi_q v - nu; Phi_q a - gamma]``, ``engine_jacobians`` (of r by q, v, a, z,
         lam), ``engine_state_rates``, ``engine_forward_dynamics (t, q, v, z, u, p ->

@@ -42,19 +42,19 @@ class Recovery:
 
     @property
     def position_step(self) -> ca.Function:
-        """``(t, q, p, weights) -> (q, |Phi|)``: one step towards ``Phi = 0``, and the residual after it."""
+        """``(t, q, z, p, weights) -> (q, |Phi|)``: one step towards ``Phi = 0``, and the residual after it."""
         return self._step(_position_step).function
 
     @property
     def velocity_step(self) -> ca.Function:
-        """``(t, q, v, p, weights) -> (v, |Phi_q v - nu|)``: towards ``Phi_q v = nu``, and the residual after it."""
+        """``(t, q, v, z, p, weights) -> (v, |Phi_q v - nu|)``: towards ``Phi_q v = nu``, and the residual after it."""
         return self._step(_velocity_step).function
 
     def _step(self, make: Callable[..., ca.Function], *, refined: bool = False) -> Evaluator:
         eom = self.numeric.eom
         return eom.shared.get_or_create((make, refined), lambda: Evaluator(make(eom, refined=refined)))
 
-    def positions(self, t: np.ndarray, q: np.ndarray) -> np.ndarray:
+    def positions(self, t: np.ndarray, q: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Bring coordinates (k, n) onto ``Phi = 0``."""
         if not self.numeric.eom.Phi.numel() or not t.size:
             return q
@@ -62,7 +62,7 @@ class Recovery:
         self.left_over = 0.0
         before, left = np.inf, None
         for _ in range(PROJECTIONS):
-            moved, size = self._step(_position_step).rows(t[:, None], q, p, weights)
+            moved, size = self._step(_position_step).rows(t[:, None], q, z, p, weights)
             worst = largest(size)
             if not np.isfinite(worst) or worst >= before / 2:
                 self.left_over = self.left_over or worst
@@ -75,21 +75,21 @@ class Recovery:
             return q
 
         def step(here: np.ndarray, poses: np.ndarray) -> list[np.ndarray]:
-            return self._step(_position_step, refined=True).rows(t[here, None], poses, p, weights)
+            return self._step(_position_step, refined=True).rows(t[here, None], poses, z[here], p, weights)
 
         q, self.left_over = _refined(step, q, left)
         return q
 
-    def velocities(self, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def velocities(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Bring velocities (k, n) onto ``Phi_q v = nu``."""
         if not self.numeric.eom.lam.numel() or not t.size:
             return v
         p, weights = self.numeric.p, self.numeric.projection_weights
-        v, left = self._step(_velocity_step).rows(t[:, None], q, v, p, weights)
+        v, left = self._step(_velocity_step).rows(t[:, None], q, v, z, p, weights)
 
         def step(here: np.ndarray, velocities: np.ndarray) -> list[np.ndarray]:
             refined = self._step(_velocity_step, refined=True)
-            moved, after, off = refined.rows(t[here, None], q[here], velocities, p, weights)
+            moved, after, off = refined.rows(t[here, None], q[here], velocities, z[here], p, weights)
             # what a pose is off by, in a motion that rows hardly resist, counts in velocities by the square of that
             return [moved, np.where(off > HELD_BACK * (1 + largest(q)), np.inf, after)]
 
@@ -103,8 +103,8 @@ class Recovery:
 
     def complete(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray) -> SixArrays:
         """Return ``q, v, a, z, lam, u`` on the constraints at states near to them, by row."""
-        q = self.positions(t, q)
-        return self.loaded(t, q, self.velocities(t, q, v), z, u)
+        q = self.positions(t, q, z)
+        return self.loaded(t, q, self.velocities(t, q, v, z), z, u)
 
     def loaded(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray) -> SixArrays:
         """Return ``q, v, a, z, lam, u`` at states that are on the constraints, by row."""
@@ -140,8 +140,9 @@ def _refined(
 def _position_step(eom: Equations, *, refined: bool) -> ca.Function:
     weights, saddle = projection_saddle(eom, eom.position_rows.tolist(), refined=refined)
     moved = ca.densify(eom.q - saddle.project(eom.Phi))
-    left = ca.Function("left", [eom.t, eom.q, eom.p], ca.cse([_largest(eom.Phi)]))
-    return ca.Function("position_step", [eom.t, eom.q, eom.p, weights], [moved, left(eom.t, moved, eom.p)])
+    left = ca.Function("left", [eom.t, eom.q, eom.z, eom.p], ca.cse([_largest(eom.Phi)]))
+    known = [eom.t, eom.q, eom.z, eom.p, weights]
+    return ca.Function("position_step", known, [moved, left(eom.t, moved, eom.z, eom.p)])
 
 
 def _velocity_step(eom: Equations, *, refined: bool) -> ca.Function:
@@ -151,7 +152,7 @@ def _velocity_step(eom: Equations, *, refined: bool) -> ca.Function:
     for _ in range(1 if refined else 2):  # the second step removes the rounding of the first
         v = v - saddle.project(eom.Phi_q @ v - eom.nu)
     left = [_largest(part) for part in (eom.Phi_q @ v - eom.nu, *([eom.Phi] if refined else []))]
-    return ca.Function("velocity_step", [eom.t, eom.q, eom.v, eom.p, weights], [ca.densify(v), *left])
+    return ca.Function("velocity_step", [eom.t, eom.q, eom.v, eom.z, eom.p, weights], [ca.densify(v), *left])
 
 
 def _largest(residual: ca.SX) -> ca.SX:

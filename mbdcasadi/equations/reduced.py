@@ -62,7 +62,7 @@ class _Terms(NamedTuple):
 class ReducedEquations:
     """Constrained equations of motion with the explicit constraints solved.
 
-    Let ``q = f(w, t)`` be the coordinates in terms of the independent ones
+    Let ``q = f(w, t)`` (and states that drivers follow) be the coordinates in terms of the independent ones
     ``w``, a part of them, by which the explicit rows of the constraints hold
     whatever ``w`` is. With virtual displacements ``f_w dw`` the equations of
     motion become
@@ -130,14 +130,20 @@ class ReducedEquations:
         error = ca.SX.sym("e", len(self._solved))
         displaced = _coordinates(self.whole, self._solved, error)
         q = ca.substitute(displaced, error, ca.SX.zeros(error.numel()))
-        v = ca.jtimes(q, ca.vertcat(self.q, self.t), ca.vertcat(self.v, 1))
-        a = ca.jtimes(v, ca.vertcat(self.q, self.v, self.t), ca.vertcat(self.v, self.a, 1))
+        v = ca.jtimes(q, self.q, self.v) + self._in_time(q, q, ca.SX(self.whole.v))
+        a = ca.jtimes(v, ca.vertcat(self.q, self.v), ca.vertcat(self.v, self.a)) + self._in_time(v, q, v)
         q, v, a = (ca.densify(x) for x in (q, v, a))
         return _Placed(q, v, a, displaced, error)
 
+    def _in_time(self, expression: ca.SX, q: ca.SX, v: ca.SX) -> ca.SX:
+        """Rate of a column by time and by states, whose rates are in all coordinates and velocities, q and v here."""
+        rate, dependent = self.whole.in_time(expression), self._dependent
+        symbols, values = ([x[dependent], y[dependent]] for x, y in ((self.whole.q, self.whole.v), (q, v)))
+        return ca.substitute([rate], symbols, values)[0] if dependent else rate
+
     @cached_property
     def _terms(self) -> _Terms:
-        eom, (q, _, a, displaced, error) = self.whole, self._placed
+        eom, (q, v, a, displaced, error) = self.whole, self._placed
         rows = eom.Phi_q[self.rows, :]
         load = eom.mass_diagonal * eom.a + rows.T @ self.lam - eom.Q
         right = [eom.Phi[self._places, 0], eom.nu[self.rows, 0], eom.gamma[self.rows, 0]]
@@ -150,7 +156,7 @@ class ReducedEquations:
             ca.jtimes(q, self.q, load, True),
             phi,
             rows @ ca.jacobian(q, self.q),
-            nu - rows @ ca.jacobian(q, self.t),
+            nu - rows @ ca.substitute(v, self.v, ca.SX.zeros(self.v.numel())),
             gamma - rows @ ca.substitute(a, self.a, ca.SX.zeros(self.a.numel())),
             ca.substitute(z_rate, eom.lam[self.explicit, 0], pull),
             lam,
@@ -216,12 +222,14 @@ class ReducedEquations:
         """Estimate of the coordinates."""
         return self.whole.estimate[0][self.independent]
 
-    def states(self, t: np.ndarray, w: np.ndarray, rate: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """All coordinates and velocities (k, n) at times (k,), of independent ones (k, m)."""
+    def states(
+        self, t: np.ndarray, w: np.ndarray, rate: np.ndarray, z: np.ndarray, p: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """All coordinates and velocities (k, n) at times (k,), of independent ones (k, m) and states."""
         if not self._dependent:
             return w, rate
-        others = [np.zeros(x.numel()) for x in (self.a, self.z, self.lam, self.u)]
-        q, v, *_ = self._expansion_by_row.rows(t[:, None], w, rate, *others, p)
+        a, lam, u = (np.zeros(x.numel()) for x in (self.a, self.lam, self.u))
+        q, v, *_ = self._expansion_by_row.rows(t[:, None], w, rate, a, z, lam, u, p)
         return q, v
 
     def of(self, *expressions: ca.SX) -> Sequence[ca.SX]:

@@ -98,9 +98,9 @@ def generic_poses(eom: Equations) -> np.ndarray:
 
 def _scale(eom: Equations, p: np.ndarray, mass: np.ndarray) -> Scale:
     n, m = eom.q.numel(), eom.lam.numel()
-    rows, columns = (np.array(part, int) for part in eom.jacobian.sparsity_out(0).get_triplet())
+    rows, columns = (np.array(part, int) for part in eom.slopes.sparsity_out(0).get_triplet())
     poses = generic_poses(eom)
-    values = np.array([eom.jacobian(0.0, pose, p)[0].nonzeros() for pose in poses]).reshape(len(poses), rows.size)
+    values = np.array([eom.slopes(0.0, pose, p).nonzeros() for pose in poses]).reshape(len(poses), rows.size)
     values = np.abs(values[np.all(np.isfinite(values), axis=1)])
     of_body = np.arange(n) < 3 * len(eom.mechanism.bodies)
     straight = of_body & ~eom.angles

@@ -65,7 +65,8 @@ class Model:
     def estimate(self) -> np.ndarray:
         """Values of (q, v, z) to which the start is nearest among all that meet the constraints and conditions."""
         start = self.start
-        return np.r_[start.q, start.v, start.z] if self.is_state else np.concatenate(self.eom.estimate)
+        q, v, z = (start.q, start.v, start.z) if self.is_state else self.eom.estimate
+        return np.r_[q, v, start.z if self.eom.follows_states else z]  # states of servos may follow the pose
 
     @property
     def eom(self) -> Equations:
@@ -123,7 +124,7 @@ class Model:
         if eom.lam.numel():
             return _renamed(projection_of(eom), "projection")
         weights = ca.SX.sym("weights", eom.q.numel())
-        return ca.Function("projection", [eom.t, eom.q, eom.v, eom.p, weights], [eom.q, eom.v, ca.SX(0)])
+        return ca.Function("projection", [eom.t, eom.q, eom.v, eom.z, eom.p, weights], [eom.q, eom.v, ca.SX(0)])
 
     @property
     def _outputs(self) -> ca.SX:
@@ -159,7 +160,7 @@ class Model:
         if not eom.lam.numel():
             return ca.SX(eom.q.numel(), 1), ca.SX(eom.q.numel(), 1)
         weights = ca.SX(ca.DM(self.numeric.projection_weights))
-        q, v, _ = projection_of(eom)(eom.t, eom.q, eom.v, eom.p, weights)
+        q, v, _ = projection_of(eom)(eom.t, eom.q, eom.v, eom.z, eom.p, weights)
         return self.drift_rate * (q - eom.q), self.drift_rate * (v - eom.v)
 
     # --- switches, checks, messages --------------------------------------------------------

@@ -242,16 +242,16 @@ def nodes_from_data(setup: MotionSetup, experiment: Experiment, index: int, gues
     target = experiment.samples[usable, index]
 
     def both(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        phi, jacobian = numeric.position(time, q)
+        phi, jacobian = numeric.position(time, q, z)
         values, slope, _ = function(q, time, numeric.p)
         return np.r_[phi, values.full().ravel() - target], np.vstack([jacobian, slope.full()])
 
     led = solve(both, q, numeric.weights, iterations=20, step_limit=0.5)
-    closed = solve(lambda q: numeric.position(time, q), led.x, numeric.weights, iterations=20)
+    closed = solve(lambda q: numeric.position(time, q, z), led.x, numeric.weights, iterations=20)
     if not closed.converged:
         return guess
     q = closed.x
-    jacobian, nu = numeric.velocity(time, q)
+    jacobian, nu = numeric.velocity(time, q, z)
     _, slope, drift = function(q, time, numeric.p)
     rates = np.array([_rate(setup.grid, experiment.samples[k], index) for k in usable])
     seen = np.isfinite(rates)

@@ -15,7 +15,7 @@ from ..equations import Equations
 from ..equations.driven import driven_equations
 from ..equations.numeric import NumericEquations
 from ..errors import MechanismError, SingularityError
-from ..kinematics.kinematics import driven_motion, kinematic_trajectory
+from ..kinematics.kinematics import check_driven, driven_motion, kinematic_trajectory
 from ..model.drivers import Driver
 from ..model.geometry.splines import expression_of, through_samples
 from ..model.mechanism import Mechanism
@@ -134,10 +134,14 @@ def inverse_dynamics(
 # --- a mechanism with drivers --------------------------------------------------------------
 def _of_drivers(setup: Setup, inputs: Any, progress: bool) -> Trajectory:
     numeric, eom = setup.numeric, setup.eom
-    course = driven_motion(numeric, setup.grid, progress=progress, what="inverse_dynamics")
-    frame = kinematic_trajectory(numeric, course)
     states = _first_order_states(setup, inputs)
-    frame.z = setup.eom.estimate[2][None].repeat(len(frame), axis=0) if states is None else states.z
+    if eom.follows_states:  # and these may follow inputs, which kinematics does not know
+        check_driven(numeric, setup.time, setup.start.q, "inverse_dynamics")
+        frame = _at_start(setup) if states is None else states
+    else:
+        course = driven_motion(numeric, setup.grid, progress=progress, what="inverse_dynamics")
+        frame = kinematic_trajectory(numeric, course)
+        frame.z = eom.estimate[2][None].repeat(len(frame), axis=0) if states is None else states.z
     u = _inputs(setup, frame)
     lam = _multipliers(numeric, frame, u)
     _finite(eom.row_names, frame.t, lam)
@@ -160,6 +164,13 @@ def _multipliers(numeric: NumericEquations, frame: Trajectory, u: np.ndarray) ->
     function, motion = driven_equations(numeric.eom).multipliers, (frame.v.T, frame.a.T, frame.z.T)
     found: np.ndarray = call_each(function, *pose, *motion, u.T, numeric.p, norm)[0].T
     return found
+
+
+def _at_start(setup: Setup) -> Trajectory:
+    """The start as a motion of one time."""
+    start = setup.start
+    q, v, a, z, lam, u = (x[None] for x in (start.q, start.v, start.a, start.z, start.lam, start.inputs))
+    return Trajectory(setup.mechanism, setup.grid, q, v, a, z, lam, u, setup.p)
 
 
 def _first_order_states(setup: Setup, inputs: Any) -> Trajectory | None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..assembly.consistent_start import refuse_inconsistent
+from ..assembly.impact import states_after
 from ..assembly.pose import PoseProblem
 from ..assembly.setup import Setup
 from ..equations.numeric import NumericEquations
@@ -151,16 +151,16 @@ def check(mechanism: Mechanism, state: State | None = None, *, parameters: Any =
     n, m = eom.q.numel(), eom.lam.numel()
     open_rows: dict[str, float] = {}
     if state is not None:
-        q = np.atleast_1d(state[eom.q])
-        refuse_inconsistent(numeric, state, t, q, np.atleast_1d(state[eom.v]))
+        q, z = np.atleast_1d(state[eom.q]), states_after(eom.mechanism, state)
+        refuse_inconsistent(numeric, state, t, q, np.atleast_1d(state[eom.v]), z)
     else:
-        q, open_rows = _pose(numeric, t)
+        (q, open_rows), z = _pose(numeric, t), eom.estimate[2]
     here = numeric.rank(t, q)
     near = Mobility(here.rank, q, here) if open_rows else mobility(numeric, t, q)
     redundant = m - near.rank
     dependent = rows_taking_part(near.analysis.null_rows) if redundant else []
     names = eom.row_names
-    pose = describe_singularity(numeric, t, q, near) if near.singular else None
+    pose = describe_singularity(numeric, t, q, z, near) if near.singular else None
     return Report(
         degrees_of_freedom=n - near.rank,
         gruebler=n - m,
@@ -170,7 +170,7 @@ def check(mechanism: Mechanism, state: State | None = None, *, parameters: Any =
         redundant=tuple(names[k] for k in dependent_rows(numeric.scaled_jacobian(t, near.pose))[:redundant]),
         dependent=tuple(names[k] for k in dependent),
         not_unique=tuple(dict.fromkeys(eom.row_elements[k].name for k in dependent)),
-        contradictory=_contradictory(numeric, t, q, here.null_rows, open_rows, singular=near.singular),
+        contradictory=_contradictory(numeric, t, q, z, here.null_rows, open_rows, singular=near.singular),
         residuals=open_rows,
         singular=pose.kind if pose else "",
         singular_rows=pose.rows if pose else (),
@@ -188,8 +188,7 @@ def _pose(numeric: NumericEquations, t: float) -> tuple[np.ndarray, dict[str, fl
         return problem.solve(estimate), {}
     except AssemblyError:
         sizes = numeric.scale.coordinates
-        rows = partial(numeric.position, t)
-        closest = solve(rows, estimate, numeric.weights, sizes=sizes, step_limit=numeric.step_limit)
+        closest = solve(problem.rows_with([]), estimate, numeric.weights, sizes=sizes, step_limit=numeric.step_limit)
         return closest.x, problem.open_parts(closest.residual)
 
 
@@ -201,17 +200,24 @@ def _remarks(numeric: NumericEquations, t: float, q: np.ndarray) -> tuple[str, .
 
 
 def _contradictory(
-    numeric: NumericEquations, t: float, q: np.ndarray, null_rows: np.ndarray, open_rows: Any, *, singular: bool
+    numeric: NumericEquations,
+    t: float,
+    q: np.ndarray,
+    z: np.ndarray,
+    null_rows: np.ndarray,
+    open_rows: Any,
+    *,
+    singular: bool,
 ) -> tuple[str, ...]:
     """Rows of a dependency whose residuals, or whose ``nu``, do not cancel: they cannot hold together."""
     eom = numeric.eom
     if open_rows:
         wanted = np.zeros(eom.lam.numel())
-        wanted[eom.position_rows] = numeric.position(t, q)[0]
+        wanted[eom.position_rows] = numeric.position(t, q, z)[0]
     elif singular:  # what a driver asks for in a singular pose is reported with that pose
         return ()
     else:
-        wanted = numeric.velocity(t, q)[1]
+        wanted = numeric.velocity(t, q, z)[1]
     wanted = wanted / numeric.row_size(t, q)
     shares = [np.abs(combination * wanted).sum() for combination in null_rows]
     broken = [c for c, share in zip(null_rows, shares, strict=True) if abs(c @ wanted) > MET * max(1.0, share)]

@@ -6,6 +6,7 @@ import time as clock
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ..assembly.pose import PoseProblem
@@ -45,8 +46,9 @@ def kinematics(
     ``Phi(q, t) = 0``, ``Phi_q v = nu``, ``Phi_q a = gamma`` at each time, by
     Newton's method from a prediction of the time before. If the step is too
     long for that, it is divided; a lock-up is located by bisection. With
-    non-holonomic constraints the pose follows from no time alone: then
-    ``Phi_q v = nu`` is integrated from the assembled pose at the first time.
+    non-holonomic constraints, and with drivers that follow states, the pose
+    follows from no time alone: then ``Phi_q v = nu`` and the states are
+    integrated from the assembled pose and the states' own values at the first time; inputs keep their own values.
 
     Parameters
     ----------
@@ -64,7 +66,8 @@ def kinematics(
     Returns
     -------
     Trajectory
-        Without multipliers; first-order states, which follow from forces, are NaN (inverse dynamics has them).
+        Without multipliers; first-order states that no driver follows are NaN: they follow from forces (inverse
+        dynamics has them).
 
     Raises
     ------
@@ -98,11 +101,12 @@ def driven_motion(numeric: NumericEquations, grid: np.ndarray, *, progress: bool
     eom = numeric.eom
     jumps = explicit_time(eom).jumps(numeric.p, float(grid[0]), float(grid[-1]))
     jump = first_jump(jumps)
-    q = PoseProblem(numeric, [], float(grid[0]), eom.estimate[2]).solve(eom.estimate[0])
-    _check_driven(numeric, float(grid[0]), q, what)
+    z = eom.estimate[2]
+    q = PoseProblem(numeric, [], float(grid[0]), z).solve(eom.estimate[0])
+    check_driven(numeric, float(grid[0]), q, what)
     reached = grid if jump is None else grid[: max(np.searchsorted(grid, jump.time), 1)]
     try:
-        motion = _follower(numeric, [corner.time for corner in jumps]).run(reached, q, progress=progress)
+        motion = _follower(numeric, [corner.time for corner in jumps]).run(reached, q, z, progress=progress)
     except (MechanismError, Interrupted) as error:
         if error.partial is not None:
             error.partial = kinematic_trajectory(numeric, error.partial)
@@ -120,8 +124,16 @@ def driven_motion(numeric: NumericEquations, grid: np.ndarray, *, progress: bool
 
 
 def _follower(numeric: NumericEquations, corners: Sequence[float] = ()) -> PathFollower | VelocityLevelMotion:
-    """Follower of the pose: Newton's method, or an integration if there are velocity-level rows."""
-    if numeric.eom.position_rows.size < numeric.eom.lam.numel():
+    """Follower of the pose: Newton's method, or an integration if velocities or states lead it."""
+    eom = numeric.eom
+    if eom.position_rows.size < eom.lam.numel() or eom.follows_states:
+        unknown = ca.vertcat(eom.a, eom.lam)
+        for k in eom.followed_states:
+            if ca.depends_on(eom.z_rate[k], unknown):
+                raise ModelError(
+                    f"kinematics knows no forces, on which the rate of state '{eom.mechanism.states[k].label}' "
+                    "depends, and a driver follows that state; use simulate"
+                )
         return VelocityLevelMotion(numeric)
     return PathFollower(numeric, corners)
 
@@ -130,7 +142,7 @@ def kinematic_trajectory(numeric: NumericEquations, motion: DrivenMotion) -> Tra
     """Trajectory without multipliers."""
     eom = numeric.eom
     count = motion.t.size
-    z = np.full((count, eom.z.numel()), np.nan)  # they follow from forces, which kinematics does not know
+    z = motion.z
     u = np.tile(eom.input_values, (count, 1))
     lam = np.full((count, eom.lam.numel()), np.nan)
     return Trajectory(
@@ -180,27 +192,39 @@ class DrivenAgain(Continuation):
         motion = self._motion
         return Spans(np.zeros(motion.t.size, int), motion.t, self._states(motion))
 
-    @staticmethod
-    def _states(motion: DrivenMotion) -> States:
-        return States(motion.q, motion.v, np.zeros((motion.t.size, 0)))
+    def _states(self, motion: DrivenMotion) -> States:
+        return States(motion.q, motion.v, motion.z[:, self._numeric.eom.followed_states])
+
+    def _corrected(self, places: Places, states: States) -> DrivenMotion:
+        eom = self._numeric.eom
+        z = np.full((places.t.size, eom.z.numel()), np.nan)
+        z[:, eom.followed_states] = states.z
+        return self._follower.correct(places.t, states.q, z)
 
     def rates(self, places: Places, states: States) -> tuple[np.ndarray, np.ndarray]:
-        return self._follower.correct(places.t, states.q).a, states.z
+        motion, eom = self._corrected(places, states), self._numeric.eom
+        rates = eom.function(eom.z_rate[eom.followed_states])
+        lam, u = (np.tile(x[:, None], places.t.size) for x in (np.zeros(eom.lam.numel()), eom.input_values))
+        state = motion.q.T, motion.v.T, motion.a.T, motion.z.T, lam, u
+        return motion.a, rates(places.t[None], *state, self._numeric.p).full().T
 
     def complete(self, places: Places, states: States) -> Arrays:
-        motion, eom = self._follower.correct(places.t, states.q), self._numeric.eom
-        z, lam = (np.full((places.t.size, n), np.nan) for n in (eom.z.numel(), eom.lam.numel()))
-        return motion.q, motion.v, motion.a, z, lam, np.tile(eom.input_values, (places.t.size, 1))
+        motion, eom = self._corrected(places, states), self._numeric.eom
+        lam = np.full((places.t.size, eom.lam.numel()), np.nan)
+        return motion.q, motion.v, motion.a, motion.z, lam, np.tile(eom.input_values, (places.t.size, 1))
 
     def again(self, stretches: Sequence[Stretch]) -> list[States]:
         results = []
         for one in stretches:
-            motion = self._follower.run(np.r_[one.start, one.times], one.state.q.ravel())
+            z = self._numeric.eom.estimate[2].copy()
+            z[self._numeric.eom.followed_states] = one.state.z.ravel()
+            motion = self._follower.run(np.r_[one.start, one.times], one.state.q.ravel(), z)
             results.append(self._states(motion).at(slice(1, None)))
         return results
 
 
-def _check_driven(numeric: NumericEquations, t: float, q: np.ndarray, what: str) -> None:
+def check_driven(numeric: NumericEquations, t: float, q: np.ndarray, what: str) -> None:
+    """Raise if drivers leave degrees of freedom in a pose."""
     n = numeric.eom.q.numel()
     if numeric.rank(t, q).rank == n:
         return

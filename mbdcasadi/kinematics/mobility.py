@@ -106,7 +106,8 @@ class Joints:
         self._random = np.random.default_rng(1)
 
     def _equations(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        phi, jacobian = self._numeric.position(self._t, pose)
+        numeric = self._numeric  # rows of drivers, which alone follow states, are left out
+        phi, jacobian = numeric.position(self._t, pose, numeric.eom.estimate[2])
         return phi[self._kept], jacobian[self._kept]
 
     def motions(self, pose: np.ndarray) -> np.ndarray:

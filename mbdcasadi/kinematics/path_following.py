@@ -48,16 +48,18 @@ class Continuation(MotionFollower):
         super().__init__(numeric)
         self._corners = np.unique(np.asarray(corners, float))
         self.driven = driven_equations(numeric.eom)
+        #: states and inputs, on which no row depends here
+        self._others = numeric.eom.estimate[2], numeric.eom.input_values
         self._contradiction = CONTRADICTION_TOLERANCE * max(1.0, numeric.scale.length)
 
     # --- the motion -------------------------------------------------------------------
-    def run(self, grid: np.ndarray, q: np.ndarray, *, progress: bool = False) -> DrivenMotion:
-        """Follow the motion over a grid from the pose at its first time."""
+    def run(self, grid: np.ndarray, q: np.ndarray, z: np.ndarray, *, progress: bool = False) -> DrivenMotion:
+        """Follow the motion over a grid from the pose at its first time; no state takes part."""
         zero = np.zeros_like(q)
         singular = self.numeric.rank(float(grid[0]), q).rank < q.size
         first = None if singular else self._batch(grid[0], grid[:1], q, zero, zero)
         if first is None or not len(first[0]):
-            nothing = DrivenMotion.none(q.size)
+            nothing = DrivenMotion.none(self.numeric)
             contradiction = None if singular else self._contradicting(q, float(grid[0]), float(grid[0]), nothing)
             raise contradiction or self._singular(float(grid[0]), q, nothing)
         blocks = [first]
@@ -83,12 +85,12 @@ class Continuation(MotionFollower):
         self._watch_branch(motion)
         return motion
 
-    def correct(self, t: np.ndarray, q: np.ndarray) -> DrivenMotion:
-        """Solve at scattered times from good estimates (k, n)."""
+    def correct(self, t: np.ndarray, q: np.ndarray, z: np.ndarray) -> DrivenMotion:
+        """Solve at scattered times from good estimates (k, n); no state takes part."""
         zero = np.zeros_like(q.T)
         results = self.driven.step(q.T, zero, zero, t[None, :], t[None, :], self.numeric.p)
         q, v, a = (x.full().T for x in results[:3])
-        return DrivenMotion(t, q, v, a)
+        return DrivenMotion(t, q, v, a, self._without_states(t.size))
 
     def _batch(
         self, before: float, times: np.ndarray, *state: np.ndarray, careful: bool = False
@@ -134,7 +136,7 @@ class Continuation(MotionFollower):
         if not self.driven.square or eom.q.numel() > LARGEST_DETERMINANT:
             return
         every = slice(None, None, max(1, motion.t.size // WATCHED_POINTS))
-        jacobian = self.numeric.velocity_function(motion.t[every][None, :], motion.q[every].T, self.numeric.p)[0].full()
+        jacobian = eom.slopes(motion.t[every][None, :], motion.q[every].T, self.numeric.p).full()
         n = eom.q.numel()
         stacked = jacobian.reshape(n, -1, n).transpose(1, 0, 2)
         signs = np.linalg.slogdet(stacked)[0]
@@ -177,7 +179,7 @@ class Continuation(MotionFollower):
                 state, now = path.point, end
             if end < goal:
                 now = min(end + passed, goal)
-                after = self.correct(np.array([now]), state[0][None, :])
+                after = self.correct(np.array([now]), state[0][None, :], self._without_states(1))
                 state = after.q[0], after.v[0], after.a[0]
         q, v, a = state
         return q[None, :], v[None, :], a[None, :]
@@ -193,14 +195,13 @@ class Continuation(MotionFollower):
         )
 
     # --- messages ---------------------------------------------------------------------------
-    @staticmethod
-    def _motion(grid: np.ndarray, blocks: list[tuple]) -> DrivenMotion:
+    def _motion(self, grid: np.ndarray, blocks: list[tuple]) -> DrivenMotion:
         q, v, a = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
-        return DrivenMotion(grid[: len(q)], q, v, a)
+        return DrivenMotion(grid[: len(q)], q, v, a, self._without_states(len(q)))
 
     def _not_finite(self, q: np.ndarray, now: float, ahead: float, motion: DrivenMotion) -> AssemblyError | None:
         """The error for rows that have no value from now on, if that is what stops the motion."""
-        rows = self.numeric.rows_not_finite(ahead, q, np.zeros_like(q))
+        rows = self.numeric.rows_not_finite(ahead, q, np.zeros_like(q), *self._others)
         if not rows:
             return None
         return AssemblyError(
@@ -215,8 +216,9 @@ class Continuation(MotionFollower):
         if self.driven.square:
             return None
         eom = self.numeric.eom
-        closest = solve(lambda pose: self.numeric.position(goal, pose), q, self.numeric.weights)
-        jacobian, nu = self.numeric.velocity(now, q)
+        z = self._others[0]
+        closest = solve(lambda pose: self.numeric.position(goal, pose, z), q, self.numeric.weights)
+        jacobian, nu = self.numeric.velocity(now, q, z)
         v = project_velocity(jacobian, nu, np.zeros(q.size))
         at_velocity = np.zeros(eom.lam.numel()) if closest.converged is False else jacobian @ v - nu
         residual = closest.residual if not closest.converged else at_velocity[eom.position_rows]

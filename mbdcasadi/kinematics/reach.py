@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -189,7 +188,8 @@ class Reach:
         reach = np.where(numeric.eom.angles, np.pi, FARTHEST * numeric.scale.coordinates)
         q = near + reach * random.uniform(-1, 1, near.size)
         t = float(random.uniform(time.lower, time.upper))
-        closed = solve(partial(numeric.position, t), q, numeric.weights, step_limit=numeric.step_limit).x
+        rows = PoseProblem(numeric, [], t, self._z).rows_with([])
+        closed = solve(rows, q, numeric.weights, step_limit=numeric.step_limit).x
         steps = random.uniform(-1, 1, len(parameters))
         values = [
             np.clip(f.value + 0.5 * f.size * step, f.lower, f.upper) for f, step in zip(parameters, steps, strict=True)

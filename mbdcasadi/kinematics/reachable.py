@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ..assembly.consistent_start import complete_state
+from ..assembly.followed_states import led_states, without_servos
 from ..assembly.setup import Setup
 from ..errors import ExpressionError, ModelError
 from ..model.conditions import Condition, Relations, read_conditions
@@ -229,9 +230,10 @@ def reachable(
         on_way = rows(path)
         unknowns = [Free(p, p.label, values.get(p, p.value), p.lower, p.upper, p.typical_size or 1.0) for p in free]
         unknowns.append(Free(eom.t, "t", first, first, last, (last - first) or 1.0))
-        closing = ca.substitute(eom.Phi, *numbers)
-        reach = Reach(numeric, closing, [*rows(conditions), *on_way], unknowns, start.z)
-        branches = Branches(numeric, start.q, ca.vertcat(ca.SX(0, 1), *free))
+        free_to_go = without_servos(numeric)
+        closing = ca.substitute(eom.closing, *numbers)
+        reach = Reach(free_to_go, closing, [*rows(conditions), *on_way], unknowns, start.z)
+        branches = Branches(free_to_go, start.q, ca.vertcat(ca.SX(0, 1), *free))
         limits = [c for c in on_way if not c.equality]
         obstacle = obstacle_to(reach, [start.q], branches, lambda: limits, start.q)
         return _answer(setup, reach, obstacle, free)
@@ -246,9 +248,10 @@ def _answer(setup: Setup, reach: Reach, obstacle: Obstacle | None, free: Sequenc
         found = dict(zip(free, values, strict=True))
         own = {p: found.get(p, value) for p, value in zip(setup.mechanism.parameters, setup.p.tolist(), strict=True)}
         at = Setup(setup.mechanism, "reachable", t=t, parameters=own)
-        jacobian, nu = at.numeric.velocity(t, q)
+        z = led_states(at.numeric, np.array([t]), q[None, :], 0 * q[None, :], setup.start.z[None, :])[0]
+        jacobian, nu = at.numeric.velocity(t, q, z)
         v = project_velocity(jacobian, nu, np.zeros(jacobian.shape[1]), at.numeric.weights)
-        state = complete_state(at.numeric, at.signals, t, q, v, setup.start.z)
+        state = complete_state(at.numeric, at.signals, t, q, v, z)
     if obstacle is not None:
         text = obstacle.text("the place", obstacle.missed)
         return Reachability(obstacle.verdict, state, found, obstacle.missed, obstacle.joints, obstacle.limits, text)

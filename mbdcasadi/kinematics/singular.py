@@ -42,14 +42,14 @@ MEANING = {
 }
 
 
-def singular_pose(numeric: NumericEquations, t: float, q: np.ndarray) -> SingularPose | None:
+def singular_pose(numeric: NumericEquations, t: float, q: np.ndarray, z: np.ndarray) -> SingularPose | None:
     """Return the singularity of a pose, to the accuracy of a pose; None if poses nearby have the same rank."""
     around = mobility(numeric, t, q)
-    return describe_singularity(numeric, t, q, around) if around.singular else None
+    return describe_singularity(numeric, t, q, z, around) if around.singular else None
 
 
 def describe_singularity(
-    numeric: NumericEquations, t: float, q: np.ndarray, around: Mobility | None = None
+    numeric: NumericEquations, t: float, q: np.ndarray, z: np.ndarray, around: Mobility | None = None
 ) -> SingularPose:
     """Return the kind of a singularity at (or very near to) a pose, and the rows that take part.
 
@@ -59,7 +59,7 @@ def describe_singularity(
     a shaky pose if nothing moves by the :func:`.mobility` around it, which is found unless it is given.
     """
     eom = numeric.eom
-    jacobian, nu = numeric.velocity(t, q)
+    jacobian, nu = numeric.velocity(t, q, z)
     size = numeric.scale.row_size(jacobian)
     # the smallest one, whether or not it counts as zero
     left, values, _ = np.linalg.svd(numeric.scale.scaled(jacobian))

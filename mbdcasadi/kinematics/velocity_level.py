@@ -1,8 +1,9 @@
-"""A driven motion that constraints determine at velocity level: with blades, wheels and skates.
+"""A driven motion that is found by integration: with blades, wheels and skates, and with drivers that follow states.
 
 The drivers and the position constraints leave poses open that the
-velocity-level rows reach only along a path. ``q̇ = v`` with ``Phi_q v = nu`` is
-integrated; every output is brought onto the position constraints.
+velocity-level rows, or the rates of first-order states, reach only along a
+path. ``q̇ = v`` with ``Phi_q v = nu`` is integrated with the states; every output
+is brought onto the position constraints.
 """
 
 from __future__ import annotations
@@ -32,59 +33,84 @@ class VelocityLevelMotion(MotionFollower):
         super().__init__(numeric)
         self._rates = driven_equations(numeric.eom).rates
         self._recovery = Recovery(numeric, redundant=True)
+        self._followed = numeric.eom.followed_states
 
-    def run(self, grid: np.ndarray, q: np.ndarray, *, progress: bool = False) -> DrivenMotion:
-        """Follow the motion over a grid from the pose at its first time."""
+    def run(self, grid: np.ndarray, q: np.ndarray, z: np.ndarray, *, progress: bool = False) -> DrivenMotion:
+        """Follow the motion over a grid from the pose and the states at its first time."""
         integrator = CompiledIntegrator(self._system(), IDAS(INTEGRATION, INTEGRATION))
-        poses, done = q[None, :], 1
+        start = self._without_states(1)
+        start[:, self._followed] = z[self._followed]
+        found, done = np.hstack([q[None, :], start]), 1
         with interruptible() as stop, progress_bar(grid.size - 1, "kinematics", " times", show=progress) as bar:
             try:
                 while done < grid.size:
-                    times = grid[done : done + CHUNK]
-                    v = self._speeds(grid[done - 1 : done], poses[-1:])[0][0]
-                    start = float(grid[done - 1])
-                    problem = InitialValueProblem(poses[-1], v, start, times, self.numeric.p)
-                    states, _ = integrator.advance(problem, stop)
-                    poses = np.vstack([poses, self._recovery.positions(times, states)])
-                    done = len(poses)
+                    times, last = grid[done : done + CHUNK], self._split(found[-1:])
+                    v = self._speeds(grid[done - 1 : done], *last)[0][0]
+                    x = np.r_[last[0][0], last[1][0, self._followed]]
+                    problem = InitialValueProblem(x, v, float(grid[done - 1]), times, self.numeric.p)
+                    motion = self.correct(times, *self._states(integrator.advance(problem, stop)[0]))
+                    found = np.vstack([found, np.hstack([motion.q, motion.z])])
+                    done = len(found)
                     bar.update(times.size)
             except (KeyboardInterrupt, Exception) as error:
                 # inside CasADi's conversions Ctrl-C comes back as nothing, on which the next line fails
                 if stop.requested or isinstance(error, KeyboardInterrupt):
-                    raise self._interrupted(self.correct(grid[: len(poses)], poses)) from None
+                    raise self._interrupted(self.correct(grid[: len(found)], *self._split(found))) from None
                 if isinstance(error, IntegrationFailure):
-                    raise self._stopped(error, grid, poses) from None
+                    raise self._stopped(error, grid, found) from None
                 raise
-        return self.correct(grid, poses)
+        return self.correct(grid, *self._split(found))
 
-    def _stopped(self, failure: IntegrationFailure, grid: np.ndarray, poses: np.ndarray) -> SingularityError:
+    def _split(self, found: np.ndarray) -> list[np.ndarray]:
+        """Poses, and all states, by row."""
+        return np.split(found, [self.numeric.eom.q.numel()], axis=1)
+
+    def _states(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Poses, and all states, by row, from the states of the integration."""
+        q, followed = self._split(x)
+        z = self._without_states(len(x))
+        z[:, self._followed] = followed
+        return q, z
+
+    def _stopped(self, failure: IntegrationFailure, grid: np.ndarray, found: np.ndarray) -> SingularityError:
         """The error of an integration that stopped, with the motion so far."""
-        motion = self.correct(grid[: len(poses) + len(failure.x)], np.vstack([poses, failure.x]))
-        reached = float(motion.t[-1]) if failure.last is None else failure.last
-        return self._singular(reached, motion.q[-1] if failure.last_x is None else failure.last_x, motion)
+        every = np.vstack([found, np.hstack(self._states(failure.x))])
+        motion = self.correct(grid[: len(every)], *self._split(every))
+        if failure.last is None or failure.last_x is None:
+            return self._singular(float(motion.t[-1]), motion.q[-1], motion, motion.z[-1])
+        q, z = self._states(failure.last_x[None, :])
+        return self._singular(failure.last, q[0], motion, z[0])
 
-    def correct(self, t: np.ndarray, q: np.ndarray) -> DrivenMotion:
+    def correct(self, t: np.ndarray, q: np.ndarray, z: np.ndarray) -> DrivenMotion:
         """Bring good estimates of the pose (k, n) onto the position constraints, and solve for their rates."""
-        q = self._recovery.positions(t, q)
-        v, a = self._speeds(t, q)
-        return DrivenMotion(t, q, v, a)
+        q = self._recovery.positions(t, q, z)
+        v, a = self._speeds(t, q, z)
+        return DrivenMotion(t, q, v, a, z)
 
-    def _speeds(self, t: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _speeds(self, t: np.ndarray, q: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        u = self.numeric.eom.input_values
         try:
-            v, a = (x.full().T for x in self._rates(t[None, :], q.T, self.numeric.p)[:2])
+            v, a = (
+                x.full().T for x in self._rates(t[None, :], q.T, z.T, np.tile(u[:, None], t.size), self.numeric.p)[:2]
+            )
         except RuntimeError:  # a singular matrix
             v = a = np.full_like(q, np.nan)
         if not np.all(np.isfinite(a)):
             k = int(np.argmin(np.all(np.isfinite(a), axis=1)))
-            raise self._singular(float(t[k]), q[k], DrivenMotion.none(q.shape[1]))
+            raise self._singular(float(t[k]), q[k], DrivenMotion.none(self.numeric), z[k])
         return v, a
 
     def _system(self) -> Dae:
-        """``q̇ = v``, ``Phi_q v = nu``."""
+        """``q̇ = v``, ``Phi_q v = nu``, and the rates of the states that drivers follow."""
         eom = self.numeric.eom
         clock = Clock()
         rows = eom.Phi_q @ eom.v - eom.nu
         if eom.lam.numel() > eom.q.numel():
             rows = eom.Phi_q.T @ rows
-        residual = ca.Function("rows", [eom.t, eom.q, eom.v, eom.p], [rows])(clock.t, eom.q, eom.v, eom.p)
-        return Dae(clock, eom.q, eom.v, eom.p, ca.SX(0, 1), eom.v, residual)
+        inputs = ca.SX(ca.DM(self.numeric.eom.input_values))
+        followed = eom.z[self._followed]
+        known = [eom.t, eom.q, eom.v, followed, eom.u, eom.p]
+        system = ca.Function("system", known, [ca.densify(eom.z_rate[self._followed]), ca.densify(rows)])
+        rates, residual = system(clock.t, eom.q, eom.v, followed, inputs, eom.p)
+        x = ca.vertcat(eom.q, followed)
+        return Dae(clock, x, eom.v, eom.p, ca.SX(0, 1), ca.vertcat(eom.v, rates), residual)

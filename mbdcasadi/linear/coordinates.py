@@ -48,7 +48,7 @@ def independent(
     """Coordinates as the user chose them, or those of the bodies that describe the motion best."""
     eom = numeric.eom
     rows = [int(k) for k in eom.position_rows]
-    jacobian = numeric.velocity(state.t, state.q)[0]
+    jacobian = numeric.jacobian(state.t, state.q)
     if chosen is not None:
         expressions = [as_expression(c, argument) for c in entries(chosen, argument)]
         _check_chosen(expressions, analysis)

@@ -182,7 +182,7 @@ def _warn_of_singular_pose(setup: Setup, point: State) -> None:
     numeric = setup.numeric
     if numeric.rank(point.t, point.q).rank == setup.eom.lam.numel():
         return
-    pose = singular_pose(numeric, point.t, point.q)
+    pose = singular_pose(numeric, point.t, point.q, point.z)
     if pose is not None:
         warn(
             f"linearize: at t = {point.t:.6g} s the pose is singular, {pose.text}; small changes along several motions "

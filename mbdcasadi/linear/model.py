@@ -268,9 +268,9 @@ class Mode:
 
         recovery = Recovery(NumericEquations(point.equations, point.parameters), redundant=True)
         fixed = np.full(t.size, point.t)
-        q = recovery.positions(fixed, part(point.q, d.q))
-        v = recovery.velocities(fixed, q, part(point.v, d.v))
         a, z, lam = part(point.a, d.a), part(point.z, d.z), part(point.lam, d.lam)
+        q = recovery.positions(fixed, part(point.q, d.q), z)
+        v = recovery.velocities(fixed, q, part(point.v, d.v), z)
         return q, v, a, z, lam, part(point.inputs, d.u)
 
     def __repr__(self) -> str:

@@ -69,6 +69,12 @@ class TreeModel:
             setup.numeric, self.start, chosen, analysis=analysis, argument="state="
         )
         self._numeric = setup.numeric
+        if eom.follows_states:
+            servo = eom.row_elements[eom.following_rows[0]].description
+            raise ModelError(
+                f"{analysis}: {servo} follows first-order states, for which no code is written; take a force or a "
+                f"torque in its place in the mechanism of the {analysis.lower()}"
+            )
         if eom.Q_depends_on_lam:
             raise ModelError(
                 f"{analysis}: a force depends on reactions, and no code is written for that; take "

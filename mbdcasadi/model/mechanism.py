@@ -13,7 +13,7 @@ from ..numerics.lazy import cached_property
 from ..numerics.tolerances import NEGLIGIBLE
 from .bodies import Body
 from .cache import Cache
-from .drivers import Driver
+from .drivers import BEFORE_AN_INPUT, Driver
 from .element import ConstraintElement, Element
 from .immutable import HoldsSymbols, Immutable
 from .quantities import Limit, entries, listed, quantity, refuse_unknown
@@ -112,6 +112,7 @@ class Mechanism(Immutable, HoldsSymbols):
         self._check_connections()
         self._check_symbols()
         self._check_masses()
+        self._check_followed_states()
         self.values = self._checked_values(values)
         self.cache = Cache()
 
@@ -196,6 +197,17 @@ class Mechanism(Immutable, HoldsSymbols):
                         f"{body.description}: its mass changes by {text_of(change)} kg/s, and its flows bring "
                         f"{text_of(flow)} kg/s; make each flow a MassFlow, and give states in mass= rates that agree"
                     )
+
+    def _check_followed_states(self) -> None:
+        """Refuse drivers that follow states of which the mechanism has no two time derivatives."""
+        rates = {state.element_hash(): (state, rate) for state, rate in self.state_rates.items()}
+        for driver in self.drivers:
+            expression = driver.rows
+            for order, missing in enumerate(_WITHOUT_RATE, start=1):
+                followed = [rates[x.element_hash()] for x in symbols_of(expression) if x.element_hash() in rates]
+                for state, rate in followed:
+                    _refuse_in_rate(driver.description, state, rate, order, missing)
+                expression = ca.vertcat(*[rate for _, rate in followed])
 
     @staticmethod
     def _stray(symbol: ca.SX, what: str) -> str:
@@ -355,6 +367,25 @@ class Mechanism(Immutable, HoldsSymbols):
             if parts
         )
         return f"Mechanism({self.name + ': ' if self.name else ''}{counts})"
+
+
+#: Kinds of symbols that the first and second time derivative of what a driver prescribes may not hold.
+_WITHOUT_RATE = (("input", "velocity", "acceleration", "multiplier"), ("acceleration", "multiplier"))
+
+
+def _refuse_in_rate(driver: str, state: StateVariable, rate: ca.SX, order: int, kinds: Sequence[str]) -> None:
+    """Raise if the rate of a state that a driver follows holds a symbol of some kinds."""
+    for symbol in symbols_of(rate):
+        role = role_of(symbol)
+        if role is None or role.kind not in kinds:
+            continue
+        what = f"{driver} follows the state '{state.label}', whose rate contains {describe(symbol)}"
+        if role.kind == "input":
+            raise ModelError(f"{what}; {BEFORE_AN_INPUT}")
+        raise ModelError(
+            f"{what}; the {'first' if order == 1 else 'second'} time derivative of what a driver prescribes does not "
+            f"depend on a {role.kind}: put a state before it, or take a force in place of the driver"
+        )
 
 
 def _check_place(part: Any, argument: str) -> None:

@@ -143,7 +143,7 @@ class Solution(SolvedMotion):
         if initial is None:
             initial = self.trajectory.initial
             numeric = NumericEquations(eom, parameter_vector(eom, values))
-            name, missed = numeric.largest_miss(0.0, initial.q, initial.v)
+            name, missed = numeric.largest_miss(0.0, initial.q, initial.v, initial.z)
             if abs(missed) > MET:
                 raise ConditionError(
                     f"simulate: with these parameters the first state of the solution does not meet {name}, by "

@@ -64,8 +64,8 @@ def read_steps(
         weights = np.where(exact.any(axis=1, keepdims=True), exact, WEIGHTS / np.where(exact, 1.0, off))
         weights /= weights.sum(axis=1, keepdims=True)
         q, v, *others = (np.einsum("kj,kjn->kn", weights, x[k]) for x in values)
-        q = recovery.positions(times, q)
-        return six([q, recovery.velocities(times, q, v), *others])
+        q = recovery.positions(times, q, others[1])
+        return six([q, recovery.velocities(times, q, v, others[1]), *others])
 
     return Direct(_with_outputs(at, t, arrays), np.unique(ends))
 

@@ -55,16 +55,16 @@ class Change:
             elif isinstance(symbol, StateVariable):
                 states[symbol] = row
         dp = self._following.dp(parameters)
-        dq, dv = self._carried(dp)
-        dv = self._jumped(dq, dv, dp)
         old, n = list(self._flow.mechanism.states), self._flow.eom.q.numel()
-        dz = np.zeros((len(self._following.mechanism.states), dq.shape[1]))
+        dz = np.zeros((len(self._following.mechanism.states), self._instant.dt.size))
         for k, symbol in enumerate(self._following.mechanism.states):
             place = place_of(symbol, old)
             dz[k] = states.get(symbol, 0.0 if place is None else self._instant.dx[2 * n + place])
+        dq, dv = self._carried(dz, dp)
+        dv = self._jumped(dq, dv, dz, dp)
         return np.vstack([dq, dv, dz]), parameters
 
-    def _carried(self, dp: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _carried(self, dz: np.ndarray, dp: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Variations of the coordinates just after it, and of the velocities just before it, of bodies that go on."""
         following, eom, law, dt = self._following, self._following.eom, self._law, self._instant.dt
         n_old, n = self._flow.eom.q.numel(), eom.q.numel()
@@ -74,11 +74,14 @@ class Change:
         if not rows.numel():
             return dq, dv
         slopes = ca.Function(
-            "rows", [eom.t, eom.q, eom.p], [ca.densify(ca.jacobian(rows, x)) for x in (eom.q, eom.t, eom.p)]
+            "rows",
+            [eom.t, eom.q, eom.z, eom.p],
+            [ca.densify(ca.jacobian(rows, x)) for x in (eom.q, eom.t, eom.z, eom.p)],
         )
-        by_q, by_t, by_p = (x.full() for x in slopes(self._instant.time, following.x0[:n], following.p))
+        state = following.x0[:n], following.x0[2 * n : 2 * n + eom.z.numel()]
+        by_q, by_t, by_z, by_p = (x.full() for x in slopes(self._instant.time, *state, following.p))
         new = [k for k in range(n) if k not in set(self._going_on)]
-        open_ = by_q @ dq + by_t @ dt[None, :] + by_p @ dp
+        open_ = by_q @ dq + by_t @ dt[None, :] + by_z @ dz + by_p @ dp
         if new:
             dq[new] = least_norm(by_q[:, new], -open_)
             open_ = open_ + by_q[:, new] @ dq[new]
@@ -93,26 +96,27 @@ class Change:
             )
         return dq, dv
 
-    def _jumped(self, dq: np.ndarray, dv: np.ndarray, dp: np.ndarray) -> np.ndarray:
+    def _jumped(self, dq: np.ndarray, dv: np.ndarray, dz: np.ndarray, dp: np.ndarray) -> np.ndarray:
         """Variations of the velocities just after it: the law of impact, differentiated as an implicit function."""
         following, eom, law, time = self._following, self._following.eom, self._law, self._instant.time
         n_old, n = self._flow.eom.q.numel(), eom.q.numel()
-        q, v_before = following.x0[:n], np.zeros(n)
+        v_before = np.zeros(n)
         v_before[self._going_on] = self._instant.x[n_old + self._places]
         if self._impact is not None:
-            v_before, dv = self._impact.v, self._impact.change(self._instant.dt, dq, dv, self._instant.dp)
+            v_before, dv = self._impact.v, self._impact.change(self._instant, dq, dv, dz)
+        q, z = following.x0[:n], following.x0[2 * n : 2 * n + eom.z.numel()]
         _ = following.motion.numeric.mass_of_impulses  # raises if masses change
-        jump = law.solve(following.motion.numeric, time, q, v_before)
+        jump = law.solve(following.motion.numeric, time, q, v_before, z)
         kept = [k for k in range(law.impulses.numel()) if k not in set(jump.dependent)]
         rows = ca.vertcat(law.momentum, law.velocity[kept])
         unknowns = ca.vertcat(eom.v, law.impulses[kept])
-        known = [eom.t, eom.q, law.v_before, eom.p]
+        known = [eom.t, eom.q, law.v_before, eom.z, eom.p]
         arguments = [*known, eom.v, law.impulses]
         slopes = ca.Function("impact", arguments, [ca.densify(ca.jacobian(rows, s)) for s in (unknowns, *known)])
-        by_unknowns, by_t, by_q, by_v, by_p = (
-            m.full() for m in slopes(time, q, v_before, following.p, jump.v, jump.impulses)
+        by_unknowns, by_t, by_q, by_v, by_z, by_p = (
+            m.full() for m in slopes(time, q, v_before, z, following.p, jump.v, jump.impulses)
         )
-        right = -(by_t @ self._instant.dt[None, :] + by_q @ dq + by_v @ dv + by_p @ dp)
+        right = -(by_t @ self._instant.dt[None, :] + by_q @ dq + by_v @ dv + by_z @ dz + by_p @ dp)
         return np.asarray(least_norm(by_unknowns, right)[:n])
 
 
@@ -126,10 +130,9 @@ def refuse_open_start(flow: PhaseFlow, dx: np.ndarray, dp: np.ndarray) -> None:
     """
     eom, n, time = flow.eom, flow.eom.q.numel(), float(flow.grid[0])
     rows = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu)
-    symbols = ca.vertcat(eom.q, eom.v, eom.p)
-    slopes = ca.Function("rows", [eom.t, eom.q, eom.v, eom.p], [ca.densify(ca.jacobian(rows, symbols))])
-    q, v = flow.x0[:n], flow.x0[n : 2 * n]
-    open_ = slopes(time, q, v, flow.p).full() @ np.vstack([dx[: 2 * n], dp])
+    symbols = ca.vertcat(eom.q, eom.v, eom.z, eom.p)
+    slopes = ca.Function("rows", [eom.t, eom.q, eom.v, eom.z, eom.p], [ca.densify(ca.jacobian(rows, symbols))])
+    open_ = slopes(time, *np.split(flow.x0, [n, 2 * n]), flow.p).full() @ np.vstack([dx, dp])
     if largest(open_) > CLOSING_TOLERANCE * (1 + largest(dx) + largest(dp)):
         worst = [*eom.position_names, *eom.row_names][int(np.argmax(np.max(np.abs(open_), axis=1)))]
         raise SimulationError(

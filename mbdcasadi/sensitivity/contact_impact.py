@@ -20,6 +20,7 @@ from ..model.forces.friction.modes import without_exact_friction
 from ..numerics.least_squares import largest, least_norm
 from ..numerics.tolerances import AT_REST, NEGLIGIBLE
 from ..results.state import EventOccurrence
+from .phase_flow import VariedState
 
 
 class ContactImpact:
@@ -94,15 +95,15 @@ class ContactImpact:
             return sliding
         return along + np.sign(speed) * law.coefficient * load
 
-    def change(self, dt: np.ndarray, dq: np.ndarray, dv: np.ndarray, dp: np.ndarray) -> np.ndarray:
+    def change(self, instant: VariedState, dq: np.ndarray, dv: np.ndarray, dz: np.ndarray) -> np.ndarray:
         """Variations of the velocities just after it (n, k), from those of the instant and the state just before."""
         eom, before = self._eom, self._before
-        known = [eom.t, eom.q, self._v_before, eom.p]
+        known = [eom.t, eom.q, self._v_before, eom.z, eom.p]
         arguments = [*known, self._unknowns]
         slopes = ca.Function(
             "impact", arguments, [ca.densify(ca.jacobian(self._rows, s)) for s in (self._unknowns, *known)]
         )
-        numbers = before.t, before.q, before.v, before.parameters, self._values
-        by_unknowns, by_t, by_q, by_v, by_p = (m.full() for m in slopes(*numbers))
-        right = -(by_t @ dt[None, :] + by_q @ dq + by_v @ dv + by_p @ dp)
+        numbers = before.t, before.q, before.v, before.z, before.parameters, self._values
+        by_unknowns, by_t, by_q, by_v, by_z, by_p = (m.full() for m in slopes(*numbers))
+        right = -(by_t @ instant.dt[None, :] + by_q @ dq + by_v @ dv + by_z @ dz + by_p @ instant.dp)
         return np.asarray(least_norm(by_unknowns, right)[: eom.v.numel()])

@@ -132,7 +132,7 @@ class DifferentiableMotion:
         # another interval for the adjoint: gradients were off by up to a third, and where the repetition took more
         # steps than the motion it ended the process. Each interval is an integration of its own.
         self.pieces = grid.size - 1 if self._is_reversible and signals.is_sampled else 1
-        self.poses = self.poses_from(np.r_[start.q, start.v, start.z], self.values)
+        self.poses, self._states = self.states_from(np.r_[start.q, start.v, start.z], self.values)
         self._cut_where_it_drifts()
 
     def _find_switches(self) -> None:
@@ -331,15 +331,16 @@ class DifferentiableMotion:
         pieces = self.pieces * (grid.size - 1) / (self.grid.size - 1)
         return motion_function(self.held, course, grid, self.symbols(grid.size - 1), pieces)
 
-    def poses_from(self, x0: np.ndarray, values: RunValues) -> np.ndarray:
-        """Coordinates at the outputs of one run (n_t, n); none if it fails, which a later one reports."""
-        n = self.numeric.eom.q.numel()
+    def states_from(self, x0: np.ndarray, values: RunValues) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates (n_t, n), and first-order states, at the outputs of one run; none if it fails."""
+        n, k = self.numeric.eom.q.numel(), self.numeric.eom.z.numel()
+        nothing = np.zeros((0, n)), np.zeros((0, k))
         course = self.course(x0, values)
         try:
             states = call(self.motion(course), x0, *values, *course.arguments)[0].full()
         except RuntimeError:
-            return np.zeros((0, n))
-        return states[:n].T if self.reached(states) else np.zeros((0, n))
+            return nothing
+        return (states[:n].T, states[2 * n : 2 * n + k].T) if self.reached(states) else nothing
 
     def _cut_where_it_drifts(self) -> None:
         """Cut the motion into as many pieces as keep its drift near the tolerance, by the first run.
@@ -349,7 +350,8 @@ class DifferentiableMotion:
         """
         if not self.numeric.eom.Phi.numel() or not len(self.poses):
             return
-        drift = max(largest(self.numeric.position(float(t), q)[0]) for t, q in zip(self.grid, self.poses, strict=True))
+        states = zip(self.grid.tolist(), self.poses, self._states, strict=True)
+        drift = max(largest(self.numeric.position(*state)[0]) for state in states)
         needed = np.clip(
             np.ceil(np.sqrt(drift / (ACCEPTED * self._integrator.abstol))), 1, min(PIECES, self.grid.size - 1)
         )

@@ -21,6 +21,7 @@ import numpy as np
 
 from ..arguments.inputs import Signals
 from ..assembly.consistent_start import consistent_start, independent_rows, levels_of
+from ..assembly.followed_states import refuse_led_states
 from ..equations.numeric import NumericEquations
 from ..model.conditions import Condition, read_conditions
 from ..numerics.least_squares import largest, least_norm
@@ -71,7 +72,8 @@ class DifferentiableStart:
 
     def _assemble_function(self) -> None:
         numeric, eom = self.numeric, self.numeric.eom
-        at_position, at_velocity, at_states = levels_of(numeric, self.conditions)
+        at_position, at_velocity, at_states = levels = levels_of(numeric, self.conditions)
+        refuse_led_states(numeric, levels, self.state, "derivatives")
         right, z_estimate = ca.SX.sym("right", len(self.conditions)), ca.SX.sym("z estimate", eom.z.numel())
         q, v, z = self._targets
         metric = numeric.weights_expression / float(np.mean(numeric.weights))

@@ -210,11 +210,11 @@ class HeldSystem:
         """Return a state on the constraints, for parameters with the sides."""
         eom, weights = self.numeric.eom, self.numeric.projection_weights
         n = eom.q.numel()
-        q, v = x[:n], x[n : 2 * n]
+        q, v, z = x[:n], x[n : 2 * n], x[2 * n : 2 * n + eom.z.numel()]
         for _ in range(PROJECTIONS if eom.Phi.numel() else 0):
-            q = self.recovery.position_step(time, q, p, weights)[0].full().ravel()
+            q = self.recovery.position_step(time, q, z, p, weights)[0].full().ravel()
         for _ in range(2 if eom.lam.numel() else 0):
-            v = self.recovery.velocity_step(time, q, v, p, weights)[0].full().ravel()
+            v = self.recovery.velocity_step(time, q, v, z, p, weights)[0].full().ravel()
         return np.r_[q, v, x[2 * n :]]
 
 

@@ -192,9 +192,9 @@ class _Walk:
         if cut.impulse:
             n, mass = system.numeric.eom.q.numel(), system.numeric.mass_of_impulses
             weights = ca.DM(np.where(mass > 0, mass, system.numeric.weights))
-            v = y[n : 2 * n]
+            v, z = y[n : 2 * n], y[2 * n : 2 * n + system.numeric.eom.z.numel()]
             for _ in range(2):  # the second step removes the regularisation of the first
-                v = system.recovery.velocity_step(time, y[:n], v, after, weights)[0]
+                v = system.recovery.velocity_step(time, y[:n], v, z, after, weights)[0]
             y = ca.vertcat(y[:n], v, y[2 * n :])
         return ca.vertcat(y - system.rates(time, y, after, self._levels, channel) * delta, self._x[-1])
 
@@ -202,9 +202,10 @@ class _Walk:
 def projected(recovery: Recovery, time: Any, x: Any, p: Any) -> Any:
     """Return a state, with the components that follow it, brought onto the constraints by one step."""
     eom, n = recovery.numeric.eom, recovery.numeric.eom.q.numel()
-    q, v, weights = x[:n], x[n : 2 * n], ca.DM(recovery.numeric.projection_weights)
+    q, v, z = x[:n], x[n : 2 * n], x[2 * n : 2 * n + eom.z.numel()]
+    weights = ca.DM(recovery.numeric.projection_weights)
     if eom.Phi.numel():
-        q = recovery.position_step(time, q, p, weights)[0]
+        q = recovery.position_step(time, q, z, p, weights)[0]
     if eom.lam.numel():
-        v = recovery.velocity_step(time, q, v, p, weights)[0]
+        v = recovery.velocity_step(time, q, v, z, p, weights)[0]
     return ca.vertcat(q, v, x[2 * n :])

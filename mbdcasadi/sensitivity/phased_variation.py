@@ -26,7 +26,7 @@ from ..equations import equations
 from ..errors import ModelError, SimulationError
 from ..model.events import Event
 from ..model.mechanism import Mechanism
-from ..numerics.least_squares import largest
+from ..numerics.least_squares import largest, least_norm
 from ..numerics.rank import analyse_rank
 from ..results.state import EventOccurrence, State
 from ..results.trajectory import Trajectory
@@ -243,8 +243,9 @@ def start_directions(mechanism: Mechanism, state: State) -> np.ndarray:
     n, k = eom.q.numel(), eom.z.numel()
     if not rows.numel():
         return np.eye(2 * n + k)
-    jacobian = ca.jacobian(rows, ca.vertcat(eom.q, eom.v))
-    function = ca.Function("rows", [eom.t, eom.q, eom.v, eom.p], [ca.densify(jacobian)])
-    slope = function(state.t, state.q, state.v, state.parameters).full()
+    slopes = [ca.densify(ca.jacobian(rows, x)) for x in (ca.vertcat(eom.q, eom.v), eom.z)]
+    function = ca.Function("rows", [eom.t, eom.q, eom.v, eom.z, eom.p], slopes)
+    slope, by_z = (x.full() for x in function(state.t, state.q, state.v, state.z, state.parameters))
     tangent = analyse_rank(slope).null_columns
-    return np.block([[tangent, np.zeros((2 * n, k))], [np.zeros((k, tangent.shape[1])), np.eye(k)]])
+    led = -least_norm(slope, by_z) if eom.follows_states else np.zeros((2 * n, k))
+    return np.block([[tangent, led], [np.zeros((k, tangent.shape[1])), np.eye(k)]])

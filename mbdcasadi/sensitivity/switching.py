@@ -377,12 +377,13 @@ class BorderPassage:
         if not numeric.eom.lam.numel():
             return False
         n = numeric.eom.q.numel()
-        q, v, z = self._x[:n], self._x[n : 2 * n], self._x[2 * n :]
-        jacobian, nu = (part.full() for part in numeric.velocity_function(self._time, q, np.r_[self._p, sides]))
+        q, v, others = self._x[:n], self._x[n : 2 * n], self._x[2 * n :]
+        z = others[: numeric.eom.z.numel()]
+        jacobian, nu = (part.full() for part in numeric.velocity_function(self._time, q, z, np.r_[self._p, sides]))
         residual = np.max(np.abs(jacobian @ v - nu.ravel()), initial=0.0)
         if residual <= NEGLIGIBLE * (1 + self._speed):
             return False
-        self._x = np.r_[q, jump(numeric, jacobian, nu.ravel(), v, z[: numeric.eom.z.numel()]).v, z]
+        self._x = np.r_[q, jump(numeric, jacobian, nu.ravel(), v, z).v, others]
         return True
 
     def _append(self, switches: tuple[int, ...], border: float, sides: np.ndarray, impulse: bool = False) -> None:

@@ -147,7 +147,7 @@ class VariedSystem:
             ca.Function("input", [eom.t, q, v, z, p, state("levels"), state("channel")], [self._inputs(changes)]),
             ca.Function("dynamics", [eom.t, q, v, z, u, p], self._accelerations(changes)),
             ca.Function("quadrature", [eom.t, q, v, a, z, eom.lam, u, p], [_NONE]),
-            ca.Function("projection", [eom.t, q, v, p, weights], self._projected(own, changes)),
+            ca.Function("projection", [eom.t, q, v, z, p, weights], self._projected(own, changes)),
             ca.Function("switching", [eom.t, q, v, z, p], [switching]),
         )
 
@@ -176,7 +176,7 @@ class VariedSystem:
     def _projected(self, weights: ca.SX, changes: Symbols) -> list[ca.SX]:
         """Coordinates and velocities on the constraints, with their variations, and what is left."""
         eom = self._numeric.eom
-        q, v, left = projection_of(eom)(eom.t, eom.q, eom.v, eom.p, weights)
+        q, v, left = projection_of(eom)(eom.t, eom.q, eom.v, eom.z, eom.p, weights)
         parts = ca.substitute(list(self._on_constraints(changes)), [eom.q, eom.v], [q, v])
         return [*[ca.densify(_stacked(*pair)) for pair in zip((q, v), parts, strict=True)], left]
 
@@ -187,8 +187,8 @@ class VariedSystem:
             return dq, dv
         if eom.Phi.numel():
             of_positions = projection_saddle(eom, eom.position_rows.tolist())[1]
-            dq = dq - of_positions.project(self._along(changes, eom.Phi, "q", "p"))
-        of_velocities = self._along(changes | {"q": dq}, eom.Phi_q @ eom.v - eom.nu, "q", "p")
+            dq = dq - of_positions.project(self._along(changes, eom.Phi, "q", "z", "p"))
+        of_velocities = self._along(changes | {"q": dq}, eom.Phi_q @ eom.v - eom.nu, "q", "z", "p")
         of_rows = projection_saddle(eom, list(range(eom.lam.numel())))[1]
         return dq, dv - of_rows.project(of_velocities + eom.Phi_q @ dv)
 

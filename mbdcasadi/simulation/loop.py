@@ -458,7 +458,7 @@ class Run:
         """Go on from just after a jump of the equations: prescribed velocities may jump, by an impulse."""
         self._builder.leave(self._time, self._x)
         q, v, z = (part[0] for part in self._arc.stepper.outputs.split(self._x[None, :]))
-        jacobian, nu = self._arc.numeric.velocity(after, q)
+        jacobian, nu = self._arc.numeric.velocity(after, q, z)
         if nu.size:
             self._x = np.r_[q, jump(self._arc.numeric, jacobian, nu, v, z).v, z]
         self._arc.trail.begin(self._time, self._x)

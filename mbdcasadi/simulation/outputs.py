@@ -34,8 +34,8 @@ class Outputs:
     def projected(self, times: np.ndarray, x: np.ndarray) -> np.ndarray:
         """States on the constraints at position and velocity level."""
         q, v, z = self.split(x)
-        q = self.recovery.positions(times, q)
-        return np.hstack([q, self.recovery.velocities(times, q, v), z])
+        q = self.recovery.positions(times, q, z)
+        return np.hstack([q, self.recovery.velocities(times, q, v, z), z])
 
     def block(self, times: np.ndarray, x: np.ndarray, since: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
         """Return ``t, q, v, a, z, lam, u`` at outputs.

@@ -179,8 +179,8 @@ class RunAgain(Continuation):
         for mode, rows in self._by_mode(places):
             some = Places(*(x[rows] for x in places))
             recovery = self._outputs_in(mode).recovery
-            q = recovery.positions(some.t, states.q[rows])
-            v = recovery.velocities(some.t, q, states.v[rows])
+            q = recovery.positions(some.t, states.q[rows], states.z[rows])
+            v = recovery.velocities(some.t, q, states.v[rows], states.z[rows])
             block = self._whole.whole_block(mode, self._block(mode, some, States(q, v, states.z[rows])))
             found.append((rows, *block[1:]))
         rows, *columns = (np.concatenate(parts) for parts in zip(*found, strict=True))
@@ -205,9 +205,9 @@ class RunAgain(Continuation):
             self._modes[span.mode] = _HeldMode(self._whole, span.mode)
         modes, recovery = self._modes[span.mode], self._outputs_in(span.mode).recovery
         modes.levels[:] = span.levels
-        at, q, v = np.array([stretch.start]), *(x[None] for x in stretch.state[:2])
-        q = recovery.positions(at, q)
-        stretch = stretch._replace(state=States(q, recovery.velocities(at, q, v), stretch.state.z))
+        at, (q, v, z) = np.array([stretch.start]), (x[None] for x in stretch.state)
+        q = recovery.positions(at, q, z)
+        stretch = stretch._replace(state=States(q, recovery.velocities(at, q, v, z), stretch.state.z))
         t, q, v, _, z, _, _ = run.again(modes, stretch, interruption)
         rows = np.searchsorted(t, stretch.times[stretch.times <= t[-1]])
         return States(q[rows], v[rows], z[rows])

@@ -41,10 +41,10 @@ class Amplification:
 def amplification(statics: Statics, x: np.ndarray) -> Amplification | None:
     """Return how a pose amplifies loads; None if it does not and is not singular."""
     numeric = statics.numeric
-    q, _, lam, _ = statics.split(x)
+    q, z, lam, _ = statics.split(x)
     if not lam.size:
         return None
-    jacobian = numeric.velocity(statics.t, q)[0]
+    jacobian = numeric.jacobian(statics.t, q)
     # the combinations of rows that nearly vanish are needed, which no sparse factorisation has; once an equilibrium
     left, values, _ = np.linalg.svd(numeric.scale.scaled(jacobian), full_matrices=False)
     relative = values / max(float(np.max(values)), np.finfo(float).tiny)
@@ -58,7 +58,7 @@ def amplification(statics: Statics, x: np.ndarray) -> Amplification | None:
     around = mobility(numeric, statics.t, q)
     if not factor and not around.singular:
         return None
-    pose = describe_singularity(numeric, statics.t, q, around)
+    pose = describe_singularity(numeric, statics.t, q, z, around)
     return Amplification(factor, reaction, around.singular, pose.text)
 
 

@@ -181,7 +181,7 @@ def equilibrium_of(setup: Setup, wanted: tuple[Any, ...] = (), prefer: str = "st
     start = start_of(setup, rows, bool(wanted))
     # the state may come from another mechanism on the same bodies
     q, z = (np.atleast_1d(start[group]) if group.numel() else np.zeros(0) for group in (eom.q, eom.z))
-    _refuse_moving_drivers(free, time, q)
+    _refuse_moving_drivers(free, time, q, z)
     held = Held(setup, start) if switching(setup.mechanism) else None
     numeric = free if held is None else held.numeric
     statics = Statics(numeric, setup.signals, time, (q, z), wanted, equalities)
@@ -234,8 +234,8 @@ def start_of(setup: Setup, rows: Sequence[Condition], trim: bool = False) -> Sta
     return consistent_start(free_numeric(setup), usable, setup.time, setup.signals)
 
 
-def _refuse_moving_drivers(numeric: NumericEquations, time: float, q: np.ndarray) -> None:
-    nu = np.abs(numeric.velocity(time, q)[1])
+def _refuse_moving_drivers(numeric: NumericEquations, time: float, q: np.ndarray, z: np.ndarray) -> None:
+    nu = np.abs(numeric.velocity(time, q, z)[1])
     if largest(nu) > REST_TOLERANCE:
         worst = int(np.argmax(nu))
         element = numeric.eom.row_elements[worst]

@@ -91,7 +91,7 @@ class Memory:
         """What the states are off from what the way to a pose makes of them (k,), and its slopes by pose and states."""
         w = self.directions
         residual = w @ (w.T @ z - self._along([self._q, q], z, lam, p))
-        poses = self._poses(self._q, q)
+        poses = self._poses(self._q, q, z)
         end = np.zeros(q.size) if poses is None else poses @ self._slope[-1]
         slope = self._by_velocity(self._t, q, end, z, lam, p).full()
         return residual, -w @ (w.T @ slope), w @ w.T
@@ -118,18 +118,18 @@ class Memory:
         w = self.directions
         memory = w.T @ self._z
         for begin, end in pairwise(places):
-            poses = self._poses(begin, end)
+            poses = self._poses(begin, end, z)
             if poses is None:
                 return np.full(memory.size, np.nan)
             memory = self._integrated(memory, poses, z - w @ (w.T @ z), lam, p, speed)
         return memory
 
-    def _poses(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray | None:
+    def _poses(self, begin: np.ndarray, end: np.ndarray, z: np.ndarray) -> np.ndarray | None:
         """Poses on the constraints from one to another (n, POSES)."""
         numeric, poses = self._numeric, begin + np.outer(self._points, end - begin)
         if not numeric.eom.Phi.numel():
             return poses.T
-        rows = partial(numeric.position, self._t)
+        rows = partial(numeric.position, self._t, z=z)
         found = [solve(rows, q, numeric.weights, sizes=numeric.scale.coordinates, iterations=20) for q in poses]
         return np.array([outcome.x for outcome in found]).T if all(outcome.converged for outcome in found) else None
 

@@ -233,7 +233,10 @@ class Statics:
         return self._rows(x)
 
     def states_by_the_way(self, x: np.ndarray) -> list[str]:
-        """Names of states that remember more than the pose, and on which the equilibrium depends."""
+        """Names of states that remember more than the pose, and on which the equilibrium depends.
+
+        A servo rests where the states that it follows stand.
+        """
         if not self.k:
             return []
         (q, z, lam, _), (_, rest), (_, whole) = self.split(x), self._at_rest(x), self.rows(x)
@@ -245,6 +248,7 @@ class Statics:
         if self.memory.directions.size:
             left |= self.memory.by_the_way(q, z, lam, self.parameters(x), free)
         felt = np.any(rest[:, states], axis=0)
+        felt[self.eom.followed_states] = False
         return [s.label for s, own in zip(self.eom.mechanism.states, left & felt, strict=True) if own]
 
     def scaled(self, x: np.ndarray):
@@ -321,7 +325,7 @@ class Statics:
     def displaced(self, x: np.ndarray, step: np.ndarray) -> np.ndarray | None:
         """Pose displaced by `step` (n,) and brought back onto the constraints; None if the parts come apart."""
         numeric = self.numeric
-        rows = partial(numeric.position, self.t)
+        rows = partial(numeric.position, self.t, z=self.split(x)[1])
         sizes = numeric.scale.coordinates
         outcome = solve(rows, x[: self.n] + step, numeric.weights, sizes=sizes, iterations=20)
         if not outcome.converged:
@@ -384,7 +388,7 @@ class Statics:
         """Scale of the coordinates, and virtual displacements that are orthonormal in it."""
         c = self.numeric.column_scale
         p = self.parameters(x)
-        jacobian = self.numeric.velocity_function(self.t, x[: self.n], p)[0].full()
+        jacobian = self.numeric.eom.slopes(self.t, x[: self.n], p).full()
         null = analyse_rank(self.numeric.scale.scaled(jacobian)).null_columns
         return c, c[:, None] * null
 

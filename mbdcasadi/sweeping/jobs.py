@@ -61,7 +61,7 @@ class Jobs:
         """Make the objects that the cases share."""
         varied = [k for k in range(self.setup.p.size) if np.ptp(self._plan.p[:, k]) > 0]
         self._motion, spread = self.setup.motion(varied, in_state=False), self._spread()
-        poses = _poses(self._motion.poses_from, spread)
+        poses = _poses(lambda *case: self._motion.states_from(*case)[0], spread)
         if self.setup.resolve_all(poses):
             self._motion = self.setup.motion(varied, in_state=False)
         self._look_for_loads(self._motion.load_limit, spread)

@@ -11,7 +11,7 @@ from mbdcasadi.equations.numeric import NumericEquations
 
 def solved(law, v):
     """The jump from velocities v at the estimated pose, with no parameters."""
-    return law.solve(NumericEquations(law.eom, np.zeros(0)), 0.0, np.zeros(3), v)
+    return law.solve(NumericEquations(law.eom, np.zeros(0)), 0.0, np.zeros(3), v, np.zeros(0))
 
 
 def rod_on_pin(n=1):

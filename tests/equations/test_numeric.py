@@ -45,7 +45,7 @@ def moving(mechanism, generator):
     eom = mbd.equations(mechanism)
     numeric = NumericEquations(eom, np.zeros(0))
     q = eom.estimate[0]
-    jacobian = numeric.velocity(0.0, q)[0]
+    jacobian = numeric.jacobian(0.0, q)
     free = np.linalg.svd(jacobian)[2][np.linalg.matrix_rank(jacobian) :].T
     return eom, numeric, q, free @ generator.normal(size=free.shape[1])
 
@@ -57,7 +57,7 @@ def test_accelerations_and_multipliers_to_rounding(seed, closed):
     without = [1, 3] if seed % 3 == 0 else []
     eom, numeric, q, v = moving(linkage(generator, 4, closed=closed, without_inertia=without), generator)
     none = np.zeros(0)
-    jacobian, gamma = numeric.acceleration(0.0, q, v)
+    jacobian, gamma = numeric.acceleration(0.0, q, v, none, none)
     n, m = q.size, gamma.size
     force = eom.value(eom.Q, (0, q, v, np.zeros(n), none, np.zeros(m), none, none)).ravel()
     system = np.block([[np.diag(numeric.mass), jacobian.T], [jacobian, np.zeros((m, m))]])
@@ -130,5 +130,5 @@ def test_forces_on_bodies_without_mass(lightest, redundant):
     q, none = mbd.assemble(numeric.eom.mechanism, weighed).q, np.zeros(0)
     a, lam = numeric.accelerations(0.0, q, np.zeros(12), none, np.array([9.0]), redundant=redundant)
     assert a.reshape(4, 3)[:3, 0] == pytest.approx([4.5] * 3, rel=1e-8) and np.abs(a[2::3]).max() < 1e-7
-    balance = numeric.mass * a + numeric.velocity(0.0, q)[0].T @ lam - np.eye(12)[0] * 9.0
+    balance = numeric.mass * a + numeric.jacobian(0.0, q).T @ lam - np.eye(12)[0] * 9.0
     assert np.abs(balance).max() < 1e-12

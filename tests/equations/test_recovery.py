@@ -29,8 +29,8 @@ def test_a_cantilever_that_is_turned_comes_back(links, pinned):
     straight, turn = np.concatenate([(k + 0.5, 0, 0) for k in range(links)]), 1e-5
     turned = np.concatenate([((k + 0.5) * np.cos(turn), (k + 0.5) * np.sin(turn), turn) for k in range(links)])
     recovery, rates = Recovery(numeric, redundant=pinned), np.concatenate([(0, k + 0.5, 1) for k in range(links)])
-    q = recovery.positions(np.zeros(2), np.array([turned, straight]))
-    v = recovery.velocities(np.zeros(2), np.array([straight, straight]), np.array([rates, 0 * rates]))
+    q = recovery.positions(np.zeros(2), np.array([turned, straight]), np.zeros((2, 0)))
+    v = recovery.velocities(np.zeros(2), np.array([straight, straight]), np.array([rates, 0 * rates]), np.zeros((2, 0)))
     assert q == pytest.approx(np.array([straight, straight]), abs=1e-9)
     assert v == pytest.approx(0, abs=1e-9)
 

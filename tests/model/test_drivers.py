@@ -79,7 +79,7 @@ def test_it_goes_on_from_a_state():
         (-0.3, "actuator 'jack': length must be above 0, got -0.3"),
         (np.nan, "actuator 'jack': length must be finite"),
         ("long", "actuator 'jack': length must be a number"),
-        (mbd.Input("u"), "actuator 'jack' depends on the input 'u'; its length is a function of time and parameters"),
+        (mbd.Input("u"), "actuator 'jack' depends on the input 'u'; a servo needs two time derivatives of its value"),
     ],
 )
 def test_lengths_that_are_none(length, message):

@@ -130,7 +130,7 @@ def test_the_kinematic_guess_closes_the_loops(solved):
     first = stop_at_once(problem, None)
     n = problem.equations.q.numel()
     for row in first.phases[0].mesh_states:
-        assert np.max(np.abs(first.phases[0].numeric.position(0.0, row[:n])[0])) < 1e-8
+        assert np.max(np.abs(first.phases[0].numeric.position(0.0, row[:n], np.zeros(0))[0])) < 1e-8
     assert first.trajectory.final[f.o2.angle] == pytest.approx(0.5 + np.pi, abs=1e-6)
     angles = first.trajectory[f.o2.angle][:: first.points_per_interval]
     assert np.all(np.diff(angles) > 0)

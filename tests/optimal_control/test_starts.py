@@ -51,7 +51,7 @@ def test_other_ends_are_the_other_elbow_and_whole_turns():
     assert {(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)} <= turns
     assert any(not float(x).is_integer() for turn in turns for x in turn)  # the other elbow
     for q in ends:
-        assert np.max(np.abs(numeric.position(0.0, q)[0])) < 1e-8
+        assert np.max(np.abs(numeric.position(0.0, q, np.zeros(0))[0])) < 1e-8
         place = q[3:5] + 0.25 * np.array([np.cos(q[5]), np.sin(q[5])])
         np.testing.assert_allclose(place, [0.2, 0.6], atol=1e-6)
 

@@ -142,4 +142,4 @@ def test_loops_are_closed_at_the_mesh_points(fine, degree):
     n = problem.equations.q.numel()
     for k in range(13):
         q = solution.phases[0].mesh_states[k, :n]
-        assert np.max(np.abs(solution.phases[0].numeric.position(0.0, q)[0])) <= 1e-11
+        assert np.max(np.abs(solution.phases[0].numeric.position(0.0, q, np.zeros(0))[0])) <= 1e-11

@@ -40,7 +40,7 @@ def joints(a: mbd.Marker, b: mbd.Marker) -> list[mbd.ConstraintElement]:
         mbd.Cable("cable", mbd.Drum(a, 0.1, "clockwise"), b, [wheel], length=9.0),
         mbd.AbsoluteDistance("tether", b, (0, 0), k), mbd.Constraint("own", b.x - 1), mbd.KnifeEdge("blade", b),
         mbd.NonholonomicConstraint("skate", b.body.vx - 2 * b.body.vy), mbd.Driver("drive", b.body.phi, 2 * mbd.t),
-        mbd.Actuator("jack", a, b, 0.5 + 0.1 * mbd.t),
+        mbd.Actuator("jack", a, b, 0.5 + 0.1 * mbd.t), mbd.Driver("servo", b.body.x, mbd.StateVariable("place")),
     ]  # fmt: skip
     return [*pairs, *rows]
 

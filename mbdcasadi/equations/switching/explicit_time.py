@@ -111,11 +111,18 @@ class ExplicitTime:
         constraints = [e for e in eom.mechanism.constraints if self._is_timed(ca.vertcat(e.rows, e.velocity_rows))]
         positions = [row for e in constraints for row in ca.vertsplit(e.rows)]
         velocities = [row for e in constraints for row in ca.vertsplit(e.velocity_rows)]
+        velocities += [rate for _, rate in self._followed_rates]
         forces = [ca.vec(ca.SX(x)) for e in eom.mechanism.elements for pair in e.virtual_work for x in pair]
         rates = [*map(ca.SX, eom.mechanism.state_rates.values()), *self._integrands]
         forces, rates = ([self._substituted(x) for x in part if self._is_timed(x)] for part in (forces, rates))
         groups = {"position": positions, "velocity": velocities, "force": forces, "rate": rates}
         self._groups = {kind: self._functions(ca.vertcat(*rows)) for kind, rows in groups.items() if rows}
+
+    @cached_property
+    def _followed_rates(self) -> list[tuple[int, ca.SX]]:
+        """Rows that follow states, and the velocities that they prescribe, of those that depend on time."""
+        rates = [(row, self._eom.nu[row]) for row in self._eom.following_rows]
+        return [(row, rate) for row, rate in rates if self._is_timed(rate)]
 
     def _is_timed(self, expression: ca.SX) -> bool:
         symbols = {symbol.element_hash() for symbol in ca.symvar(expression)}
@@ -211,6 +218,7 @@ class ExplicitTime:
             for place, row in zip(places[level], ca.vertsplit(expression), strict=True):
                 if level in self._groups and self._is_timed(row):
                     rows.append((level, int(place), self._functions(row)))
+        rows += [("velocity", row, self._functions(rate)) for row, rate in self._followed_rates]
         return [entry for entry in rows if entry[2].switch]
 
     @property

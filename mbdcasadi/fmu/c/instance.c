@@ -344,7 +344,7 @@ static int update_derivatives(instance* s) {
   find_accelerations(s->run, s->block[TIME], s->x, s->xdot + N_COORDINATES, s->xdot + 2 * N_COORDINATES, s->lam);
   if (N_MULTIPLIERS) {
     double left, *res[3] = {s->scratch, s->scratch + N_COORDINATES, &left};
-    const double* arg[5] = {&s->block[TIME], q, v, s->p, PROJECTION_WEIGHTS};
+    const double* arg[6] = {&s->block[TIME], q, v, v + N_COORDINATES, s->p, PROJECTION_WEIGHTS};
     projection(arg, res, NULL, s->scratch + 2 * N_COORDINATES, 0);
     for (int i = 0; i < 2 * N_COORDINATES; ++i) s->xdot[i] += DRIFT_RATE * (s->scratch[i] - s->x[i]);
   }

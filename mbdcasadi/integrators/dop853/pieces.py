@@ -27,7 +27,9 @@ class ExplicitIntegrator(NativeIntegrator):
             n, p = 2 * system.coordinates, problem.p[: system.constants[0]]
             x = problem.x
             for _ in range(PROJECTIONS):
-                q, v, _ = system.projection(problem.start, *np.split(x[:n], 2), p, self._weights)
+                q, v, _ = system.projection(
+                    problem.start, *np.split(x[:n], 2), x[n : n + system.states], p, self._weights
+                )
                 before, x = x, np.r_[q.full().ravel(), v.full().ravel(), x[n:]]
                 if largest(x - before) <= NEAR * (1 + largest(x)):
                     break

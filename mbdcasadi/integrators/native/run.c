@@ -144,7 +144,7 @@ static int project(run_t* run, double t, double* x) {
   const integer n = run->n;
   double before = INFINITY, left = INFINITY, size = 1.0;
   for (int k = 0; k < PROJECTIONS; ++k) {
-    const double* arg[5] = {&t, x, x + n, task->p, task->weights};
+    const double* arg[6] = {&t, x, x + n, x + 2 * n, task->p, task->weights};
     double* res[3] = {run->moved, run->moved + n, &left};
     evaluate(&run->system->projection, arg, res, run->work);
     if (!isfinite(left)) return 0;

@@ -92,7 +92,7 @@ SYSTEM = Shared(
     (FUNCTION, "input", "(t, q, v, z, p, levels, channel) -> u"),
     (FUNCTION, "dynamics", "(t, q, v, z, u, p) -> (a, rate of z, lam, regularity)"),
     (FUNCTION, "quadrature", "(t, q, v, a, z, lam, u, p) -> rates of the integrals"),
-    (FUNCTION, "projection", "(t, q, v, p, weights) -> (q, v, largest |Phi| that is left)"),
+    (FUNCTION, "projection", "(t, q, v, z, p, weights) -> (q, v, largest |Phi| that is left)"),
     (FUNCTION, "switching", "(t, q, v, z, p) -> quantities at whose zeros the equations switch"),
     (FUNCTION, "event", "(t, q, v, a, z, lam, u, p) -> values"),
     (

@@ -140,7 +140,7 @@ class PhaseMaker:
         return unit_rows(values * self._part.numeric.column_scale)
 
     def _constrained(self, at: State) -> np.ndarray:
-        return unit_rows(self._part.numeric.velocity(at.t, at.q)[0] * self._part.numeric.column_scale)
+        return unit_rows(self._part.numeric.jacobian(at.t, at.q) * self._part.numeric.column_scale)
 
     def _held(self, piece: Piece) -> list[FrictionInJoint]:
         """Frictions that stick in a piece and are not held by the joints and others that stick."""

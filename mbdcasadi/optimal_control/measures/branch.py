@@ -101,7 +101,7 @@ def _described(part: PhaseSolution, i: int) -> BranchJump:
     eom, numeric = part.phase.equations, part.numeric
     n, end = eom.q.numel(), float(part.mesh_times[i + 1])
     q = part.polynomials.at(np.array([i]), np.ones(1))[1].ravel()
-    missed = numeric.position(end, (q + part.mesh_states[i + 1, :n]) / 2)[0]
+    missed = numeric.position(end, (q + part.mesh_states[i + 1, :n]) / 2, part.mesh_states[i + 1, 2 * n :])[0]
     steps = part.projection_steps[i, :n] / part.program.scales.q
     row = eom.row_names[int(eom.position_rows[int(np.argmax(np.abs(missed)))])]
     worst = int(np.argmax(steps))

@@ -77,7 +77,7 @@ def growth(motion: Polynomials) -> Growth:
         return np.tile(x.reshape(count, -1), (2 * k + 1, 1))
 
     times = repeated(t)
-    poses, speeds = eom.states(times.ravel(), moved[:, :k], moved[:, k:], numeric.p)
+    poses, speeds = eom.states(times.ravel(), moved[:, :k], moved[:, k:], repeated(z), numeric.p)
     states = times, poses, speeds, repeated(z), repeated(u)
     a = numeric.accelerations_of_rows(*states, redundant=scheme.redundant)[0][:, chosen]
     here, *changed = a.reshape(2 * k + 1, count, k)

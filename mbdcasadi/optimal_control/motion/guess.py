@@ -10,6 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ...assembly.followed_states import led_states
 from ...errors import ModelError
 from ...results.interpolation import hermite, linear
 from ...results.state import State
@@ -142,9 +143,9 @@ def kinematic_guess(
     accelerations = np.gradient(velocities, times, axis=0)
 
     def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
-        z = np.tile(start.z, (wanted.size, 1))
-        known = {"z": z, "rate": 0 * z} | ({} if given is None else given(wanted))
         q, v = hermite(times, poses, velocities, accelerations, wanted)
+        z = led_states(loads.numeric, wanted, q, v, np.tile(start.z, (wanted.size, 1)))
+        known = {"z": z, "rate": 0 * z} | ({} if given is None else given(wanted))
         a = linear(times, accelerations, wanted)
         q, v, a = loads.states(wanted, q, v, a, known["z"])
         lam, u = loads.loads(wanted, q, v, a, known["z"], known.get("u"))
@@ -202,7 +203,7 @@ def guess_from_other(
     def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
         at = motion.at(moved(wanted))
         q, v, a = at.q[:, columns], at.v[:, columns] / stretch, at.a[:, columns] / stretch**2
-        z = np.tile(phase.equations.estimate[2], (wanted.size, 1))
+        z = led_states(loads.numeric, wanted, q, v, np.tile(phase.equations.estimate[2], (wanted.size, 1)))
         lam, u = loads.loads(wanted, q, v, a, z)
         return {"q": q, "v": v, "a": a, "z": z, "rate": 0 * z, "lam": lam, "u": u}
 

@@ -309,8 +309,9 @@ class InstantSolution(PhaseSolution):
         """Coordinates, velocities and first-order states (1, k)."""
         scheme = self.program.scheme
         parts = scheme.split_point(self._point)
-        q, v = scheme.eom.states(self.mesh_times, parts["q"][None, :], parts["v"][None, :], self.numeric.p)
-        return np.hstack([q, v, parts["z"][None, :]])
+        w, rate, z = (parts[name][None, :] for name in ("q", "v", "z"))
+        q, v = scheme.eom.states(self.mesh_times, w, rate, z, self.numeric.p)
+        return np.hstack([q, v, z])
 
     @cached_property
     @symbolic

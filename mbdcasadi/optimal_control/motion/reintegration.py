@@ -27,8 +27,8 @@ def end_differences(motion: Polynomials) -> np.ndarray:
     reached = call(partial(again, x0=states[:-1].T, p=parameters))["xf"].full().T
     recovery = Recovery(numeric, redundant=motion.scheme.redundant)
     times = motion.times[1:]
-    q = recovery.positions(times, reached[:, :n])
-    v = recovery.velocities(times, q, reached[:, n : 2 * n])
+    q = recovery.positions(times, reached[:, :n], reached[:, 2 * n :])
+    v = recovery.velocities(times, q, reached[:, n : 2 * n], reached[:, 2 * n :])
     return np.hstack([q, v, reached[:, 2 * n :]]) - states[1:]
 
 

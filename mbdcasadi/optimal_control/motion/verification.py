@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 
 from ...arguments.piecewise_polynomial import PiecewisePolynomial
+from ...assembly.impact import states_after
 from ...equations.recovery import Recovery
 from ...errors import MechanismError
 from ...model.events import Event
-from ...model.symbols import place_of
 from ...numerics.console import without_warnings
 from ...numerics.least_squares import largest
 from ...results.phases import PhasedTrajectory, in_whole
@@ -198,11 +198,9 @@ class Replay:
         """The state just after a change."""
         numeric = self.solution.phases[change.after.number].numeric
         phase = change.after.phase
-        q = Recovery(numeric, redundant=False).positions(np.array([before.t]), before.q[change.here][None, :])[0]
-        z = np.array([x.value for x in phase.mechanism.states])
-        for k, symbol in enumerate(phase.mechanism.states):
-            place = place_of(symbol, before.mechanism.states)
-            z[k] = z[k] if place is None else before.z[place]
+        z = states_after(phase.mechanism, before)
+        start = np.array([before.t]), before.q[change.here][None, :], z[None, :]
+        q = Recovery(numeric, redundant=False).positions(*start)[0]
         collision = change.law.solve(numeric, before.t, q, before.v[change.here], z)
         planned = self.solution.variables[change.index]
         kept = collision.impulses[list(change.setup.independent)]

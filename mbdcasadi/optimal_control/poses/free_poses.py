@@ -88,7 +88,7 @@ class _PlaceSystem(PoseSystem):
 
     def _hold(self, conditions: State | Sequence[Condition], place: Place) -> None:
         phase, _, pose = place
-        self.equalities.append(self.value(phase.equations.Phi, place))
+        self.equalities.append(self.value(phase.equations.closing, place))
         if isinstance(conditions, State):
             self.equalities.append(pose - ca.DM(conditions.q))
             return

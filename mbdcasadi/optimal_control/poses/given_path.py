@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -39,6 +38,6 @@ def given_poses(
         rows = place.rows_with(conditions, values[k])
         outcome = solve(rows, start, weights, iterations=ITERATIONS, step_limit=numeric.typical_step)
         if not outcome.converged:
-            outcome = solve(partial(numeric.position, t), outcome.x, weights, iterations=ITERATIONS)
+            outcome = solve(place.rows_with([]), outcome.x, weights, iterations=ITERATIONS)
         q = poses[k] = outcome.x if outcome.converged else start
     return poses

@@ -88,9 +88,9 @@ class _KeyPoseSystem(PoseSystem):
         rows = []
         for k, phase in enumerate(self._problem.phases):
             eom, begin, end = phase.equations, self._end(phase, False), self._end(phase, True)
-            rows.append(self.value(ca.vertcat(eom.Phi, phase.law.momentary) if k else eom.Phi, begin))
+            rows.append(self.value(ca.vertcat(eom.closing, phase.law.momentary) if k else eom.closing, begin))
             if not phase.is_instant:
-                rows.append(self.value(eom.Phi, end))
+                rows.append(self.value(eom.closing, end))
             rows += self._conditions(phase, k)
         return rows
 

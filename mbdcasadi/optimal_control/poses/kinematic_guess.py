@@ -15,6 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ...assembly.followed_states import without_servos
 from ...assembly.pose import LARGEST_TURN, PoseProblem
 from ...equations.numeric import NumericEquations
 from ...errors import AssemblyError
@@ -69,8 +70,9 @@ def kinematic_path(
 
     `segment_times` are those of start, waypoints and end, s. `poses` by the index of these may take the place of
     conditions, and `values` that of the free parameters' own. Conditions of waypoints are met unless `through` is
-    False.
+    False. Drivers that follow states do not hold the pose: the states follow it, see :func:`led_states`.
     """
+    numeric = without_servos(numeric)
     own = {p: phase.mechanism.value_of(p, p.value) for p in problem.extra_parameters(phase)}
     extra = own if values is None else {p: values[p] for p in own}
     final, given, places = phase.final, poses or {}, list[list[Condition]]()
@@ -192,7 +194,7 @@ class _Way:
                 moved = q + (now - before) / count * v
                 outcome = solve(place.rows_with(path), moved, numeric.projection_weights, iterations=30)
                 q = outcome.x if outcome.converged else q
-                jacobian, nu = numeric.velocity(place.t, q)
+                jacobian, nu = numeric.velocity(place.t, q, place.z)
                 slope, missing = (part.full() for part in slopes(place.t, q, v, numeric.p))
                 residual = np.r_[jacobian @ v - nu, missing.ravel()]
                 v = v - least_norm(np.vstack([jacobian, slope]), residual, numeric.column_scale**-2)

@@ -70,8 +70,8 @@ class LeastSquaresLoads:
         if not self.eom.rows:
             return q, v, a
         recovery = Recovery(self.numeric, redundant=True)
-        q = recovery.positions(t, q)
-        v = recovery.velocities(t, q, v)
+        q = recovery.positions(t, q, z)
+        v = recovery.velocities(t, q, v, z)
         if not eom.is_large:
             jacobian, gamma = self._evaluate(self._acceleration, t, q, v, a, z)
             rows, columns = self.scales.rows, self.scales.q

@@ -40,7 +40,7 @@ def state_by_linear_conditions(
     if rank < x.numel() or not _is_solved(matrix, state, right.ravel()):
         return None
     w, rate = np.split(state[None, :], 2, axis=1)
-    q, v = eom.states(np.array([t]), w, rate, numeric.p)
+    q, v = eom.states(np.array([t]), w, rate, z[None, :], numeric.p)
     return q[0], v[0]
 
 
@@ -62,7 +62,7 @@ def straight_path(
         return None
     fractions = (times[1:] - times[0]) / (times[-1] - times[0])
     places = first + fractions[:, None] * step
-    return eom.states(times[1:], places, np.zeros(places.shape), numeric.p)[0]
+    return eom.states(times[1:], places, np.zeros(places.shape), np.tile(z, (len(places), 1)), numeric.p)[0]
 
 
 def _without_rows(numeric: NumericEquations) -> ReducedEquations | None:

@@ -59,7 +59,7 @@ def first_state(
 def check_start(problem: OptimalControlProblem, phase: Phase, numeric: NumericEquations, start: State) -> None:
     """Refuse a state given as the start that is off the prescribed motion or beyond limits, or of another linkage."""
     eom = phase.equations
-    name, missed = numeric.largest_miss(0.0, start.q, start.v)
+    name, missed = numeric.largest_miss(0.0, start.q, start.v, start.z)
     if abs(missed) > MET * (1 + largest(start.q) + largest(start.v)):
         raise ConditionError(
             f"the initial state does not meet {name}: it is off by {missed:.3g}; "

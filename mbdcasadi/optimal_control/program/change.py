@@ -77,7 +77,7 @@ def _guards(
     gradients = slopes(t, pose[here], numeric.p).full()
     new[:, here], new[:, n:] = gradients[:, : len(here)], gradients[:, len(here) :]
     known = np.zeros((m, n + len(parameters)))
-    known[:, :n] = old.velocity(t, pose)[0][old.eom.position_rows]
+    known[:, :n] = old.jacobian(t, pose)[old.eom.position_rows]
     final = [c for c in before.ends.final if c.equality and c.kinds <= {"position", "time"}]
     if final:
         slope = ca.Function(
@@ -201,8 +201,8 @@ class Change:
         if not constraints.path_constraints:
             return []
         at, scales = end.at, self.after.reduced_scales
-        _, positions = constraints.position_rows(at.q, at.t, p, 0.0, scales)
-        velocities = constraints.velocity_rows(at.q, at.v, at.t, p, 0.0, scales)
+        _, positions = constraints.position_rows(at.q, at.z, at.t, p, 0.0, scales)
+        velocities = constraints.velocity_rows(at.q, at.v, at.z, at.t, p, 0.0, scales)
         return [positions, velocities.part(slice(len(constraints.rows), None))]
 
     def _state_rows(self, old: ca.SX, new: ca.SX) -> Rows:
@@ -247,7 +247,9 @@ class Change:
         point = x[before.point_index(before.count)]
         parts = before.scheme.split_point(point)
         p = self.setup.before.numeric.p
-        q, v = before.scheme.eom.states(np.array([time]), parts["q"][None, :], parts["v"][None, :], p)
+        q, v = before.scheme.eom.states(
+            np.array([time]), parts["q"][None, :], parts["v"][None, :], parts["z"][None, :], p
+        )
         z = np.array([s.value if i is None else float(parts["z"][i]) for s, i in self._state_places])
         collision = self.law.solve(numeric, time, q[0][self.here], v[0][self.here], z)
         x[self.index] = collision.impulses[list(self.setup.independent)]

@@ -225,7 +225,7 @@ class PhaseSetup:
         order, explicit, poses = [*eom.explicit, *eom.rows], len(eom.explicit), self.path.poses
         passed = 0, len(poses) // 2, len(poses) - 1
         places = {*passed, *np.linspace(0, len(poses) - 1, PASSED).astype(int).tolist()}
-        jacobians = {k: self.numeric.velocity(0.0, poses[k])[0] * self.numeric.column_scale for k in sorted(places)}
+        jacobians = {k: self.numeric.jacobian(0.0, poses[k]) * self.numeric.column_scale for k in sorted(places)}
         units = {k: unit_rows(jacobian)[order] for k, jacobian in jacobians.items()}
 
         def at(place: int, tolerance: float) -> list[int]:

@@ -15,6 +15,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
+from ...assembly.followed_states import without_servos
 from ...kinematics.branches import Branches
 from ...kinematics.reach import Free, Reach
 from ...kinematics.reachable import Obstacle, obstacle_to
@@ -134,7 +135,7 @@ class _Loops:
     def _branches(self) -> Branches:
         setup = self._setup
         unknown = ca.vertcat(ca.SX(0, 1), *setup.problem.free_parameters)
-        return Branches(setup.setups[0].numeric, setup.start.q, unknown)
+        return Branches(without_servos(setup.setups[0].numeric), setup.start.q, unknown)
 
 
 def _holds_all(mechanism: Mechanism, first: Mechanism) -> bool:
@@ -162,7 +163,8 @@ def _obstacle(setup: ProblemSetup, loops: _Loops, stated: Stated, poses: Sequenc
         for symbol, p, value, size in zip(symbols, system.parameters, values, system.sizes.tolist(), strict=True)
     ]
     free.append(Free(eom.t, "t", typical, low, high, (high - low) or 1.0))
-    reach = Reach(own.numeric, system.value(eom.Phi, places[phase]), rows(stated.conditions), free, setup.start.z)
+    numeric = without_servos(own.numeric)
+    reach = Reach(numeric, system.value(eom.closing, places[phase]), rows(stated.conditions), free, setup.start.z)
     if not reach.rows:
         return None
     limits = [(phase, c) for c in phase.path if not c.equality and not stated.number]

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from ...assembly.followed_states import without_servos
 from ...assembly.pose import PoseProblem
 from ...errors import MechanismError
 from ...numerics.console import without_warnings
@@ -360,7 +361,7 @@ class Starts:
         found = [usual]
 
         def is_end(q: np.ndarray) -> bool:
-            rows = np.r_[place.values(conditions, q), numeric.position(place.t, q)[0]]
+            rows = np.r_[place.values(conditions, q), numeric.position(place.t, q, place.z)[0]]
             return largest(rows) <= MET and all(largest((q - other) / sizes) > ANOTHER for other in found)
 
         angles = np.flatnonzero(numeric.eom.angles)
@@ -468,13 +469,13 @@ def _along_free_directions(
     setup: PhaseSetup, path: KinematicPath, direction: np.ndarray, shares: np.ndarray
 ) -> np.ndarray:
     """Poses of a path moved by shares (k,) of a direction (n,) as far as the joints let them."""
-    numeric, moved, before = setup.numeric, [], 0.0
+    numeric, moved, before = without_servos(setup.numeric), [], 0.0
     q = path.poses[0]
     for k, (time, pose) in enumerate(zip(path.times.tolist(), path.poses, strict=True)):
-        free = analyse_rank(numeric.velocity(time, q)[0]).null_columns
+        free = analyse_rank(numeric.jacobian(time, q)).null_columns
         step = (pose - path.poses[max(k - 1, 0)]) + free @ (free.T @ direction) * (shares[k] - before)
         before = shares[k]
-        rows = partial(numeric.position, time)
+        rows = partial(numeric.position, time, z=setup.start.z)
         outcome = solve(rows, q + step, numeric.weights, iterations=30, step_limit=numeric.typical_step)
         q = outcome.x if outcome.converged else q
         moved.append(q)
@@ -486,11 +487,11 @@ def _straight(setup: PhaseSetup, path: KinematicPath, end: np.ndarray) -> Kinema
 
     They may pass a singular pose on the way.
     """
-    numeric, times = setup.numeric, path.times
+    numeric, times = without_servos(setup.numeric), path.times
     shares = (times - times[0]) / (times[-1] - times[0])
     poses = []
     for time, share in zip(times.tolist(), shares.tolist(), strict=True):
         q = path.poses[0] + share * (end - path.poses[0])
-        outcome = solve(partial(numeric.position, time), q, numeric.weights, iterations=30)
+        outcome = solve(partial(numeric.position, time, z=setup.start.z), q, numeric.weights, iterations=30)
         poses.append(outcome.x if outcome.converged else q)
     return replace(path, poses=np.array(poses))

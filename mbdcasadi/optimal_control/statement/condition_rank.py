@@ -191,12 +191,14 @@ def _scattered_states(numeric: NumericEquations) -> list[Place]:
     for _ in range(ATTEMPTS):
         moved = q0 + 0.4 * random.uniform(-1, 1, q0.size) * numeric.typical_step
         t = float(random.uniform(0, 1))
-        outcome = solve(partial(numeric.position, t), moved, numeric.weights, step_limit=numeric.typical_step)
+        z = z0 + random.uniform(-1, 1, z0.size)
+        rows = partial(numeric.position, t, z=z)
+        outcome = solve(rows, moved, numeric.weights, step_limit=numeric.typical_step)
         if outcome.converged:
-            jacobian, nu = numeric.velocity(t, outcome.x)
+            jacobian, nu = numeric.velocity(t, outcome.x, z)
             v = v0 + random.uniform(-1, 1, v0.size) * numeric.typical_step
             v = project_velocity(jacobian, nu, v, numeric.column_scale**-2)
-            states.append((t, outcome.x, v, z0 + random.uniform(-1, 1, z0.size)))
+            states.append((t, outcome.x, v, z))
         if len(states) == STATES:
             break
     return states

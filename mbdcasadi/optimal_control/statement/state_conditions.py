@@ -34,7 +34,7 @@ def independent_state_conditions(state: State) -> tuple[Condition, ...]:
     """
     eom = equations(without_exact_friction(state.mechanism))
     numeric, n = NumericEquations(eom, state.parameters), eom.q.numel()
-    every, jacobian = state_conditions(eom, state), numeric.velocity(state.t, state.q)[0]
+    every, jacobian = state_conditions(eom, state), numeric.jacobian(state.t, state.q)
     fixed = independent_coordinates(numeric, jacobian[eom.position_rows])
     moving = independent_coordinates(numeric, jacobian)  # fewer if a wheel rolls
     windows = [w for k in sorted({*range(n)} - {*fixed}) for w in window(every[k], WINDOW * numeric.typical_step[k])]
@@ -52,7 +52,7 @@ def pose_conditions(numeric: NumericEquations, t: float, target: np.ndarray) -> 
     eom = numeric.eom
     symbols = ca.vertsplit(eom.q)
     few = not eom.is_large
-    chosen = independent_coordinates(numeric, numeric.velocity(t, target)[0]) if few else _angles_first(numeric)
+    chosen = independent_coordinates(numeric, numeric.jacobian(t, target)) if few else _angles_first(numeric)
     return [Condition(symbols[k] - float(target[k]), True, symbols[k].name()) for k in chosen]
 
 

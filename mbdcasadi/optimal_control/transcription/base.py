@@ -386,16 +386,19 @@ class Transcription(ABC):
             self.constraints.acceleration_rows(acceleration, tau, scales),
         ]
 
-    def constraint_rows(self, q: ca.SX, v: ca.SX, t: ca.SX, p: ca.SX, tau: float, scales: Scales) -> list[Rows]:
+    def constraint_rows(
+        self, q: ca.SX, v: ca.SX, z: ca.SX, t: ca.SX, p: ca.SX, tau: float, scales: Scales
+    ) -> list[Rows]:
         """``Phi = 0`` and ``Phi_q v - nu = 0`` at a mesh point."""
         constraints = self.constraints
-        return [*constraints.position_rows(q, t, p, tau, scales), constraints.velocity_rows(q, v, t, p, tau, scales)]
+        positions = constraints.position_rows(q, z, t, p, tau, scales)
+        return [*positions, constraints.velocity_rows(q, v, z, t, p, tau, scales)]
 
     def corrections(
-        self, t: ca.SX, q: ca.SX, p: ca.SX, mu_1: ca.SX, mu_2: ca.SX | None = None
+        self, t: ca.SX, q: ca.SX, z: ca.SX, p: ca.SX, mu_1: ca.SX, mu_2: ca.SX | None = None
     ) -> tuple[ca.SX, ca.SX | None]:
-        """``W⁻¹ Phi_q^T mu_1`` of the position rows and ``W⁻¹ Phi_q^T mu_2`` of all rows, at coordinates q."""
-        _, position_jacobian, jacobian, _ = self.constraints.function(t, q, p)
+        """``W⁻¹ Phi_q^T mu_1`` of the position rows and ``W⁻¹ Phi_q^T mu_2`` of all rows, at a pose and states."""
+        _, position_jacobian, jacobian, _ = self.constraints.function(t, q, z, p)
         inverse = ca.diag(ca.DM(1 / self.weights))
         return inverse @ (position_jacobian.T @ mu_1), None if mu_2 is None else inverse @ (jacobian.T @ mu_2)
 

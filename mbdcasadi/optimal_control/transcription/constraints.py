@@ -46,7 +46,7 @@ class MotionConstraints:
         #: numbers of rows at the level of positions, and of velocities and accelerations
         self.position_count = len(self._joint_positions) + len(positions)
         self.velocity_count = len(self.rows) + len(self.path_constraints)
-        slopes = self.function(0.0, eom.estimate, numeric.p)
+        slopes = self.function(0.0, eom.estimate, eom.whole.estimate[2], numeric.p)
         self._position_slopes, self._slopes = np.abs(slopes[1].full()), np.abs(slopes[2].full())
 
     @cached_property
@@ -66,10 +66,10 @@ class MotionConstraints:
 
     @cached_property
     def function(self) -> ca.Function:
-        """``(t, q, p) -> (Phi, its Jacobian, Phi_q, nu)``: position rows, then all rows."""
+        """``(t, q, z, p) -> (Phi, its Jacobian, Phi_q, nu)``: position rows, then all rows."""
         eom = self.eom
         return self.cache.get_or_create(
-            "constraints", lambda: ca.Function("constraints", [eom.t, eom.q, eom.p], self._terms[:4])
+            "constraints", lambda: ca.Function("constraints", [eom.t, eom.q, eom.z, eom.p], self._terms[:4])
         )
 
     @cached_property
@@ -121,9 +121,9 @@ class MotionConstraints:
         units = [("rad" if self.eom.angular_rows[k] else "m") + per for k in self.rows]
         return names, units + [""] * len(self.path_constraints)
 
-    def position_rows(self, q: ca.SX, t: ca.SX, p: ca.SX, tau: float, scales: Scales) -> list[Rows]:
+    def position_rows(self, q: ca.SX, z: ca.SX, t: ca.SX, p: ca.SX, tau: float, scales: Scales) -> list[Rows]:
         """``Phi = 0``: rows of the joints, and path conditions."""
-        (names, units), sizes, values = self._names_and_units(""), self._sizes(scales), self.function(t, q, p)[0]
+        (names, units), sizes, values = self._names_and_units(""), self._sizes(scales), self.function(t, q, z, p)[0]
         joints, first = self.joint_position_count, len(self.rows)
         parts = (
             (RowKind.CONSTRAINT, values[:joints], [self.rows.index(k) for k in self._joint_positions]),
@@ -134,9 +134,9 @@ class MotionConstraints:
             for kind, part, at in parts
         ]
 
-    def velocity_rows(self, q: ca.SX, v: ca.SX, t: ca.SX, p: ca.SX, tau: float, scales: Scales) -> Rows:
+    def velocity_rows(self, q: ca.SX, v: ca.SX, z: ca.SX, t: ca.SX, p: ca.SX, tau: float, scales: Scales) -> Rows:
         """``Phi_q v - nu = 0``."""
-        _, _, jacobian, nu = self.function(t, q, p)
+        _, _, jacobian, nu = self.function(t, q, z, p)
         names, units = self._names_and_units("/s")
         size = self._sizes(scales) * scales.steps / scales.time
         return Rows(jacobian @ v - nu, tuple(names), tau, size, tuple(units), RowKind.VELOCITY)

@@ -91,8 +91,9 @@ class Polynomials:
     def at_mesh_points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """``q, v, z`` at the mesh points, each (N + 1, size)."""
         parts = self.scheme.split_point(self.points.T)
-        q, v = self.scheme.eom.states(self.times, parts["q"].T, parts["v"].T, self.numeric.p)
-        return q, v, parts["z"].T
+        w, rate, z = (parts[name].T for name in ("q", "v", "z"))
+        q, v = self.scheme.eom.states(self.times, w, rate, z, self.numeric.p)
+        return q, v, z
 
     def _located(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Intervals in which times lie, and the points in these."""

@@ -70,7 +70,7 @@ def scales_of(numeric: NumericEquations, duration: float, poses: np.ndarray) -> 
     mass = float(np.max(masses, initial=0.0)) or 1.0
     force = max(mass * length / duration**2, _load_at_rest(numeric, q0, ~angles))
     load = np.where(angles, force * length, force)
-    jacobian = numeric.velocity(0.0, q0)[0]
+    jacobian = numeric.jacobian(0.0, q0)
     # a row in metres changes by a length with displacements; a row of angles by one with angles alone
     rows = np.max(np.abs(jacobian) * q, axis=1, initial=0.0)
     rows = np.where(rows > 0, rows, np.where(eom.angular_rows, 1.0, length))

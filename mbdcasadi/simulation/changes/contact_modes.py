@@ -303,7 +303,7 @@ class ContactModes(SwitchingModes):
             raise free.obstacle
         gaps, sides, speeds, rates, rows = (self._value(free, e) for e in self._expressions)
         gaps, speeds, rates = gaps.ravel(), speeds.ravel(), rates.ravel()
-        jacobian, _ = numeric.velocity(free.t, free.q)
+        jacobian = numeric.jacobian(free.t, free.q)
         response, joints = impulse_response(numeric, jacobian, rows, free.z)
         deepest = int(np.argmin(gaps))
         if gaps[deepest] < -float(position_limits(numeric, np.array([False]))[0]):

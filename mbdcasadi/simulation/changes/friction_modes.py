@@ -318,7 +318,7 @@ class FrictionModes(SwitchingModes):
         eom = numeric.eom
         speeds = ca.vertcat(ca.SX(0, 1), *[friction.sliding_speed for friction in frictions])
         along = np.reshape(state[ca.jacobian(speeds, eom.v)], speeds.shape[:1] + eom.v.shape[:1])
-        response, joints = impulse_response(numeric, numeric.velocity(state.t, state.q)[0], along, state.z)
+        response, joints = impulse_response(numeric, numeric.jacobian(state.t, state.q), along, state.z)
         matrix = along @ response
         unit = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
         acts = np.abs(joints) > NO_EFFECT * np.max(np.abs(joints), axis=1, keepdims=True, initial=0.0)

@@ -15,7 +15,7 @@ from ...errors import ExpressionError, SimulationError
 from ...model.events import Event
 from ...model.symbols import StateVariable
 from ...numerics.least_squares import largest
-from ...numerics.tolerances import NEGLIGIBLE
+from ...numerics.tolerances import MET, NEGLIGIBLE
 from ...results.state import State
 from .events import Accumulation, EventWatch
 
@@ -213,10 +213,14 @@ class Impacts:
         """Velocities, first-order states and impulses of the joints just after events that take place together."""
         moving = [(e, target, value) for e in events for target, value in e.reset if not _is_state(target)]
         z = self._states_after(events, state)
-        if not moving:
+        leads = self.numeric.eom.follows_states and bool(np.any(z != state.z))
+        if not moving and not leads:
             return state.v.copy(), z, np.zeros(self.numeric.eom.lam.numel())
-        targets, values = ca.vertcat(*[t for _, t, _ in moving]), ca.vertcat(*[v for *_, v in moving])
-        after = jump_to(self.numeric, state, targets, np.atleast_1d(state[values]))
+        if leads:
+            self._refuse_jump_of_position(events, state, z)
+        none = ca.SX(0, 1)
+        targets, values = ca.vertcat(none, *[t for _, t, _ in moving]), ca.vertcat(none, *[v for *_, v in moving])
+        after = jump_to(self.numeric, _with_velocities(state, state.v, z), targets, np.ravel(state[values]))
         left_over = after.left_over
         if largest(left_over) > NEGLIGIBLE * (1 + largest(after.v) + largest(state.v)):
             names = [*self.numeric.eom.row_names, *[str(target) for _, target, _ in moving]]
@@ -229,6 +233,17 @@ class Impacts:
                 time=state.t,
             )
         return after.v, z, after.impulses[: self.numeric.eom.lam.numel()]
+
+    def _refuse_jump_of_position(self, events: Sequence[Event], state: State, z: np.ndarray) -> None:
+        """Raise if drivers that follow states, which are reset to z, would have to move at once."""
+        phi = np.abs(self.numeric.position(state.t, state.q, z)[0])
+        if largest(phi) > MET * (1 + largest(state.q)):
+            row = self.numeric.eom.position_names[int(np.argmax(phi))]
+            raise SimulationError(
+                f"event {_names(events)} at t = {state.t:.6g} s: the reset of the states that '{row}' follows would "
+                f"move it by {largest(phi):.3g} at once; reset the state of its velocity, not that of its position",
+                time=state.t,
+            )
 
     def _states_after(self, events: Sequence[Event], state: State) -> np.ndarray:
         """First-order states after events that take place together."""
@@ -279,9 +294,9 @@ def jump_to(numeric: NumericEquations, state: State, targets: ca.SX, wanted: np.
     eom = numeric.eom
     along = ca.jacobian(targets, eom.v)
     rest = ca.substitute(targets, eom.v, ca.SX.zeros(eom.v.numel()))
-    rows, nu = numeric.velocity(state.t, state.q)
-    jacobian = np.vstack([rows, np.reshape(state[along], (targets.numel(), -1))])
-    right = np.r_[nu, wanted - np.atleast_1d(state[rest])]
+    rows, nu = numeric.velocity(state.t, state.q, state.z)
+    jacobian = np.vstack([rows, np.reshape(state[along], (targets.numel(), eom.v.numel()))])
+    right = np.r_[nu, wanted - np.ravel(state[rest])]
     return jump(numeric, jacobian, right, state.v, state.z)
 
 

@@ -45,7 +45,7 @@ def cause_of_failure(outputs: Outputs, t: float, x: np.ndarray, flag: str, ahead
         u = outputs.inputs_at(time, pose, speed, z_there)
         own = [f"input '{i.label}'" for i, value in zip(eom.mechanism.inputs, u, strict=True) if not np.isfinite(value)]
         broken = own or [
-            *numeric.rows_not_finite(time, pose, speed),
+            *numeric.rows_not_finite(time, pose, speed, z_there, u),
             *numeric.not_finite(time, pose, speed, z_there, u),
         ]
         if broken:
@@ -58,7 +58,7 @@ def cause_of_failure(outputs: Outputs, t: float, x: np.ndarray, flag: str, ahead
         )
     values = numeric.rank(t, q).singular_values
     if values.size and values[-1] < NEAR_SINGULAR * values[0]:
-        return f"the pose is singular or nearly so, {describe_singularity(numeric, t, q).text} ({said})"
+        return f"the pose is singular or nearly so, {describe_singularity(numeric, t, q, z).text} ({said})"
     missing = numeric.motion_without_mass(t, q, NEAR_SINGULAR**2)
     if missing:
         return (
@@ -89,7 +89,8 @@ def _rates(outputs: Outputs, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarr
 
 def singular_stop(numeric: NumericEquations, entry: float, time: float, x: np.ndarray) -> SimulationError:
     """Error of a run at a singular pose that the motion cannot be continued across, from a state just before it."""
-    pose = describe_singularity(numeric, time, x[: numeric.eom.q.numel()])
+    n = numeric.eom.q.numel()
+    pose = describe_singularity(numeric, time, x[:n], x[2 * n :])
     return SimulationError(
         f"the simulation stopped at t = {entry:.6g} s, before a singular pose, {pose.text}; the motion could not "
         "be continued across it; what was computed is in .partial",
@@ -99,7 +100,8 @@ def singular_stop(numeric: NumericEquations, entry: float, time: float, x: np.nd
 
 def singular_event(numeric: NumericEquations, name: str, time: float, x: np.ndarray) -> SimulationError:
     """Error of a run at an event after which the velocities do not follow from the constraints."""
-    pose = describe_singularity(numeric, time, x[: numeric.eom.q.numel()])
+    n = numeric.eom.q.numel()
+    pose = describe_singularity(numeric, time, x[:n], x[2 * n :])
     return SimulationError(
         f"the simulation stopped at t = {time:.6g} s: event '{name}' takes place in a singular pose, or too near to "
         f"one, {pose.text}; the velocities after it are not determined there; what was computed is in .partial",

@@ -249,7 +249,8 @@ class SingularPassage:
         pivots = np.zeros(0)
         while pivots.size < times.size:  # most motions are behind it early among these times
             part = times[pivots.size : pivots.size + ARRIVALS]
-            poses = self._outputs.recovery.positions(part, course.states(part)[:, :n])
+            states = course.states(part)
+            poses = self._outputs.recovery.positions(part, states[:, :n], states[:, 2 * n :])
             pivots = np.append(pivots, self._regularity.at(part, poses))
             lowest = int(np.argmin(pivots[:ARRIVALS]))
             behind = np.flatnonzero(pivots[lowest:] >= distance**2 * ENTRY * self._largest)
@@ -275,7 +276,7 @@ class SingularPassage:
         residual = np.abs((a - predicted) / size)[regular]
         if not residual.max(initial=0.0) <= CHECKED * (largest((a / size)[regular]) + speed**2):
             return False
-        if eom.Q_depends_on_lam or largest(numeric.velocity(float(times[0]), q[0])[1]):
+        if eom.Q_depends_on_lam or largest(numeric.velocity(float(times[0]), q[0], z[0])[1]):
             return bool(np.mean(regular) > 0.5)
         zero = np.zeros_like(lam.T)
         forces = eom.function(eom.Q)(t[None, :], q.T, v.T, predicted.T, z.T, zero, u.T, numeric.p).full().T

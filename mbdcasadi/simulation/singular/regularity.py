@@ -14,7 +14,7 @@ from ...equations.saddle import Saddle
 from ...kinematics.singular import describe_singularity
 from ...numerics.evaluation import Evaluator
 from ...numerics.rank import dependent_rows
-from ..path import Path, hermite_poses
+from ..path import Path, hermite_poses, hermite_states
 
 #: Fall of the smallest pivot of ``Phi_q W⁻¹ Phi_q^T``, relative to the largest one seen, at which the passage begins.
 #: The pivot falls with the square of the distance from the pose: of a parallelogram it is 0.1 rad.
@@ -57,7 +57,7 @@ class Regularity:
         trees = eom.rows_of_trees  # a part that slides far has rows of long levers, which say nothing of a loop
         choices = {trees}
         if numeric.has_redundant_rows(t, q):
-            dependent = dependent_rows(numeric.scale.scaled(numeric.velocity(t, q)[0]))
+            dependent = dependent_rows(numeric.scale.scaled(numeric.jacobian(t, q)))
             choices = {tuple(sorted({*trees, *rows})) for rows in (dependent, _others_of_elements(eom, dependent))}
         left_out = tuple(sorted(choices))
         self._function = eom.mechanism.cache.get_or_create(
@@ -167,8 +167,9 @@ def folding_pose(regularity: Regularity, path: Path, numeric: NumericEquations) 
     time = singular_time(regularity, path, numeric.p)
     if time is None:
         return None
-    pose = hermite_poses(path, np.array([time]), numeric.eom.q.numel())[0]
-    rows = ", ".join(describe_singularity(numeric, time, pose).rows)
+    n = numeric.eom.q.numel()
+    pose, _, states = np.split(hermite_states(path, np.array([time]), n)[0], [n, 2 * n])
+    rows = ", ".join(describe_singularity(numeric, time, pose, states).rows)
     return f"a pose near t = {time:.3g} s in which {rows} depend on each other and the mechanism could fold"
 
 

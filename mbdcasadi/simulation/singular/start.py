@@ -44,7 +44,7 @@ def refuse_singular_start(numeric: NumericEquations, state: State) -> None:
         )
     else:
         return
-    rows = ", ".join(describe_singularity(numeric, t, q, near).rows)
+    rows = ", ".join(describe_singularity(numeric, t, q, state.z, near).rows)
     pose, remedy = reason
     raise SingularityError(
         f"simulate: at t = {t:.6g} s the pose is {pose}; the rows that take part are {rows}; {remedy}", time=t
@@ -68,8 +68,10 @@ def _begins_along_a_motion(numeric: NumericEquations, state: State) -> bool:
     if largest(state.v / size) > 0:
         return True
     direction = state.a / max(largest(state.a / size), 1e-300)
-    jacobian = numeric.velocity(t, q)[0]
-    bent, back, still = (numeric.acceleration(t, q, v)[1] for v in (direction, -direction, 0 * direction))
+    jacobian = numeric.jacobian(t, q)
+    bent, back, still = (
+        numeric.acceleration(t, q, v, state.z, state.inputs)[1] for v in (direction, -direction, 0 * direction)
+    )
     combinations = analyse_rank(numeric.scale.scaled(jacobian), NEARLY_SINGULAR).null_rows
     missed = combinations @ (((bent + back) / 2 - still) / numeric.scale.row_size(jacobian))
     return largest(missed) <= MET

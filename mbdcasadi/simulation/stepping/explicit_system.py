@@ -58,7 +58,7 @@ def _regularity(numeric: NumericEquations) -> ca.SX:
 
 
 def projection_of(eom: Equations) -> ca.Function:
-    """``(t, q, v, p, weights) -> (q, v, |Phi|)``: one step onto the constraints; made once for a mechanism.
+    """``(t, q, v, z, p, weights) -> (q, v, |Phi|)``: one step onto the constraints; made once for a mechanism.
 
     One factorisation serves positions and velocities, whose residual is that of the new pose. Where the factors are
     shifted it is taken away twice; else what the turn of the rows and rounding leave of it counts as a residual.
@@ -73,14 +73,14 @@ def _projection(eom: Equations) -> ca.Function:
     if rows:
         q = q - projection_saddle(eom, rows)[1].project(eom.Phi)
     if whole:
-        there = ca.Function("there", [eom.t, eom.q, eom.p], [eom.Phi, eom.Phi_q, eom.nu])
-        phi, jacobian, nu = there(eom.t, q, eom.p)
+        there = ca.Function("there", [eom.t, eom.q, eom.z, eom.p], [eom.Phi, eom.Phi_q, eom.nu])
+        phi, jacobian, nu = there(eom.t, q, eom.z, eom.p)
         for _ in range(2 if eom.has_loops else 1):
             v = v - saddle.over(jacobian.T @ saddle.multipliers(jacobian @ v - nu))
         left = ca.norm_inf(ca.densify(phi)) if rows else left
         left = left if eom.has_loops else ca.fmax(left, _left_by_turn(eom, q - eom.q, v - eom.v))
     results = [ca.densify(q), ca.densify(v), left]
-    return ca.Function("projection", [eom.t, eom.q, eom.v, eom.p, weights], results)
+    return ca.Function("projection", [eom.t, eom.q, eom.v, eom.z, eom.p, weights], results)
 
 
 def _left_by_turn(eom: Equations, moved: ca.SX, corrected: ca.SX) -> ca.SX:

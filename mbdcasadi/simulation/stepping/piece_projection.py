@@ -48,6 +48,8 @@ class PieceProjection:
             True if the path leads across a singular pose.
         """
         times, x = path.times[1:], path.x[1:]
+        if piece.ends_at_jump and times.size == piece.times.size:  # what is prescribed there belongs to the time after
+            times = np.r_[times[:-1], piece.inside[1][-1]]
         rows = np.ones(times.size, bool)
         if self._only_requested:
             rows[:-1] = piece.requested[: times.size][:-1]
@@ -71,9 +73,9 @@ class PieceProjection:
     ) -> tuple[np.ndarray, IntegrationFailure | None]:
         """Outputs up to the first one that cannot be brought onto the constraints, and the failure there."""
         numeric = self._stepper.numeric
-        eom = numeric.eom
+        eom, n = numeric.eom, numeric.eom.q.numel()
         for k, time in enumerate(times):
-            phi = np.abs(numeric.position(float(time), x[k, : eom.q.numel()])[0])
+            phi = np.abs(numeric.position(float(time), x[k, :n], x[k, 2 * n :])[0])
             if np.max(phi) > PHI_TOLERANCE:
                 rows = [eom.row_names[eom.position_rows[r]] for r in np.argsort(-phi) if phi[r] > PHI_TOLERANCE]
                 return _until(
@@ -105,7 +107,7 @@ class PieceProjection:
         k = next(leaps, -1)
         if k < 0:
             return None
-        phi = np.abs(numeric.position(float(times[k]), integrated[k, :n])[0])
+        phi = np.abs(numeric.position(float(times[k]), integrated[k, :n], integrated[k, 2 * n :])[0])
         row = numeric.eom.row_names[numeric.eom.position_rows[int(np.argmax(phi))]]
         moved = int(np.argmax(correction[k]))
         message = (

@@ -51,7 +51,7 @@ def refuse_redundant_rows(integrator: Integrator, numeric: NumericEquations, sta
     """Raise for a method that does not take rows that depend on each other at a state, with their names."""
     if integrator.whole_run is None:
         return
-    pose = singular_pose(numeric, state.t, state.q)
+    pose = singular_pose(numeric, state.t, state.q, state.z)
     if pose is not None:
         raise SingularityError(
             f'method="{integrator.name}" cannot start at t = {state.t:.6g} s: the pose is singular, {pose.text}; '
