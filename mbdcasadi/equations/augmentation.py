@@ -14,11 +14,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..numerics.tolerances import MET
 from .derivation import Equations
 from .scale import Scale, generic_poses
 
-#: Masses and inertias (by the square of the characteristic length) that differ by less are never light.
-ALIKE = 1e-6
 #: Largest dependence of rows on each other, 1 / (1 - R²), without effective masses: rounding times it remains.
 DEPENDENCE = 1e6
 #: Mass in place of zero, relative to the largest one.
@@ -37,7 +36,7 @@ def effective_masses(eom: Equations, p: np.ndarray, mass: np.ndarray, scale: Sca
     """
     alike = mass * scale.coordinates**2
     most = float(np.max(alike, initial=0.0))
-    if not eom.lam.numel() or np.min(alike, initial=np.inf) > ALIKE * most:
+    if not eom.lam.numel() or np.min(alike, initial=np.inf) > MET * most:
         return None
     total = float(np.sum(alike)) or 1.0
     jacobians = [np.asarray(eom.slopes(0.0, pose, p).full()) for pose in generic_poses(eom)]

@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import SingularityError
+from ..numerics.tolerances import NEGLIGIBLE
 from .derivation import Equations
 from .least_norm import of_least_norm
 from .saddle import REPORTED, Refinement, Saddle
@@ -14,8 +15,6 @@ from .saddle import REPORTED, Refinement, Saddle
 NEWTON = {"linear_solver": "csparse", "error_on_fail": False, "max_iter": 60, "line_search": False, "abstolStep": 0.0}
 #: Steps after that: they solve for what is light beside the largest loads.
 POLISHING = 3
-#: Residual of a solution, relative to its size.
-SOLUTION_TOLERANCE = 1e-9
 #: Share of the terms of one unit, by the longest lever, below which those of the other may be rounding.
 ROUNDED = 1e-3
 #: Size of loads and accelerations, N and m/s² or N m and rad/s², at which nothing acts.
@@ -108,7 +107,7 @@ def forward_dynamics(
     n = eom.q.numel()
     # the iteration may stop above its own tolerance by rounding; anything else than a solution becomes NaN
     left_over = ca.mmax(ca.fabs(function(found, *symbols, sizes_of(found, *symbols))))
-    found = ca.if_else(left_over <= SOLUTION_TOLERANCE, found, ca.MX.nan(unknowns.numel()))
+    found = ca.if_else(left_over <= NEGLIGIBLE, found, ca.MX.nan(unknowns.numel()))
     return ca.Function("forward_dynamics", symbols, [found[:n], found[n:]], names, ["a", "lam"])
 
 

@@ -10,13 +10,12 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ..numerics.tolerances import ACCURACY
+from ..numerics.tolerances import ACCURACY, NEGLIGIBLE
 from .derivation import Equations
 from .saddle import REPORTED, Saddle, row_sizes
 
-#: Share of the squared length by the masses that counts as a squared lever where levers vanish, and the largest ratio
-#: of moments in the norm by levers to those by masses, with which the regularised solution converges.
-NO_LEVER, MOST_BY_LEVERS = 1e-9, 1e3
+#: Largest ratio of moments in the norm by levers to those by masses, with which the regularised solution converges.
+MOST_BY_LEVERS = 1e3
 
 
 def of_least_norm(eom: Equations, lam: ca.SX, weights: np.ndarray) -> ca.SX:
@@ -58,7 +57,7 @@ def sizes_by_levers(eom: Equations, weights: np.ndarray) -> ca.SX:
     straight = (np.arange(angles.size) < 3 * len(eom.mechanism.bodies)) & ~angles
     squares = ca.sum1(eom.Phi_q[in_metres, :] ** 2)
     moved, turned = (ca.sum2(squares[np.flatnonzero(part).tolist()]) for part in (straight, angles))
-    least = NO_LEVER * float(np.max(weights[angles]) / np.max(weights[straight]))
+    least = NEGLIGIBLE * float(np.max(weights[angles]) / np.max(weights[straight]))
     by_levers, by_masses = sizes[in_metres[0]] * moved / (turned + least * moved), sizes[in_radians[0]]
     sizes[in_radians] = ca.fmin(ca.fmax(by_levers, by_masses / MOST_BY_LEVERS), by_masses * MOST_BY_LEVERS)
     return sizes

@@ -8,14 +8,12 @@ import casadi as ca
 import numpy as np
 
 from ..numerics.c_code import SIGNATURE, Tape
+from ..numerics.tolerances import ACCURACY, CONVERGED
 from .derivation import Equations
 from .dynamics import dynamics_saddle, term_sizes
 
 #: Steps of Newton's method, at most; those after which a change that does not shrink below rounding is accepted.
 STEPS, MANY = 60, 8
-#: Largest change in the last step, relative to the unknowns, and the one that is accepted after many. What the
-#: equations leave over before it, relative to their terms, is below the latter: small mechanisms have small reactions.
-CONVERGED, NEARLY = 1e-13, 1e-10
 
 
 def newton_step(eom: Equations, name: str, augmentation: np.ndarray | None) -> ca.Function:
@@ -86,7 +84,7 @@ class NewtonLoop:
       size = fmax(size, fabs(next[i]));
       found[i] = next[i];
     }}
-    solved = off <= {NEARLY} && (change <= {CONVERGED} * size || (k > {MANY} && change <= {NEARLY} * size));
+    solved = off <= {CONVERGED} && (change <= {ACCURACY} * size || (k > {MANY} && change <= {CONVERGED} * size));
   }}
   for (i = 0; i < {self._unknowns} && !solved; ++i) found[i] = NAN;
   {self.results.name}(known, res, iw, work, mem);

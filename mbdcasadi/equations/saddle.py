@@ -20,6 +20,7 @@ import casadi as ca
 import numpy as np
 
 from ..numerics.lazy import cached_property
+from ..numerics.tolerances import DEPENDENT
 
 #: Regularisation of S, relative to the mean of its diagonal. Chains of parallelograms that pass their flat, singular
 #: pose keep their branch from 1e-10 to 1e-6 with the damping of :func:`.dynamics.stabilised`, and without it do not;
@@ -57,7 +58,7 @@ ON_THE_WAY = Refinement(3)
 #: Steps onto the constraints beyond what a shift lets pass at once.
 ONTO_ROWS = Refinement(4)
 #: Multipliers that are reported: of these the least-norm solution is wanted to rounding.
-REPORTED = Refinement(4, weakest=1e-11)
+REPORTED = Refinement(4, weakest=DEPENDENT)
 
 
 class Saddle:

@@ -35,7 +35,8 @@ from .stepping.piece_projection import PieceProjection
 REALLY_SINGULAR = 0.02
 #: Time beyond the place of a failure up to which an event is looked for, as a share of that between two outputs.
 BEYOND = 1e-3
-#: Time before an event at which switches are on their sides, as a share of the run.
+#: Time before an event at which switches are on their sides, and from the jump of a prescribed velocity that explains a
+#: failure, as a share of the run.
 SHORTLY = 1e-5
 #: Instants within which what lies at the border of a switch lies there: the zero of an event, the start of a motion.
 AT_BORDER = 16

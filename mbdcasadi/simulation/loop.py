@@ -30,7 +30,7 @@ from ..results.state import State
 from ..results.steps import Stretch
 from ..results.trajectory import EventOccurrence, Statistics, Trajectory
 from ..results.validity import validity_conditions
-from .arc import Arc, Outcome, ends_run, resets_or_ends
+from .arc import SHORTLY, Arc, Outcome, ends_run, resets_or_ends
 from .changes.event_search import Crossing
 from .changes.events import EventWatch
 from .changes.impacts import instant_of
@@ -52,8 +52,6 @@ from .stepping.whole_stepper import refuse_redundant_rows
 from .time_dependence import time_dependence
 from .trajectory_builder import TrajectoryBuilder
 
-#: Time from the jump of a prescribed velocity, relative to a run, at which it explains a failure.
-NEAR_CORNER = 1e-5
 LEAST_NORM = "the constraints are redundant: multipliers and reactions are those of least norm"
 
 
@@ -597,7 +595,7 @@ class Run:
         if failure.last is not None and failure.last_x is not None:
             reached, last = failure.last, failure.last_x
         ahead = 1e-3 * (piece.times[-1] - piece.start)
-        near = NEAR_CORNER * (self._schedule.end - self._schedule.start)
+        near = SHORTLY * (self._schedule.end - self._schedule.start)
         corner = next((jump for jump in self._corners if abs(jump.time - reached) <= near), None)
         if corner is not None:
             cause = f"{corner}, and the expression has no accurate derivative close to it; {corner.remedy}"

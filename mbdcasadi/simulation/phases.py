@@ -27,12 +27,9 @@ from ..results.state import EventOccurrence, State
 from ..results.trajectory import Statistics, Trajectory
 from .changes.events import Accumulation, EventWatch
 from .changes.modes import Modes
+from .changes.transitions import SWITCHES
 from .loop import Run
 
-#: Changes of the mechanism in one run, at most.
-CHANGES = 20_000
-#: Error of the cosine between the slopes of two events up to which they are at one place.
-SAME_PLACE = 1e-12
 #: Remedy for changes that take place ever faster.
 HOLDING = "let it become a mechanism in which the joint holds, or model the contact by a force (Contact, EndStop)"
 
@@ -180,14 +177,14 @@ class PhasedRun:
         try:
             run = self._run_in(self._first.mechanism)
             self._take(run.run())
-            for _ in range(CHANGES):
+            for _ in range(SWITCHES):
                 if not run.changing:
                     return self._trajectory()
                 run, ended = self._change(run)
                 if ended:
                     return self._trajectory()
             raise SimulationError(
-                f"the mechanism changed {CHANGES} times; the motion chatters", time=self._parts[-1].t[-1]
+                f"the mechanism changed {SWITCHES} times; the motion chatters", time=self._parts[-1].t[-1]
             )
         except (MechanismError, KeyboardInterrupt) as error:
             partial = getattr(error, "partial", None)
@@ -343,7 +340,7 @@ def _is_used(event: Event, chain: Sequence[Event], located: Sequence[Event], sta
     slope = _slope(event, state)
 
     def alike(other: Event) -> bool:
-        return abs(float(slope @ _slope(other, state))) > 1 - SAME_PLACE
+        return abs(float(slope @ _slope(other, state))) > 1 - NEGLIGIBLE
 
     before = sum(map(alike, chain))
     return before > 0 and before >= sum(map(alike, located))

@@ -21,9 +21,9 @@ from .switches import Switch, sides_of
 LINES, POINTS, HITS, STARTS = 24, 33, 8, 24
 #: Steps of Newton's method towards a border, and of the search for it in a bracket.
 NEWTON_STEPS, BRACKET_STEPS = 12, 100
-#: Jump that is rounding: relative to the values on the border, to those at the ends of the first bracket, and to the
-#: jump a little way off the border. Over a continuous border the difference grows from nothing.
-SAME_VALUE, NOISE, GROWN = 1e-9, 1e-13, 1e-4
+#: Jump that is rounding, relative to the jump a little way off the border: over a continuous border the difference
+#: grows from nothing.
+GROWN = 1e-4
 #: Distance from the border at which that jump is taken, relative to the first bracket.
 OFFSET = 1e-7
 #: Points of a border without which nothing is concluded.
@@ -272,14 +272,14 @@ class _Trial:
         if not owner.size:
             return np.zeros(0, bool)
         one, two = (self._held(points, self._values, sides).full() for sides in (before, after))
-        grown, sizes = np.zeros(one.shape), SAME_VALUE * np.where(np.isfinite(one), np.abs(one), 0.0)
+        grown, sizes = np.zeros(one.shape), NEGLIGIBLE * np.where(np.isfinite(one), np.abs(one), 0.0)
         with np.errstate(invalid="ignore"):
             for near in (points - offset, points + offset):
                 away = [self._held(near, self._values, sides).full() for sides in (before, after)]
                 grown = np.fmax(grown, np.abs(away[1] - away[0]))
             for end, sides in ((points - offset / OFFSET, before), (points + offset / OFFSET, after)):
                 value = np.abs(self._held(end, self._values, sides).full())
-                sizes = np.fmax(sizes, NOISE * np.where(np.isfinite(value), value, 0.0))
+                sizes = np.fmax(sizes, ACCURACY * np.where(np.isfinite(value), value, 0.0))
             firsts = np.flatnonzero(np.diff(owner, prepend=-1))
             rounding = np.maximum.reduceat(sizes, firsts, axis=1)[:, np.searchsorted(owner[firsts], owner)]
             same = np.abs(two - one) <= rounding + GROWN * grown

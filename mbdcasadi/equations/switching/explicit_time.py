@@ -11,6 +11,7 @@ import numpy as np
 from ...model.cache import ExpressionKey
 from ...numerics.lazy import cached_property
 from ...numerics.scattered import scattered
+from ...numerics.tolerances import MET
 from ..derivation import Equations
 from .time_breaks import AWAY_FROM_CORNERS, TimeBreaks, TimeFunctions, merge_breaks, resolution
 
@@ -21,8 +22,6 @@ _ENTERS = {"position": 2, "velocity": 1, "force": 0, "rate": 0}
 _RESTARTS = _ENTERS | {"rate": 1}
 #: Points between two instants at which it is looked at what passes between them, as shares.
 _BETWEEN = np.array([0.23, 0.5, 0.77])
-#: Deviation from the chord between two instants that counts, relative to the largest value.
-_HIDDEN = 1e-6
 #: Difference of two estimates of the size of a jump, relative to it, that is rounding.
 ROUNDED_SIZE = 1e-3
 #: Change of the estimated pose before rows are evaluated in it: in a special pose a jump may vanish.
@@ -204,7 +203,7 @@ class ExplicitTime:
                 first, last = values[:, :, :1], values[:, :, -1:]
                 off = np.max(np.abs(values - first - (last - first) * shares), axis=2)
                 size = np.max(np.where(np.isfinite(values), np.abs(values), 0.0), axis=(1, 2), keepdims=True)
-                hidden |= np.any(off > np.abs(last - first)[:, :, 0] + _HIDDEN * size[:, :, 0], axis=0)
+                hidden |= np.any(off > np.abs(last - first)[:, :, 0] + MET * size[:, :, 0], axis=0)
         return (low + gap * _BETWEEN)[hidden].ravel()
 
     # --- constraints that jump -----------------------------------------------------------------

@@ -27,7 +27,6 @@ from ..outputs import Outputs
 
 #: Change of an expression, relative to the velocities or reactions, that may be rounding.
 ROUNDING = 1e-11
-_NONE = np.zeros(0)
 
 
 class Accumulation:
@@ -195,7 +194,7 @@ class EventWatch:
             The present state.
         """
         if not self.events:
-            return _NONE, _NONE, _NONE
+            return np.zeros(0), np.zeros(0), np.zeros(0)
         rests = np.array([state.standing is Standing.RESTING for state in self.states])
         zero, side = np.array([(state.zero, state.side) for state in self.states]).T
         away = self.away(x) if rests.any() else 0.0

@@ -16,7 +16,7 @@ from .events import EventState, EventStates, EventWatch, Standing
 from .impacts import Impacts
 from .modes import Modes, Strike
 
-#: Switches between modes in one run, at most.
+#: Switches between modes, or changes of the mechanism, in one run, at most.
 SWITCHES = 20_000
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from ...arguments.inputs import Signals
 from ...equations import Equations
 from ...integrators.compiled import IntegrationFailure
+from ...numerics.collocation import gauss
 from ...numerics.roots import Functions, narrowed_extrema, narrowed_roots
 from ..path import Path, hermite_states
 from ..quantities import quantities_of
@@ -45,11 +46,6 @@ SAMPLES, MOST_LOADS = 33, 500
 CLOSE = 0.1
 #: Instants closer than this share of an output interval are one.
 SAME_INSTANT = 1e-7
-#: Nodes and weights of Gauss's quadrature by two and four points over [0, 1]; numpy.polynomial would take long to
-#: import.
-_TWO = 0.5 + np.array([-1, 1]) / np.sqrt(12), np.full(2, 0.5)
-_HALVES = np.sqrt(3 / 7 + np.array([1, -1, -1, 1]) * 2 / 7 * np.sqrt(6 / 5)) / 2
-_FOUR = 0.5 + np.array([-1, -1, 1, 1]) * _HALVES, (18 + np.array([-1, 1, 1, -1]) * np.sqrt(30)) / 72
 
 
 @dataclass(frozen=True)
@@ -350,7 +346,7 @@ class UnseenLoads:
         ends, owners = np.r_[marks[inside], path.times[intervals + 1]], np.r_[before[inside], intervals]
         order = np.argsort(ends)
         ends, owners = ends[order], owners[order]
-        missed = self._missed(path, owners, ends, limits, _FOUR if closely else _TWO)
+        missed = self._missed(path, owners, ends, limits, 4 if closely else 2)
         return [UnseenLoad(int(k), ends[owners == k]) for k in missed]
 
     def _missed(
@@ -359,7 +355,7 @@ class UnseenLoads:
         owners: np.ndarray,
         ends: np.ndarray,
         limits: np.ndarray,
-        rule: tuple[np.ndarray, np.ndarray] = _FOUR,
+        points: int = 4,
     ) -> np.ndarray:
         """Intervals in which the change of the state is not the integral of its rates (n,).
 
@@ -368,12 +364,12 @@ class UnseenLoads:
         owners, ends : numpy.ndarray
             Intervals in increasing order, and ends of the parts over which the rates are smooth, the last one of each
             interval its end (k,).
-        rule : tuple of numpy.ndarray
-            Nodes and weights over each part.
+        points : int
+            Points of Gauss's quadrature over each part.
         """
         if not owners.size:
             return owners
-        nodes, weights = rule
+        nodes, weights = gauss(points).points, gauss(points).weights
         is_first = np.diff(owners, prepend=-1) > 0
         begins = np.where(is_first, path.times[owners], np.r_[0.0, ends[:-1]])
         lengths = ends - begins

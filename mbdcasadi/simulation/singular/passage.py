@@ -18,6 +18,7 @@ import numpy as np
 
 from ...integrators.compiled import IntegrationFailure
 from ...numerics.least_squares import largest
+from ...numerics.tolerances import MET, NEGLIGIBLE
 from ..outputs import Outputs
 from ..path import Path, StatesAt, hermite_poses
 from .regularity import ENTRY, Regularity, finer_times
@@ -39,8 +40,6 @@ CHECKS, REGULAR = 96, 2e-3
 LONGER = 1.5
 #: Fall of the pivot after a passage, relative to its largest value since, from which a motion turns back to the pose.
 RETURN = 0.5
-#: Error of the velocities, relative to them, that is good enough.
-GOOD = 1e-9
 #: Length of the motion through which the polynomial is laid, in lengths of the passage, and points on it. Each point
 #: gives coordinates and velocities.
 HISTORY, POINTS = 4.0, 6
@@ -51,8 +50,8 @@ LONGEST = 12.0
 #: Times among them that are looked at together for the far side; the lowest pivot is among the first ones.
 ARRIVALS = 16
 #: Difference of the polynomial's accelerations from those of the equations of motion on the far side, relative to
-#: their size, and change of its coordinates there by the projection, up to which the passage is accepted.
-PASSAGE_ACCELERATION_TOLERANCE, PASSAGE_POSITION_TOLERANCE = 1e-3, 1e-6
+#: their size, up to which the passage is accepted.
+PASSAGE_ACCELERATION_TOLERANCE = 1e-3
 #: The same of its accelerations and of the power of all forces on the way across.
 CHECKED = 5e-3
 
@@ -194,7 +193,7 @@ class SingularPassage:
                 continue
             if passage is not None and (best is None or passage.error < best.error):
                 best = passage
-            if best is not None and best.error <= GOOD:
+            if best is not None and best.error <= NEGLIGIBLE:
                 break
         return best
 
@@ -290,7 +289,7 @@ class SingularPassage:
         The accelerations of the polynomial are compared with those of the equations of motion.
         """
         n, size = self._numeric.eom.q.numel(), self._numeric.scale.coordinates
-        if largest((x[:n] - ahead[:n]) / size) > PASSAGE_POSITION_TOLERANCE:
+        if largest((x[:n] - ahead[:n]) / size) > MET:
             return None
         a = self._outputs.block(np.array([time]), x[None, :])[3][0]
         speed = largest(x[n : 2 * n] / size)

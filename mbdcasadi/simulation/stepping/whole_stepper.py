@@ -30,8 +30,8 @@ from ..singular.regularity import FALL
 from ..stepper import PRECISE, Counts, Looks, SteppedSystem, Stepper, lending_of
 from .explicit_system import explicit_system
 
-#: Steps at the limit of stability, and steps that are still to come at that size, from which a motion is too stiff.
-STIFF_STEPS, TOO_MANY_STEPS = 1000, 200_000
+#: Steps at the limit of stability from which a motion is too stiff, if more than an integrator may take are to come.
+STIFF_STEPS = 1000
 #: Steps that are still to come, as many as those since the last output lead to, from which a motion hardly proceeds.
 NEVER_DONE = 1e8
 #: Steps of the short way to an event or past a singular pose, at most.
@@ -221,7 +221,7 @@ class WholeStepper(Stepper):
         """Raise if stability asks for far too many steps over what is left; else take note."""
         time = float(reached.times[-1])
         coming = (float(piece.times[-1]) - time) / max(self._progress.step, 1e-300)
-        if coming > TOO_MANY_STEPS:
+        if coming > MAX_STEPS:
             raise SimulationError(
                 f'the motion is too stiff for method="{self.integrator.name}" at t = {time:.6g} s: stability asks for '
                 f'steps of {self._progress.step:.2g} s, {coming:.2g} of them to the end; use method="idas" or '
