@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from ...numerics.least_squares import largest
 from ...numerics.tolerances import MET, RANK
@@ -133,6 +132,8 @@ class Complementarity:
 
     def parts(self) -> list[tuple[list[int], list[int]]]:
         """Spots and rows of the parts that do not act on each other, neither by their motion nor by their loads."""
+        from scipy.sparse.csgraph import connected_components  # takes long to import
+
         if not self._spots:
             return []
         joined = (np.abs(self._cosines) > NO_EFFECT) | np.eye(self._c.size, dtype=bool)

@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from ...assembly.setup import Setup
 from ...equations import equations
@@ -314,6 +313,8 @@ class FrictionModes(SwitchingModes):
 
     def _groups(self, state: State, resting: Sequence[int]) -> list[list[int]]:
         """Frictions at rest that act on each other, by their motion or their loads; raise if they are too many."""
+        from scipy.sparse.csgraph import connected_components  # takes long to import
+
         numeric, frictions = self.numeric(self.free), [self.frictions[i] for i in resting]
         eom = numeric.eom
         speeds = ca.vertcat(ca.SX(0, 1), *[friction.sliding_speed for friction in frictions])
