@@ -312,6 +312,21 @@ def contact() -> mbd.Mechanism:
     return mbd.Mechanism(bodies=[ball], forces=[floor])
 
 
+@scene
+def ratchet() -> mbd.Mechanism:
+    around = np.arange(12) * np.pi / 6
+    tips = np.column_stack([np.cos(around), np.sin(around)])
+    wheel = mbd.Body("wheel", 1.0, 0.1, pose=(0, 0, 0.12))
+    teeth = mbd.PolygonEdges(wheel.at(0, 0), np.column_stack([0.25 * tips, 0.3 * tips]).reshape(-1, 2))
+    pawl = mbd.Body("pawl", 0.1, 1e-3, pose=(0.370, 0.099, 2.833))
+    pins = [
+        mbd.Revolute("axle", mbd.ground.at(0, 0), wheel.at(0, 0)),
+        mbd.Revolute("pivot", mbd.ground.at(0.522, 0.051), pawl.at(-0.1595, 0)),
+    ]
+    tip = mbd.Segment(pawl.at(0, 0), 0.319, radius=0.01)
+    return mbd.Mechanism([wheel, pawl], pins, forces=[mbd.Contact("tooth", tip, teeth, mbd.HuntCrossley(1e5))])
+
+
 def friction_laws() -> Figure:
     """Force over sliding speed, under unit load; the bristles of LuGre in steady sliding."""
     figure = Figure(figsize=(6.4, 2.8), layout="constrained")

@@ -266,7 +266,7 @@ def test_hertz_stiffness():
 
 # --- refusals -----------------------------------------------------------------------------------
 def test_refuses():
-    """Pairs without a rule, one body twice, polygons that are not convex, numbers out of their limits."""
+    """Pairs without a rule, one body twice, polygons that run clockwise, numbers out of their limits."""
     body, base = free_body(), mbd.Body("base", mass=1, inertia=1)
     square = [(0, 0), (1, 0), (1, 1), (0, 1)]
     with pytest.raises(mbd.ModelError, match=r"'c'.*two points"):

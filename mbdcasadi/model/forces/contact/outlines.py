@@ -11,6 +11,7 @@ import numpy as np
 from ....errors import ModelError
 from ....numerics.lazy import cached_property
 from ...bodies import Marker, as_marker
+from ...geometry.curves import crossing
 from ...immutable import Immutable
 from ...quantities import HasQuantities, number_pairs
 from ...symbols import Scalar, Vector
@@ -148,7 +149,11 @@ class HalfPlane(Outline):
 
 
 class PolygonEdges(Outline):
-    """A convex polygon: a block, a wedge.
+    """A polygon: a block, a wedge, a ratchet, a bracket.
+
+    It may have hollow corners. A disc then touches each row of edges between them in one point, and so rests on both
+    sides of a hollow; corners of other polygons touch the nearest edge. Two polygons of which one has hollow corners
+    should not lie on each other with corners in line, where the nearest edge is not that on which they lie.
 
     Parameters
     ----------
@@ -164,26 +169,72 @@ class PolygonEdges(Outline):
         self.points = number_pairs(points, what)
         if len(self.points) < 3:
             raise ModelError(f"{what}: a polygon has at least three corners, got {len(self.points)}")
-        sides = np.roll(self.points, -1, axis=0) - self.points
-        turns = sides[:, 0] * np.roll(sides[:, 1], -1) - sides[:, 1] * np.roll(sides[:, 0], -1)
-        angles = np.arctan2(turns, np.sum(sides * np.roll(sides, -1, axis=0), axis=1))
-        if np.all(turns > 0) and not np.isclose(np.sum(angles), 2 * np.pi):
-            raise ModelError(f"{what}: the outline goes round {np.sum(angles) / (2 * np.pi):.0f} times and cuts itself")
-        if np.any(turns <= 0):
-            corner = self.points[(int(np.argmin(turns)) + 1) % len(self.points)]
-            raise ModelError(
-                f"{what}: the corners must go round a convex polygon counter-clockwise, and do not at "
-                f"({corner[0]:g}, {corner[1]:g}); split it into convex ones"
-            )
+        straight = np.flatnonzero(np.sin(self._turns) == 0)
+        if straight.size:
+            x, y = self.points[straight[0]]
+            raise ModelError(f"{what}: the outline has no corner at ({x:g}, {y:g}), or goes back there; leave it out")
+        rounds = float(np.sum(self._turns)) / (2 * np.pi)
+        cut = crossing(self.points)
+        if cut is not None or abs(rounds) > 1.5:
+            where = "" if cut is None else f" near ({cut[0]:g}, {cut[1]:g})"
+            raise ModelError(f"{what}: the outline goes round {rounds:.0f} times and cuts itself{where}")
+        if rounds < 0:
+            raise ModelError(f"{what}: the corners must go round counter-clockwise; reverse their order")
         self.points.setflags(write=False)
 
     @property
+    def _turns(self) -> np.ndarray:
+        """Angle by which the outline turns at each corner, counter-clockwise (k,), rad."""
+        after = np.roll(self.points, -1, axis=0) - self.points
+        before = np.roll(after, 1, axis=0)
+        return np.arctan2(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], np.sum(before * after, axis=1))
+
+    @property
+    def is_convex(self) -> bool:
+        """True if no corner is hollow."""
+        return bool(np.all(self._turns > 0))
+
+    @property
+    def chains(self) -> list[list[int]]:
+        """Edges, by their first corner, in rows that turn by less than a half turn, none past a hollow corner.
+
+        A disc outside touches a row in one point. The corner at which a row begins is that of the row before.
+        """
+        count, turns = len(self.points), self._turns
+        first = int(np.argmin(turns))
+        rows, turned = [[first]], 0.0
+        for k in range(first + 1, first + count):
+            turned += turns[k % count]
+            if turns[k % count] < 0 or turned >= np.pi:
+                rows.append([])
+                turned = 0.0
+            rows[-1].append(k % count)
+        return rows
+
+    def is_hollow(self, corner: int) -> bool:
+        """Return True if the outline turns clockwise at a corner, by its number."""
+        return bool(self._turns[corner % len(self.points)] < 0)
+
+    @property
     def half_width(self) -> float:
-        """Half of the least width of the polygon (between two parallel lines), m."""
+        """Half of the least width (between two parallel lines; of one that is not convex, of any part of it), m."""
+        if not self.is_convex:
+            return self._least_thickness / 2
         sides = np.roll(self.points, -1, axis=0) - self.points
         outward = np.column_stack([sides[:, 1], -sides[:, 0]]) / np.hypot(*sides.T)[:, None]
         heights = outward @ self.points.T
         return float(np.min(np.ptp(heights, axis=1))) / 2
+
+    @property
+    def _least_thickness(self) -> float:
+        """Least distance of a corner from an edge that does not end there, m."""
+        count, least = len(self.points), np.inf
+        for k, (first, second) in enumerate(zip(self.points, np.roll(self.points, -1, axis=0), strict=True)):
+            along = second - first
+            others = np.delete(self.points, [k, (k + 1) % count], axis=0)
+            share = np.clip((others - first) @ along / (along @ along), 0, 1)
+            least = min(least, float(np.min(np.hypot(*(others - first - share[:, None] * along).T))))
+        return least
 
     @property
     def bounding_circle(self) -> tuple[ca.SX, ca.SX]:
@@ -195,6 +246,11 @@ class PolygonEdges(Outline):
     def corners(self) -> list[ca.SX]:
         """Positions of the corners, each (2,), m."""
         return [self.marker.position + self.marker.axes @ ca.DM(point) for point in self.points]
+
+    @property
+    def tips(self) -> list[ca.SX]:
+        """Positions of the corners that are not hollow, each (2,), m."""
+        return [corner for corner, turn in zip(self.corners, self._turns, strict=True) if turn > 0]
 
     @property
     def normals(self) -> list[ca.SX]:

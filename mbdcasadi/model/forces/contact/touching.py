@@ -75,8 +75,8 @@ def segment_polygon(a: Segment, b: PolygonEdges) -> list[Touch]:
     """Ends of a bar against a polygon, and corners of the polygon against the bar."""
     if a.thin:
         raise ModelError("a corner passes through a bar without thickness; give Segment(…, radius=)")
-    ends = [disc_beside_polygon(end, a.radius, b) for end in a.ends]
-    return ends + [_beside(corner, 0.0, a).reversed() for corner in b.corners]
+    ends = [touch for end in a.ends for touch in disc_beside_polygon(end, a.radius, b)]
+    return ends + [_beside(corner, 0.0, a).reversed() for corner in b.tips]
 
 
 def _beside(centre: ca.SX, radius: ca.SX | float, bar: Segment) -> Touch:
@@ -90,8 +90,59 @@ def _beside(centre: ca.SX, radius: ca.SX | float, bar: Segment) -> Touch:
     return replace(touch, gap=gap, within=within, height=touch.gap, covers_ends=False)
 
 
-def disc_beside_polygon(centre: ca.SX, radius: ca.SX | float, b: PolygonEdges) -> Touch:
-    """Return the contact of a disc or point with a polygon: the nearest edge or corner; inside, the nearest edge."""
+def disc_beside_polygon(centre: ca.SX, radius: ca.SX | float, b: PolygonEdges) -> list[Touch]:
+    """Return the contacts of a disc or point with a polygon, one for each row of edges that it may touch."""
+    if b.is_convex:
+        return [_disc_beside_convex(centre, radius, b)]
+    return _disc_beside(centre, radius, b)
+
+
+def _disc_beside(centre: ca.SX, radius: ca.SX | float, b: PolygonEdges) -> list[Touch]:
+    """Return the contacts of a disc or point with a polygon of any kind."""
+    # a point is nearest to one place; a disc in a hollow touches both of its sides
+    rows = [range(len(b.points))] if ca.SX(radius).is_zero() else b.chains
+    places = [_nearest_of(centre, b, edges) for edges in rows]
+    least = ca.mmin(ca.vertcat(*[ca.sumsqr(centre - place[:2]) for place in places]))
+    touches = []
+    for place in places:
+        foot, side, belongs = place[:2], place[2], place[3]
+        beside = between_discs(centre, 0.0, foot, 0.0)
+        distance = beside.gap
+        # from outside if the corner is not that of another row; from inside if no other row is nearer
+        outside = if_else(belongs, distance - radius, ca.fabs(distance - radius))
+        inside = if_else(ca.sumsqr(centre - foot) <= least, -distance - radius, distance + radius)
+        gap = if_else(side > 0, outside, inside)
+        touches.append(Touch(gap, side * beside.normal, foot, (ca.SX(radius) + b.half_width) / 2))
+    return touches
+
+
+def _nearest_of(centre: ca.SX, b: PolygonEdges, edges: Sequence[int]) -> ca.SX:
+    """Return the nearest point of a row of edges, 1 if the centre is outside there or -1, and 1 if it is its own (4,).
+
+    The corner at which a row begins belongs to the row before.
+    """
+    corners, normals, count = b.corners, b.normals, len(b.points)
+    best, found = ca.SX(0), ca.SX(0)
+    for k in edges:
+        first, second = corners[k], corners[(k + 1) % count]
+        share = share_along(centre, first, second - first)
+        foot = nearest_point(centre, first, second)
+        side = if_else(ca.dot(normals[k], centre - first) < 0, -1, 1)
+        # at a corner it is outside of one that is not hollow, however sharp
+        at_first, at_second = (-1 if b.is_hollow(corner) else 1 for corner in (k, k + 1))
+        side = if_else(share > 0, if_else(share < 1, side, at_second), at_first)
+        belongs = share > 0 if k == edges[0] else 1
+        place, distance = ca.vertcat(foot, side, belongs), ca.sumsqr(centre - foot)
+        if k == edges[0]:
+            best, found = distance, place
+        else:
+            closer = distance < best
+            best, found = if_else(closer, distance, best), if_else(closer, place, found)
+    return found
+
+
+def _disc_beside_convex(centre: ca.SX, radius: ca.SX | float, b: PolygonEdges) -> Touch:
+    """Return the contact of a disc or point with a convex polygon: nearest edge or corner; inside, nearest edge."""
     corners = b.corners
     outward = b.normals
     heights = [ca.dot(n, centre - c) for n, c in zip(outward, corners, strict=True)]
@@ -123,6 +174,11 @@ def polygon_polygon(a: PolygonEdges, b: PolygonEdges, each_corner: bool = False)
     block on an equal block stands on two corners at any offset; with `each_corner` all corners of a, then those
     of b, so that a place stays the same corner as the edges change.
     """
+    if not (a.is_convex and b.is_convex):
+        reach = ca.SX((a.half_width + b.half_width) / 2)
+        places = [touch for tip in a.tips for touch in _disc_beside(tip, 0.0, b)]
+        places += [touch.reversed() for tip in b.tips for touch in _disc_beside(tip, 0.0, a)]
+        return [replace(touch, reach=reach) for touch in places]
     faces_a, faces_b = _faces(a), _faces(b)
     first = _least_deep(faces_a, b.corners)
     second = _least_deep(faces_b, a.corners)
@@ -178,7 +234,7 @@ def _corner_on_edge(corner: ca.SX, face: ca.SX, *, closed: bool) -> Touch:
 def _discs(outline: Any) -> list[tuple[ca.SX, Any, ca.SX | None]]:
     """Discs whose hull an outline is: centre (2,), radius, and the depth at which the outline is inside a solid, m."""
     if isinstance(outline, PolygonEdges):
-        return [(corner, 0.0, ca.SX(2 * outline.half_width)) for corner in outline.corners]
+        return [(corner, 0.0, ca.SX(2 * outline.half_width)) for corner in outline.tips]
     width = ca.SX(outline.radius) * 2
     centres = outline.ends if isinstance(outline, Segment) else [outline.marker.position]
     return [(centre, outline.radius, None if width.is_zero() else width) for centre in centres]
@@ -210,7 +266,7 @@ def disc_segment(a: Any, b: Segment) -> list[Touch]:
 
 def disc_polygon(a: Any, b: PolygonEdges) -> list[Touch]:
     """Circle or point against a polygon."""
-    return [disc_beside_polygon(a.marker.position, a.radius, b)]
+    return disc_beside_polygon(a.marker.position, a.radius, b)
 
 
 def in_hole(a: Any, b: HollowCircle) -> list[Touch]:
@@ -244,7 +300,7 @@ def bounding_distance(a: Outline, b: Outline) -> ca.SX | None:
     Circles around the outlines are compared, and of two polygons the axes that may separate them: this costs far less
     than forces at the places of contact.
     """
-    if isinstance(a, PolygonEdges) and isinstance(b, PolygonEdges):
+    if isinstance(a, PolygonEdges) and isinstance(b, PolygonEdges) and a.is_convex and b.is_convex:
         return ca.fmax(_least_deep(_faces(a), b.corners)[0], _least_deep(_faces(b), a.corners)[0])
     if a.bounding_circle is None:
         a, b = b, a
@@ -267,8 +323,16 @@ def touches(a: Outline, b: Outline, what: str, *, each_corner: bool = False) -> 
 
     With `each_corner` every corner of two polygons is a place of its own, which it stays however they turn.
     """
-    if each_corner and isinstance(a, PolygonEdges) and isinstance(b, PolygonEdges):
-        return polygon_polygon(a, b, each_corner)
+    if each_corner:
+        for outline, other in ((a, b), (b, a)):
+            hollow = isinstance(outline, PolygonEdges) and not outline.is_convex
+            if hollow and not isinstance(other, HalfPlane | HollowCircle):
+                raise ModelError(
+                    f"{what}: {outline.description} is not convex, which a rigid contact takes on a HalfPlane and in a "
+                    "HollowCircle only; split it into convex ones, or take a Contact with a stiffness"
+                )
+        if isinstance(a, PolygonEdges) and isinstance(b, PolygonEdges):
+            return polygon_polygon(a, b, each_corner)
     try:
         for first, second, rule in _KINDS:
             if isinstance(a, first) and isinstance(b, second):
