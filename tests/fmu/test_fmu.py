@@ -170,10 +170,31 @@ def motor_drive():
     return machine, [pin.angle == 0, arm.omega == 0], {"angle": pin.angle, "power": voltage * current}
 
 
+def crane_with_a_servo():
+    command, place, speed = mbd.Input("command", 0.1), mbd.StateVariable("place"), mbd.StateVariable("speed")
+    trolley = mbd.Body("trolley", mass=5.0, inertia=1.0)
+    bob = mbd.Body("bob", mass=2.0, inertia=0.1, pose=(0, -1, 0))
+    joints = [
+        mbd.Translational("rail", mbd.ground.at(0, 0), trolley.at(0, 0)),
+        mbd.Revolute("pivot", trolley.at(0, 0), bob.at(0, 1)),
+    ]
+    servo = mbd.Driver("servo", trolley.x, place)
+    states = {place: speed, speed: command - 0.2 * speed}
+    machine = mbd.Mechanism([trolley, bob], joints, [servo], [mbd.Gravity()], [command], states=states)
+    initial = [trolley.x == 0.3, trolley.vx == 0.1, bob.phi == 0, bob.omega == 0]
+    return machine, initial, {"x": trolley.x, "angle": bob.phi, "effort": servo.effort}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("machine", "version", "tolerance"),
-    [(slider_crank, 2, 1e-11), (cart_pole, 3, 1e-11), (bouncing_ball, 3, 1e-11), (motor_drive, 2, 1e-11)],
+    [
+        (slider_crank, 2, 1e-11),
+        (cart_pole, 3, 1e-11),
+        (bouncing_ball, 3, 1e-11),
+        (motor_drive, 2, 1e-11),
+        (crane_with_a_servo, 3, 1e-11),
+    ],
 )
 def test_machines_move_as_in_simulate(machine, version, tolerance, tmp_path):
     """In both kinds, at equal and at tight tolerances."""

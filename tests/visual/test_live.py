@@ -122,6 +122,18 @@ def driven():
     return model.driven(crank=0.3 + 3 * mbd.t), []
 
 
+def servo():
+    command, place, speed = mbd.Input("command", 0.4), mbd.StateVariable("place", 0.2), mbd.StateVariable("speed")
+    trolley = mbd.Body("trolley", mass=5.0, inertia=1.0)
+    bob = mbd.Body("bob", mass=2.0, inertia=0.1, pose=(0, -1, 0))
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), trolley.at(0, 0))
+    pivot = mbd.Revolute("pivot", trolley.at(0, 0), bob.at(0, 1))
+    states = {place: speed, speed: command - 2 * speed}
+    drive = mbd.Driver("drive", trolley.x, place)
+    start = [trolley.x == 0.3, trolley.vx == 0, bob.phi == 0.1, bob.omega == 0]
+    return mbd.Mechanism([trolley, bob], [rail, pivot], [drive], [mbd.Gravity()], [command], states=states), start
+
+
 def skate():
     """A velocity-level constraint, and a force that begins at a time."""
     blade = mbd.Body("blade", 1.0, 0.2, velocity=(1.0, 0, 0))
@@ -192,7 +204,7 @@ def valley():
 MECHANISMS = [
     four_bar, slider_crank, five_bar, planetary_gear, cam_follower, double_pendulum, long_chain, quick_return,
     scotch_yoke, jansen, parallelogram, point_mass, driven, skate, motor, rubbing, between_stops, roped,
-    valley,
+    valley, servo,
 ]  # fmt: skip
 
 

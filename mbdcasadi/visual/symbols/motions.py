@@ -12,7 +12,7 @@ from ...model.bodies import Marker
 from ...model.drivers import Actuator, Driver
 from ...model.forces.applied import GeneralizedForce
 from ...model.joints.lower_pairs import Revolute
-from ...model.symbols import t
+from ...model.rates import time_derivative
 from ...results.columns import effort_unit, reaction_body
 from ..drawing import lines, scene
 from ..drawing.loads import Load
@@ -35,7 +35,8 @@ class DriverGlyph(Glyph, of=Driver):
         if ends is not None:
             cylinder(self.pen, beside_others(self.pen, driver, *ends), driver.expression, 0.75, "motion")
             return
-        motion_arrow(self.pen, driver.expression, driver.bodies, sense(self.pen, ca.jacobian(driver.value, t)))
+        speed = time_derivative(driver.value, self.pen.sample.mechanism)
+        motion_arrow(self.pen, driver.expression, driver.bodies, sense(self.pen, speed))
 
     def loads(self) -> list[Load]:
         """Return the effort: at both ends of a length, and at the pin if it is a couple."""
