@@ -373,8 +373,8 @@ class UnseenLoads:
         is_first = np.diff(owners, prepend=-1) > 0
         begins = np.where(is_first, path.times[owners], np.r_[0.0, ends[:-1]])
         lengths = ends - begins
-        rates = self._rates(path, (begins[:, None] + lengths[:, None] * nodes).ravel())
-        rates *= (lengths[:, None] * weights).ravel()[:, None]
+        times = (begins[:, None] + lengths[:, None] * nodes).ravel()
+        rates = self._rates(path, times) * (lengths[:, None] * weights).ravel()[:, None]
         integral = np.add.reduceat(rates, nodes.size * np.flatnonzero(is_first))
         change = np.diff(path.x[:, self._numeric.eom.q.numel() :], axis=0)[owners[is_first]]
         missed: np.ndarray = owners[is_first][~np.all(np.abs(change - integral) <= limits, axis=1)]
