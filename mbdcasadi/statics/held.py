@@ -17,7 +17,9 @@ import numpy as np
 from ..assembly.consistent_start import position_limits
 from ..assembly.setup import Setup
 from ..equations import equations
-from ..errors import EquilibriumError
+from ..equations.derivation import why_not_unique
+from ..equations.numeric import NumericEquations
+from ..errors import EquilibriumError, SingularityError
 from ..model.forces.contact.rigid import RigidContact
 from ..model.forces.friction.modes import held_at, switching, variant_in, without_exact_friction
 from ..model.quantities import known_value
@@ -79,6 +81,8 @@ class Held:
     ------
     EquilibriumError
         If outlines penetrate each other.
+    SingularityError
+        If redundant joints leave the load of a friction open.
     """
 
     def __init__(self, setup: Setup, start: State):
@@ -92,6 +96,18 @@ class Held:
         self.numeric = setup.numeric_of(self.mechanism)
         self._closed_places = closed
         self.laws = tuple(law for e in switching(self.whole) for law in self._laws(e))
+        self._refuse_open_loads(free_numeric(setup), setup.time, pose)
+
+    def _refuse_open_loads(self, free: NumericEquations, time: float, pose: np.ndarray) -> None:
+        """Raise if redundant joints may squeeze what rubs as they like."""
+        if not free.has_redundant_rows(time, pose):
+            return
+        shared = np.any(np.abs(free.rank(time, pose).null_rows) > NEGLIGIBLE, axis=0)
+        open_ = free.eom.lam[np.flatnonzero(shared).tolist()]
+        limits = [(law.place, law.available) for law in self.laws if law.available is not None]
+        names = [place for place, limit in limits if ca.depends_on(limit, open_)]
+        if names:
+            raise SingularityError(why_not_unique(list(dict.fromkeys(names))))
 
     @staticmethod
     def _sense(element: Any, closed: Sequence[int]) -> Any:
@@ -335,6 +351,6 @@ def linear_program(
     return linprog(cost, upper, limits, equal, right, bounds, method="highs-ds")
 
 
-def free_numeric(setup: Setup) -> Any:
+def free_numeric(setup: Setup) -> NumericEquations:
     """Equations in which nothing sticks or touches, at the values of the parameters."""
     return setup.numeric_of(without_exact_friction(setup.mechanism))

@@ -175,6 +175,48 @@ def test_a_contact_would_have_to_pull():
         mbd.equilibrium(mechanism)
 
 
+@pytest.mark.slow
+def test_a_crank_that_rubs_in_every_joint_holds_as_long_as_in_simulate():
+    """Limits that are norms of reactions, and reactions that are not unique: just inside it rests, outside it moves."""
+    crank = mbd.Body("crank", mass=0.5, inertia=0.01, pose=(0.05, 0.05, np.pi / 4))
+    rod = mbd.Body("rod", mass=0.8, inertia=0.02, pose=(0.2, 0.05, -0.3))
+    slider = mbd.Body("slider", mass=1, inertia=0.01, pose=(0.35, 0, 0))
+    pins = [
+        mbd.Revolute("O", mbd.ground.at(0, 0), crank.at(-0.06, 0)),
+        mbd.Revolute("A", crank.at(0.06, 0), rod.at(-0.15, 0)),
+        mbd.Revolute("B", rod.at(0.15, 0), slider.at(0, 0)),
+    ]
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), slider.at(0, 0))
+    dry = mbd.DryFriction(0.2)
+    rubs = [mbd.JointFriction(f"rub {pin.name}", pin, dry, radius=0.02) for pin in pins]
+    rubs.append(mbd.JointFriction("rub", guide, dry, length=0.1))
+    forces = [mbd.Gravity(), mbd.Force("gas", slider.at(0, 0), (-100, 0)), mbd.Torque("torque", crank, LOAD), *rubs]
+    engine = mbd.Mechanism([crank, rod, slider], [*pins, guide], forces=forces, parameters=[LOAD])
+    found = mbd.holding_range(engine, LOAD)
+    assert len(found.gives_at_least) == 4
+    for value, inwards in ((found.least, 1e-5), (found.greatest, -1e-5)):
+        assert mbd.assemble(engine, parameters={LOAD: value + inwards}).a == pytest.approx(0, abs=1e-9)
+        assert np.max(np.abs(mbd.assemble(engine, parameters={LOAD: value - inwards}).a)) > 1e-5
+
+
+def test_a_brake_holds_up_to_its_capacity():
+    drum = mbd.Body("drum", mass=1, inertia=0.5)
+    axle = mbd.Revolute("axle", mbd.ground.at(0, 0), drum.at(0, 0))
+    brake = mbd.Clutch("brake", mbd.ground, drum, 3.0)
+    mechanism = mbd.Mechanism([drum], [axle, brake], forces=[mbd.Torque("t", drum, LOAD)], parameters=[LOAD])
+    found = mbd.holding_range(mechanism, LOAD)
+    assert (found.least, found.greatest) == pytest.approx((-3, 3))
+    assert mbd.equilibrium(mechanism, parameters={LOAD: 2.0})[brake.torque] == pytest.approx(-2)
+
+
+def test_redundant_joints_leave_the_load_of_a_friction_open():
+    mechanism, _ = incline(angle=0.0)
+    (block,) = mechanism.bodies
+    twin = mbd.Translational("twin", mbd.ground.at(0, 1), block.at(0, 1))
+    with pytest.raises(mbd.SingularityError, match="'rub' depends on reactions, and with redundant constraints"):
+        mbd.holding_range(mechanism.replace(joints=[*mechanism.joints, twin]), LOAD)
+
+
 def test_refuses():
     """Loads that move joints, mechanisms without friction, outlines in each other, what is no load."""
     mechanism, _ = incline()
