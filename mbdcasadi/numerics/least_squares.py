@@ -46,8 +46,7 @@ def least_norm_within(
 ) -> np.ndarray | None:
     """Solution of ``A x = b`` of least ``x^T W x`` within limits (n,), or None if there is none.
 
-    ``x = x_0 + Z y`` with the solution ``x_0`` without limits and the null space of A. The least ``|y|`` is a problem
-    of least distance, which becomes one of least squares that are not negative.
+    ``x = x_0 + Z y`` with the solution ``x_0`` without limits and the null space of A; y by :func:`least_distance`.
 
     Parameters
     ----------
@@ -55,10 +54,6 @@ def least_norm_within(
         A (m, n) of full row rank, and b (m,).
     weights, lower, upper : numpy.ndarray
         Positive diagonal of W, and limits (n,), which may be infinite.
-
-    References
-    ----------
-    Lawson and Hanson 1974, chapter 23, algorithm LDP.
     """
     root = np.sqrt(weights)
     known = least_norm(matrix / root, right)
@@ -66,18 +61,37 @@ def least_norm_within(
     size = 1 + largest(known)
     if np.all(sides <= NEGLIGIBLE * size):
         return np.clip(known / root, lower, upper)
-    from scipy.optimize import nnls  # takes long to import
-
     free = null_space(matrix / root)
     slopes, within = np.r_[free, -free], np.isfinite(sides)
-    system = np.c_[slopes, sides / size][within].T
-    shares, missing = nnls(system, np.eye(len(system))[-1])
-    if missing <= NEGLIGIBLE:
+    share = least_distance(slopes[within], sides[within] / size)
+    if share is None:
         return None
-    rest = system @ shares - np.eye(len(system))[-1]
-    x = known - size * free @ rest[:-1] / rest[-1]
+    x = known + size * free @ share
     met = np.all(np.r_[lower * root - x, x - upper * root] <= NEGLIGIBLE * (size + largest(x)))
     return np.clip(x / root, lower, upper) if met else None
+
+
+def least_distance(slopes: np.ndarray, sides: np.ndarray) -> np.ndarray | None:
+    """The least y (n,) with ``S y >= c``, or None if there is none.
+
+    Its dual is a problem of least squares that are not negative.
+
+    Parameters
+    ----------
+    slopes, sides : numpy.ndarray
+        S (m, n) and c (m,), of sizes near one.
+
+    References
+    ----------
+    Lawson and Hanson 1974, chapter 23, algorithm LDP.
+    """
+    from scipy.optimize import nnls  # takes long to import
+
+    system = np.c_[slopes, sides].T
+    last = np.eye(len(system))[-1]
+    shares, missing = nnls(system, last)
+    rest = system @ shares - last
+    return None if missing <= NEGLIGIBLE else -rest[:-1] / rest[-1]
 
 
 def null_space(matrix: np.ndarray) -> np.ndarray:

@@ -401,6 +401,47 @@ def test_assemble_knows_the_forces():
         _ = state[floor.normal_force]
 
 
+# --- forces that the motion leaves open ------------------------------------------------------------------------------
+@pytest.mark.parametrize("law", [mbd.DryFriction(0.3), pytest.param(mbd.DryFriction(0.2, 0.4), marks=pytest.mark.slow)])
+def test_ball_in_a_groove(law):
+    """At rest ``N + T = m g/√2``, of least norm if ``T = μ N``; it turns from the couple ``r μ √2 m g/(1 + μ²)`` on."""
+    mu, mass, radius, rate = float(law.static_coefficient), 1.0, 0.1, 10.0
+    ball = mbd.Body("ball", mass=mass, inertia=0.4 * mass * radius**2, pose=(0, radius * np.sqrt(2), 0))
+    sides = [
+        mbd.RigidContact(
+            name, mbd.Circle(ball.at(0, 0), radius), mbd.HalfPlane(mbd.ground.at(0, 0, np.radians(angle))), law
+        )
+        for name, angle in (("left", -45), ("right", 45))
+    ]
+    turn = mbd.Torque("turn", ball, rate * mbd.t)
+    begin = radius * mu * np.sqrt(2) * mass * G / (1 + mu**2) / rate
+    motion = mbd.simulate(mbd.Mechanism([ball], forces=[mbd.Gravity(), *sides, turn]), np.linspace(0, 1.2 * begin, 7))
+    assert happenings(motion)[0] == "left breaks away"
+    assert motion.events[0].t == pytest.approx(begin, rel=1e-6)
+    for side in sides:
+        assert motion.initial[side.normal_force] == pytest.approx(mass * G / np.sqrt(2) / (1 + mu), rel=1e-9)
+        assert abs(motion.initial[side.friction_force]) == pytest.approx(
+            mu * motion.initial[side.normal_force], rel=1e-9
+        )
+    resting = motion.t < begin
+    assert not np.any(np.abs(motion[ball.omega][resting]) > 1e-12) and motion.final[ball.omega] > 0
+    total = sum(
+        motion[side.normal_force] - s * motion[side.friction_force] for side, s in zip(sides, (1, -1), strict=True)
+    )
+    np.testing.assert_allclose(total[resting], mass * G * np.sqrt(2), rtol=1e-9)
+    assert any("contact 'left', contact 'right'" in note and "least norm" in note for note in motion.statistics.notes)
+
+
+def test_box_against_a_smooth_wall():
+    """Both corners at the wall share a central push, and the ground bears the weight evenly."""
+    _, stands, mechanism = block_on_floor(force=((0, 0), (10 * mbd.t, 0)))
+    wall = mbd.RigidContact("wall", stands.a, mbd.HalfPlane(mbd.ground.at(WIDE, 0, np.pi / 2)))
+    motion = mbd.simulate(mechanism.replace(forces=[*mechanism.forces, wall]), np.linspace(0, 1, 5))
+    assert not motion.events
+    np.testing.assert_allclose(motion[stands.normal_forces][:, :2], G, rtol=1e-9)
+    np.testing.assert_allclose(motion[wall.normal_forces][:, 1:3], np.outer(motion.t, [5, 5]), atol=1e-9)
+
+
 # --- edges on edges --------------------------------------------------------------------------------------------
 def two_boxes(friction=None, width=WIDE):
     """Two equal boxes in line, of 1 and 2 kg, and the contacts below them."""

@@ -28,13 +28,16 @@ class Spot:
     normal, tangent : int or None
         Its rows.
     options : sequence of str
-        ``"open"``, ``"closed"``, ``"sticks"``, ``"forth"``, ``"back"``, ``"free"``: what it may be.
+        ``"open"``, ``"closed"``, ``"sticks"``, ``"forth"``, ``"back"``, ``"free"``: what it may be; ``"pulled forth"``
+        and ``"pulled back"`` at its limit at rest, if it is above that in motion.
     sliding, static : float
         Coefficients of friction.
     target : float
         Rate of the normal row of what is closed, which is the least one of what is open.
     rests : bool
         True if it does not slide until then: its rate along the tangent has the sense in which it slides.
+    clear : bool
+        True if it sticks only below its limit by more than rounding.
     """
 
     normal: int | None
@@ -44,6 +47,7 @@ class Spot:
     static: float = 0.0
     target: float = 0.0
     rests: bool = True
+    clear: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +72,8 @@ class Solution:
 
     @property
     def sticking(self) -> int:
-        """Number of spots that stick."""
-        return sum(status in ("sticks", "shares") for status in self.statuses)
+        """Number of spots that rest by friction."""
+        return sum(status in ("sticks", "shares") or _is_pulled(status) for status in self.statuses)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +158,11 @@ class Complementarity:
         spots = [replace(s, tangent=None, options=("closed", "open")) for s in self._spots if s.normal is not None]
         return Complementarity(self._d, self._c, self._without_joints, spots)
 
+    def without_pulled(self) -> Complementarity:
+        """The problem without what is at its limit at rest above that in motion."""
+        spots = [replace(s, options=[o for o in s.options if not _is_pulled(o)]) for s in self._spots]
+        return Complementarity(self._d, self._c, self._without_joints, spots, self._loads)
+
     @property
     def count(self) -> int:
         """Number of choices."""
@@ -181,7 +190,7 @@ class Complementarity:
             solution = self._solved(statuses)
             if solution is not None:
                 found.append(solution)
-        return sorted(found, key=lambda s: (-s.sticking, sum(x.startswith("pulled") for x in s.statuses)))
+        return sorted(found, key=lambda s: (-s.sticking, sum(map(_is_pulled, s.statuses))))
 
     def different(self, one: Solution, other: Solution) -> bool:
         """True if two solutions are different motions."""
@@ -221,11 +230,15 @@ class Complementarity:
                     return None
             if spot.tangent is None:
                 continue
-            if status == "sticks" and not abs(forces[spot.tangent]) <= limits[k] + slack[k]:
+            if status == "sticks" and not abs(forces[spot.tangent]) <= limits[k] + (
+                -slack[k] if spot.clear else slack[k]
+            ):
+                return None
+            if _is_pulled(status) and abs(rates[spot.tangent]) > wrong:
                 return None
             if SENSE.get(status) and spot.rests:
                 onset = SENSE[status] * rates[spot.tangent]
-                if onset < -wrong:
+                if onset < -wrong or (onset <= wrong and spot.static > spot.sliding):
                     return None
                 if onset <= wrong:
                     final[k] = f"pulled {status}"
@@ -286,8 +299,13 @@ class Complementarity:
             if status == "sticks":
                 matrix[spot.tangent] = self._cosines[spot.tangent]
                 right[spot.tangent] = -self._c[spot.tangent] / unit[spot.tangent]
-            elif SENSE.get(status):
-                limit = -SENSE[status] * spot.sliding * unit[spot.tangent]
+            elif status.endswith(("forth", "back")):
+                coefficient = spot.static if _is_pulled(status) else spot.sliding
+                limit = -SENSE[status.removeprefix("pulled ")] * coefficient * unit[spot.tangent]
                 matrix[spot.tangent] -= limit * slopes[k] / unit
                 right[spot.tangent] = limit * constant[k]
         return matrix, right
+
+
+def _is_pulled(status: str) -> bool:
+    return status.startswith("pulled")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -28,8 +28,9 @@ from ...results.state import State
 from ...results.trajectory import Trajectory
 from .complementarity import Complementarity, Loads, Solution, Spot
 from .events import at_rest
-from .friction_modes import NO_EFFECT, SENSE, FrictionModes, SwitchingModes
+from .friction_modes import FRICTION_TOLERANCE, NO_EFFECT, SENSE, FrictionModes, SwitchingModes
 from .modes import Strike
+from .shared_forces import Bearing, SharedForces
 
 #: Choices of open, sticking and sliding that are looked at for one instant, at most.
 CHOICES = 4096
@@ -110,10 +111,20 @@ class ContactMode:
         By site; see :class:`.Solution`.
     shares : tuple of (int, int, float)
         Sites that share the friction of another one.
+    open_forces : tuple of (int, str)
+        Sites whose forces the motion leaves open, and what each does there: see :class:`.Bearing`.
     """
 
     statuses: tuple[str, ...]
     shares: tuple[tuple[int, int, float], ...] = ()
+    open_forces: tuple[tuple[int, str], ...] = ()
+
+    @property
+    def motion(self) -> tuple[str, ...]:
+        """What touches, rests and slides, however the forces share it."""
+        at_rest = {"shares": "sticks", "pulled forth": "sticks", "pulled back": "sticks", "idle": "open"}
+        statuses = {k: at_rest.get(one, one) for k, one in enumerate(self.statuses)} | dict(self.open_forces)
+        return tuple(statuses.values())
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +188,7 @@ class ContactModes(SwitchingModes):
         return ContactMode(tuple("free" if site.place is None else "open" for site in self.sites))
 
     def variant(self, mode: ContactMode) -> Mechanism:
-        statuses = iter(status.removeprefix("pulled ") for status in mode.statuses)
+        statuses = iter(mode.statuses)
         senses = [
             tuple(next(statuses) for _ in element.places) if isinstance(element, RigidContact) else next(statuses)
             for element in self.elements
@@ -185,10 +196,14 @@ class ContactModes(SwitchingModes):
         return variant_in(self.mechanism, tuple(senses))
 
     def notes(self, mode: ContactMode) -> list[str]:
-        together = [k for pair in mode.shares for k in pair[:2]]
-        if not together:
+        if not mode.open_forces:
             return []
-        return [f"{self._names(together)}: what sticks at several places shares its friction by least norm"]
+        return [
+            f"{self._names([k for k, _ in mode.open_forces])}: of forces that the motion leaves open, the least norm"
+        ]
+
+    def continues(self, before: ContactMode, after: ContactMode) -> bool:
+        return before.motion == after.motion
 
     def sliding(self, mode: ContactMode) -> list[tuple[Any, float]]:
         both = zip(self.sites, mode.statuses, strict=True)
@@ -248,16 +263,61 @@ class ContactModes(SwitchingModes):
     def multipliers(self, mode: ContactMode, motion: Trajectory | State) -> np.ndarray:
         whole = equations(self.mechanism)
         columns = np.reshape(motion[self.reactions(mode)], (-1, whole.lam.numel()))
-        leaders = dict.fromkeys(leader for leader, _, _ in mode.shares)
-        if leaders:
-            columns = columns.copy()
-        for leader in leaders:
-            members = {leader: 1.0} | {member: ratio for first, member, ratio in mode.shares if first == leader}
-            rows = [self._row(k, "friction") for k in members]
-            limits = [self.sites[k].law.static_coefficient * self.sites[k].load for k in members]
-            most = np.reshape(motion[ca.vertcat(*limits)], (-1, len(members)))
-            columns[:, rows] = _least_split(columns[:, rows[0]], np.array(list(members.values())), most)
+        return self._of_least_norm(mode, motion, columns) if mode.open_forces else columns
+
+    def _of_least_norm(self, mode: ContactMode, motion: Trajectory | State, columns: np.ndarray) -> np.ndarray:
+        """Multipliers (k, m) with the forces that the motion leaves open of least norm."""
+        sites, numeric = [k for k, _ in mode.open_forces], self.numeric(self.free)
+        rows, n = self._rows(sites), numeric.eom.v.numel()
+        slopes = np.reshape(motion[ca.vec(self._expressions[-1][rows, :])], (-1, n, len(rows)))
+        kinds = (("normal", self._normal), ("friction", self._tangent))
+        places = [self._row(k, kind) for kind, own in kinds for k in sites if k in own]
+        gaps = np.reshape(motion[ca.vertcat(*[self._gap(k) for k in sites])], (-1, len(sites)))
+        laws = [self._law_at(k, status) for k, status in mode.open_forces]
+        values = np.reshape(motion[ca.vertcat(*laws)], (-1, len(sites), 2))
+        senses = {k: SENSE.get(status, 0.0) for k, status in enumerate(mode.statuses)}
+        states = np.atleast_1d(motion.t), np.atleast_2d(motion.q), np.atleast_2d(motion.z)
+        columns = columns.copy()
+        for i, (time, q, z) in enumerate(zip(*states, strict=True)):
+            bearings = [
+                Bearing(*self._places(k, rows), status, *values[i, j])
+                for j, (k, status) in enumerate(mode.open_forces)
+                if gaps[i, j] <= self._near(q)
+            ]
+            jacobian, _ = numeric.velocity(float(time), q, z)
+            split = SharedForces(slopes[i].T, jacobian, numeric.column_scale, bearings, self._kept(senses))
+            forces = -columns[i, places]
+            change = split.least(forces) - forces
+            columns[i, places] -= change
+            columns[i, self._joint_rows] += split.by_joints(change)
         return columns
+
+    def _gap(self, k: int) -> ca.SX:
+        """Gap of a site, m; zero of a friction in a joint."""
+        site = self.sites[k]
+        return ca.SX(0) if site.place is None else site.element.gaps[site.place]
+
+    def _law_at(self, k: int, status: str) -> ca.SX:
+        """Coefficient of friction of a site, at rest if it sticks, and load of a friction in a joint, N (2,)."""
+        site = self.sites[k]
+        if site.law is None:
+            return ca.SX(2, 1)
+        coefficient = site.law.static_coefficient if status == "sticks" else site.law.coefficient
+        return ca.vertcat(coefficient, site.load if site.place is None else 0.0)
+
+    def _kept(self, senses: Mapping[int, float]) -> list[int]:
+        """Rows of joints whose multipliers are the load of a friction that slides."""
+        lam, kept = self.numeric(self.free).eom.lam, set[int]()
+        for k, sense in senses.items():
+            if sense and self.sites[k].place is None:
+                kept.update(np.flatnonzero(ca.which_depends(self.sites[k].load, lam, 1, False)).tolist())
+        return sorted(kept)
+
+    @cached_property
+    def _joint_rows(self) -> list[int]:
+        """Rows of the joints in the whole mechanism."""
+        own, whole = self.numeric(self.free).eom.row_elements, equations(self.mechanism).row_elements
+        return [whole.index(element) + row - own.index(element) for row, element in enumerate(own)]
 
     def _row(self, k: int, kind: str) -> int:
         """Row of a site in the whole mechanism."""
@@ -269,9 +329,8 @@ class ContactModes(SwitchingModes):
         for k, (site, status) in enumerate(zip(self.sites, mode.statuses, strict=True)):
             if status in ("open", "idle"):
                 terms[self._row(k, "normal")] = ca.SX(0)
-            sense = status.removeprefix("pulled ")
-            if sense in ("forth", "back"):
-                terms[self._row(k, "friction")] = -site.sliding_friction(sense)
+            if status.endswith(("forth", "back")):
+                terms[self._row(k, "friction")] = -site.sliding_friction(status)
             elif status != "sticks":
                 terms[self._row(k, "friction")] = ca.SX(0)
         return ca.vertcat(*terms)
@@ -315,15 +374,15 @@ class ContactModes(SwitchingModes):
             )
         return _View(free, gaps, sides, speeds, rates, rows, response, joints, at_rest(free))
 
-    def _near(self, view: _View) -> float:
+    def _near(self, q: np.ndarray) -> float:
         """Gap below which a place counts as closed, m."""
-        return NEGLIGIBLE * self._fineness * (1 + largest(view.free.q))
+        return NEGLIGIBLE * self._fineness * (1 + largest(q))
 
     def _touching(
         self, view: _View, events: Sequence[Event], before: ContactMode | None
     ) -> tuple[list[int], list[int]]:
         """Sites of contacts that are closed, and those at an end of an edge where another place takes their load."""
-        near, names = self._near(view), {event.name for event in events}
+        near, names = self._near(view.free.q), {event.name for event in events}
         touching, ends = list[int](), list[int]()
         for i, k in enumerate(self._contacts):
             site, (within, rate) = self.sites[k], view.within[i]
@@ -365,17 +424,18 @@ class ContactModes(SwitchingModes):
         solution = self._solution(view, rows, view.speeds[rows], [spots], sites, "velocities", loads)
         self._refuse_gain(view, rows, solution, sites)
         v = view.free.v + view.response[:, rows] @ solution.forces
-        impulses = dict(by_element(self.numeric(self.free).eom, view.joints[:, rows] @ solution.forces))
+        _, forces = self._open_forces(view, rows, dict(zip(sites, spots, strict=True)), solution, loads)
+        impulses = dict(by_element(self.numeric(self.free).eom, view.joints[:, rows] @ forces))
         names = list[str]()
         for k, spot in zip(sites, spots, strict=True):
             site = self.sites[k]
             own = impulses.setdefault(site.element, np.zeros(site.element.multipliers.numel()))
             if spot.normal is not None:
-                own[site.row("normal")] = -solution.forces[spot.normal]
-                if solution.forces[spot.normal] > 0:
+                own[site.row("normal")] = -forces[spot.normal]
+                if forces[spot.normal] > 0:
                     names.append(f"{site.name} touches")
             if spot.tangent is not None:
-                own[site.row("friction")] = -solution.forces[spot.tangent]
+                own[site.row("friction")] = -forces[spot.tangent]
         return Strike(self.at(self.free, state.t, state.q, v, state.z), impulses, tuple(names))
 
     def _rows(self, sites: Sequence[int]) -> list[int]:
@@ -429,22 +489,40 @@ class ContactModes(SwitchingModes):
         rows, broken = self._rows(sites), self._broken(state, names, before)
         spots = [self._resting(view, k, rows, names) for k in sites]
         likely = [self._likely(spot, k, names, broken) for spot, k in zip(spots, sites, strict=True)]
+        # where something breaks away, what shares forces with it would do so at once if it were at its limit
+        attempts = [[replace(spot, clear=bool(broken)) for spot in likely], likely, spots]
         loads = self._loads(view, rows, sites)
-        solution = self._solution(view, rows, view.rates[rows], [likely, spots], sites, "accelerations", loads)
-        statuses, held = list(self.free.statuses), []
+        solution = self._solution(view, rows, view.rates[rows], attempts, sites, "accelerations", loads)
+        statuses, held = list(self.free.statuses), list[int]()
         for k in ends:
             statuses[k] = "idle"
         for k, spot, status in zip(sites, spots, solution.statuses, strict=True):
-            statuses[k] = status.removeprefix("pulled ") if k in broken else "idle" if status == "open" else status
-            held += [spot.normal] if status not in ("open", "idle") else []
-            held += [spot.tangent] if status in ("sticks", "shares") else []
+            statuses[k] = "idle" if status == "open" else status
+            pairs = (spot.normal, status not in ("open", "idle")), (spot.tangent, status in ("sticks", "shares"))
+            held += [rows[row] for row, holds in pairs if holds and row is not None]
+        for k in broken:
+            if not self._is_held(view, self._tangent[k], held):
+                statuses[k] = statuses[k].removeprefix("pulled ")
+        found = [
+            "open" if statuses[k] == "idle" and not self._is_held(view, self._normal[k], held) else statuses[k]
+            for k in sites
+        ]
         shares = tuple((sites[one], sites[other], ratio) for one, other, ratio in solution.shares)
-        mode = ContactMode(tuple(statuses), shares)
-        v = self._at_rest(view, [rows[n] for n in held if n is not None])
+        solution = replace(solution, statuses=tuple(found))
+        open_forces, _ = self._open_forces(view, rows, dict(zip(sites, spots, strict=True)), solution, loads)
+        mode = ContactMode(tuple(statuses), shares, open_forces)
+        v = self._at_rest(view, held)
         state = self.at(mode, state.t, state.q, v, state.z)
         if state.obstacle is not None:
             raise state.obstacle
         return mode, state
+
+    @staticmethod
+    def _is_held(view: _View, row: int, held: Sequence[int]) -> bool:
+        """True if the speed of a row cannot change while those of others do not."""
+        matrix = view.matrix
+        left = matrix[row, row] - matrix[row, held] @ least_norm(matrix[np.ix_(held, held)], matrix[held, row])
+        return bool(left <= NEGLIGIBLE * matrix[row, row])
 
     def _resting(self, view: _View, k: int, rows: Sequence[int], names: set[str]) -> Spot:
         """What a site that is closed, or a friction, may do from an instant on."""
@@ -452,17 +530,19 @@ class ContactModes(SwitchingModes):
         options: tuple[str, ...] = ("closed",) if tangent is None else ("sticks", "forth", "back")
         speed = 0.0 if tangent is None else float(view.speeds[self._tangent[k]])
         rests = abs(speed) <= view.rest or f"{self.sites[k].name} stops" in names
+        sliding, static = self._coefficients(k, view.free)
         if not rests:
             options = ("forth" if speed > 0 else "back",)
+        elif tangent is not None and static > sliding:
+            options = ("sticks", "pulled forth", "pulled back", "forth", "back")
         if normal is not None:
             options = (*options, "open")
-        sliding, static = self._coefficients(k, view.free)
         return Spot(normal, tangent, options, sliding, static, rests=rests)
 
     def _lost_speed(self, view: _View, touching: Sequence[int]) -> float:
         """Speed of parting below which a place stays closed: it would rise to where it still counts as closed, m/s."""
         pressing = max(0.0, -float(np.min(view.rates[[self._normal[k] for k in touching]], initial=0.0)))
-        return max(view.rest, math.sqrt(2 * pressing * self._near(view)))
+        return max(view.rest, math.sqrt(2 * pressing * self._near(view.free.q)))
 
     def _broken(self, state: State, names: set[str], before: ContactMode | None) -> dict[int, str]:
         """Sites that break away just there, and the sense in which they begin to slide."""
@@ -555,6 +635,8 @@ class ContactModes(SwitchingModes):
         """
         for problem in attempts:
             if problem.count > CHOICES:
+                problem = problem.without_pulled()
+            if problem.count > CHOICES:
                 raise SimulationError(
                     f"{self._names(sites)}: {len(sites)} places that act on each other are closed at t = {time:.6g} s, "
                     'more than are sorted out at once; take a Contact with a stiffness, and method="bdf"',
@@ -584,6 +666,46 @@ class ContactModes(SwitchingModes):
             "so large that it jams (Painlevé's paradox); lower the friction, or take a Contact with a stiffness",
             time=time,
         )
+
+    def _open_forces(
+        self,
+        view: _View,
+        rows: Sequence[int],
+        spots: Mapping[int, Spot],
+        solution: Solution,
+        loads: Loads | None,
+    ) -> tuple[tuple[tuple[int, str], ...], np.ndarray]:
+        """Sites whose forces the motion leaves open, with what each does there, and the forces of least norm (r,)."""
+        forces, bearings, senses = solution.forces, dict[int, Bearing](), dict[int, float]()
+        given = np.zeros(len(spots)) if loads is None else loads.at(forces)[0]
+        still = FRICTION_TOLERANCE * (largest(view.rates[rows]) + largest(solution.rates))
+        for (k, spot), status, load in zip(spots.items(), solution.statuses, given, strict=True):
+            senses[k] = SENSE.get(status, 0.0)
+            if status in ("open", "free") or (spot.normal is None and senses[k]):
+                continue
+            onset = 0.0 if spot.tangent is None else float(solution.rates[spot.tangent])
+            if spot.tangent is None or status == "closed":
+                status = "closed"
+            elif status == "idle":
+                slides = len(spot.options) == 2 or abs(onset) > still
+                status = ("forth" if onset > 0 else "back") if spot.rests and slides else spot.options[0]
+            elif not senses[k]:
+                status = "sticks"
+            coefficient = spot.static if status == "sticks" else spot.sliding
+            tangent = None if status == "closed" else spot.tangent
+            bearings[k] = Bearing(
+                spot.normal, tangent, status, coefficient, float(load) if spot.normal is None else 0.0
+            )
+        numeric = self.numeric(self.free)
+        jacobian, _ = numeric.velocity(view.free.t, view.free.q, view.free.z)
+        split = SharedForces(
+            view.rows[rows], jacobian, numeric.column_scale, list(bearings.values()), self._kept(senses)
+        )
+        if not split.directions.size:
+            return (), forces
+        forces = split.least(forces)
+        moved = {row for row, size in enumerate(np.abs(split.directions).max(axis=1)) if size > NEGLIGIBLE}
+        return tuple((k, b.status) for k, b in bearings.items() if moved & {b.normal, b.tangent}), forces
 
     @staticmethod
     def _at_rest(view: _View, rows: Sequence[int]) -> np.ndarray:
@@ -616,14 +738,3 @@ def start_in_mode(setup: Setup) -> State:
     lam = modes.multipliers(modes.free, state)[0]
     values = state.q, state.v, state.a, state.z, lam, state.inputs, state.parameters
     return State(setup.mechanism, time, *values, obstacle)
-
-
-def _least_split(total: np.ndarray, ratios: np.ndarray, limits: np.ndarray) -> np.ndarray:
-    """Frictions (k, s) of least norm with ``ratios · frictions = total`` (k,) and sizes up to limits (k, s)."""
-    slopes, split = np.abs(ratios), np.zeros(limits.shape)
-    for row, (sum_, most) in enumerate(zip(total, np.maximum(limits, 0.0), strict=True)):
-        levels = np.r_[0.0, np.sort(most / slopes)]
-        sums = np.minimum(np.outer(levels, slopes), most) @ slopes
-        level = np.interp(abs(sum_), sums, levels)
-        split[row] = np.sign(sum_) * np.sign(ratios) * np.minimum(level * slopes, most)
-    return split

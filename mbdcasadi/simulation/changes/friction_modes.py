@@ -23,8 +23,8 @@ from ...model.mechanism import Mechanism
 from ...model.quantities import known_value
 from ...model.rates import time_derivative
 from ...numerics.least_squares import largest
-from ...numerics.rank import analyse_rank
-from ...numerics.tolerances import AT_REST, NEGLIGIBLE
+from ...numerics.rank import analyse_rank, rows_taking_part
+from ...numerics.tolerances import AT_REST
 from ...results.state import State
 from ...results.trajectory import Trajectory
 from .events import ROUNDING
@@ -88,8 +88,7 @@ class SwitchingModes(Modes):
 
     def refuse_redundant_rows(self, state: State) -> None:
         numeric = self.numeric(self.free)
-        shared = np.any(np.abs(numeric.rank(state.t, state.q).null_rows) > NEGLIGIBLE, axis=0)
-        open_ = numeric.eom.lam[np.flatnonzero(shared).tolist()]
+        open_ = numeric.eom.lam[rows_taking_part(numeric.rank(state.t, state.q).null_rows)]
         names = [name for name, load in self.loads if ca.depends_on(load, open_)]
         if names:
             raise SingularityError(why_not_unique(list(dict.fromkeys(names))))

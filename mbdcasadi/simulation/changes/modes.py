@@ -107,6 +107,10 @@ class Modes(ABC):
         """Return what is to be said of the results in a mode."""
         return []
 
+    def continues(self, before: Any, after: Any) -> bool:
+        """Return True if two modes are one motion, of which the forces are told apart only."""
+        return False
+
     def events(self, mode: Any) -> tuple[Event, ...]:
         """Return the events at which a mode ends."""
         return ()

@@ -86,7 +86,7 @@ class Transitions:
         SimulationError
             If friction chatters.
         """
-        before = self.whole(state)
+        before, mode = self.whole(state), self.mode
         state, strike = self._settled(state, events)
         after = self._modes.whole(self.mode, state, None if strike is None else strike.impulses)
         self._switches += 1
@@ -96,6 +96,8 @@ class Transitions:
                 "smoothed law",
                 time=state.t,
             )
+        if strike is None and self._modes.continues(mode, self.mode):
+            return state, []
         return state, [EventOccurrence(event.name, state.t, before, after) for event in events]
 
     def by_resets(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 
@@ -67,8 +68,9 @@ class RigidContact(ConstraintElement):
     before the one that is not higher than some nanometres, which integration does not resolve.
 
     Friction that would lead to more than one acceleration, or to none (Painlevé's rod), is reported; so is an impact
-    whose restitution and friction would add energy (Kane's paradox). What sticks at several places that slide together
-    shares its friction so that the forces are of least norm.
+    whose restitution and friction would add energy (Kane's paradox). Forces of contact and
+    friction that the motion leaves open, as of a ball in a groove, are those of least norm, and a note of the run says
+    so.
 
     References
     ----------
@@ -128,13 +130,14 @@ class RigidContact(ConstraintElement):
         ----------
         statuses : sequence of str
             By place: ``"open"``, ``"idle"`` (at rest without a force), ``"closed"`` without friction, ``"sticks"``,
-            ``"shares"`` (it sticks by the row of another place), ``"forth"`` or ``"back"``.
+            ``"shares"`` (it sticks by the row of another place), ``"forth"``, ``"back"``, or ``"pulled forth"`` and
+            ``"pulled back"`` at the limit at rest.
         """
         count, work = len(self.places), list[tuple[ca.SX, ca.SX]]()
         closed = [k for k in range(count) if statuses[k] not in ("open", "idle")]
         sticking = [k for k in closed if statuses[k] == "sticks"]
         for k in closed:
-            if statuses[k] in ("forth", "back"):
+            if statuses[k].endswith(("forth", "back")):
                 work += self.places[k].work_of(self.sliding_friction(k, statuses[k]) * self.places[k].tangent)
         return ActiveRows(
             self,
@@ -145,9 +148,10 @@ class RigidContact(ConstraintElement):
         )
 
     def sliding_friction(self, place: int, sense: str) -> ca.SX:
-        """Friction on a along the tangent of a place that slides in a sense, N."""
-        assert self.friction is not None
-        return (1 if sense == "back" else -1) * self.friction.coefficient * self.normal_forces[place]  # type: ignore
+        """Friction on a along the tangent of a place that slides in a sense, or is "pulled" so at rest, N."""
+        law: Any = self.friction
+        coefficient = law.static_coefficient if sense.startswith("pulled") else law.coefficient
+        return (1 if sense.endswith("back") else -1) * coefficient * self.normal_forces[place]
 
     # --- expressions ------------------------------------------------------------------------------------
     @cached_property
