@@ -146,9 +146,15 @@ def _is_by_polynomials(part: PhaseSolution) -> bool:
 
 
 def _with_sizes(part: PhaseSolution, values: np.ndarray, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values of limits, with their sizes by the larger sides (…, limits)."""
-    typical = np.array([part.program.condition_sizes[c] for c in part.program.limits_at_points])
-    return values, np.where(sides > 0, sides, typical)
+    """Values of limits, with their sizes by the larger sides (…, limits).
+
+    Both sides of what defines an auxiliary input may vanish together, as those of a soft limit do where it holds: what
+    they are there is no size, and the typical one is the least.
+    """
+    limits = part.program.limits_at_points
+    typical = np.array([part.program.condition_sizes[c] for c in limits])
+    least = np.where([c.definition for c in limits], typical, 0.0)
+    return values, np.where(sides > 0, np.maximum(sides, least), typical)
 
 
 def _by_polynomials(part: PhaseSolution, k: np.ndarray, tau: np.ndarray) -> list[np.ndarray]:
