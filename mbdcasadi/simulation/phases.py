@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ..arguments.inputs import SampledController
-from ..arguments.values import mapping_of, pairs_of, pairs_with, position_in
+from ..arguments.values import mapping_of, pairs_of, pairs_with, parameter_vector, position_in
 from ..assembly.consistent_start import carried_by
 from ..assembly.impact import pose_and_jump
 from ..assembly.setup import Setup
@@ -87,10 +87,9 @@ class PhasedRun:
         self.whole = union_of(self.mechanisms)
         self._refuse_unwatched()
         self._inputs = values["inputs"]
-        parameters = carried_by(values["initial"], self.whole)["parameters"]
-        self._p = np.array([self.whole.value_of(p, p.value) for p in self.whole.parameters])
-        for key, value in (parameters | mapping_of(values["parameters"], "parameters=")).items():
-            self._p[position_in(self.whole.parameters, key, "parameters=")] = value
+        carried = carried_by(values["initial"], self.whole)["parameters"]
+        given = carried | mapping_of(values["parameters"], "parameters=")
+        self._p = parameter_vector(equations(self.whole), given)
         self._check_inputs()
         self._first = self._setup(mechanism, values)
         self.runs: list[Run] = []

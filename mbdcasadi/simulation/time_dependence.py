@@ -10,11 +10,10 @@ import numpy as np
 from ..assembly.setup import Setup
 from ..equations.switching.explicit_time import ConstraintJump, ExplicitTime, explicit_time, first_jump
 from ..errors import SimulationError
+from .checks.unseen_loads import AROUND
 
 #: Steps over a run whose equations depend on time, at least: what begins after rest would be stepped over otherwise.
 LEAST_STEPS = 400
-#: Stops around the middle of a short transient, in its durations.
-AROUND = np.array([-8.0, -4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
 #: Transients of one run that get stops of their own; what passes quickly more often bounds every step.
 MOST_TRANSIENTS = 2000
 

@@ -526,3 +526,12 @@ def test_impacts_of_one_kind_are_counted_by_mechanisms(direction, method):
     assert [event.t for event in motion.events] == pytest.approx([first, second], abs=1e-7)
     left = 2 - second
     assert motion.final[ball.y] == pytest.approx(0.5 * speed * left - left**2, abs=1e-6)
+
+
+@pytest.mark.parametrize("value", ["much", [1.0, 2.0], None])
+def test_values_of_parameters_are_read_as_in_one_mechanism(value):
+    push, body = mbd.Parameter("push", 1.0), mbd.Body("body", mass=1.0, inertia=1.0)
+    pushed = mbd.Mechanism([body], forces=[mbd.Force("force", body.at(0, 0), (push, 0))], parameters=[push])
+    released = mbd.Event("released", body.x - 0.1, becomes=mbd.Mechanism([body]))
+    with pytest.raises(mbd.ModelError, match="parameter 'push': value must be a number"):
+        mbd.simulate(pushed, [0, 1], events=[released], parameters={push: value})
