@@ -104,6 +104,7 @@ def _header(model: ControlFunctions, horizon: Horizon) -> str:
         "ROWS": len(model.has_input),
         "ROWS_AT_ENDS": len(model.at_ends),
         "END_ROWS": len(model.equalities),
+        "END_INPUTS": len(model.amounts),
         "MOST_ROWS": max(len(model.has_input) + len(model.at_ends), len(model.equalities)),
         "INTERVALS": horizon.intervals,
         "STEPS": horizon.steps,

@@ -12,10 +12,9 @@ from ..errors import ExpressionError, ModelError
 from ..linear.curvature import curvature
 from ..linear.tree_model import TreeModel
 from ..model.conditions import Condition, stacked
-from ..model.symbols import Parameter
 from ..model.texts import text_of
 from ..optimal_control.problem import OptimalControlProblem
-from ..optimal_control.statement.end_cost import end_cost, integrated_cost
+from ..optimal_control.statement.end_cost import end_cost, end_values, integrated_cost
 from ..results.state import State
 
 
@@ -30,7 +29,8 @@ class ControlFunctions(TreeModel):
         ``pose (t, q, v, p) -> rows of the pose, slopes by q, rows of the velocities, slopes by v, slopes by q``;
         ``point (t, q, v, z, u, p) -> (a, rate of z, running cost), slopes by (q, v, z, u), curvature of the cost``;
         ``rows (t, q, v, z, u, p) -> limits, slopes by (q, v, z, u)``;
-        ``end (t, q, v, z, p) -> terminal cost, its slopes, its curvature, limits at the end, slopes by (q, v, z)``.
+        ``end (t, q, v, z, p) -> terminal cost, its slopes, its curvature, limits at the end, slopes by (q, v, z),
+        prices of the amounts by which soft limits of the end are passed, slopes of the limits by these``.
         Coordinates and velocities are those of the tree.
     has_input : tuple of bool
         Whether an input decides on a limit.
@@ -38,11 +38,14 @@ class ControlFunctions(TreeModel):
         Limits on which inputs and states decide, which hold at both ends of an interval.
     equalities : tuple of bool
         Whether a row of the end is an equality.
+    amounts : tuple of Parameter
+        By what soft limits of the end are passed, and other positive parts there.
     """
 
     def __init__(self, problem: OptimalControlProblem, chosen: Any):
         _refuse(problem)
         self.problem, phase = problem, problem.phases[0]
+        self.amounts = tuple(problem.free_parameters)
         self.mechanism = problem.given["mechanism"]
         super().__init__(phase.mechanism, phase.equations, chosen, "Controller")
         eom = self.eom
@@ -87,6 +90,7 @@ class ControlFunctions(TreeModel):
         else:
             given = list(final)
         rows, equalities = [], []
+        given += [Condition(end_values(c.expression, "Controller"), c.equality, c.label) for c in self.problem.boundary]
         for condition in [*limits, *given]:
             row = self.along(condition.expression)
             if ca.depends_on(row, eom.u):
@@ -103,10 +107,15 @@ class ControlFunctions(TreeModel):
     def _at_end(self, rows: ca.SX) -> ca.Function:
         eom = self.eom
         s = ca.vertcat(self.q, self.v, eom.z)
-        cost = self.along(end_cost(self.problem))
+        cost, amounts = self.along(end_cost(self.problem)), ca.vertcat(ca.SX(0, 1), *self.amounts)
         if ca.depends_on(cost, eom.u):
             raise ExpressionError(f"Controller: terminal_cost depends on an input at the end: {text_of(cost)}")
+        prices, by_amount = (ca.densify(ca.jacobian(x, amounts)) for x in (cost, rows))
+        if ca.depends_on(ca.vertcat(ca.vec(prices), ca.vec(by_amount)), ca.vertcat(s, amounts)):
+            raise ExpressionError(f"Controller: positive parts in terminal_cost need constant factors: {text_of(cost)}")
+        cost, rows = (ca.substitute(x, amounts, 0 * amounts) for x in (cost, rows))
         results = [cost, ca.densify(ca.jacobian(cost, s)), curvature(cost, s), rows, ca.jacobian(rows, s)]
+        results += [prices, by_amount]
         return self.function("controller_end", [eom.t, self.q, self.v, eom.z, eom.p], results)
 
 
@@ -135,12 +144,11 @@ def _refuse(problem: Any) -> None:
         raise ModelError(
             "Controller: waypoints have no place in a horizon that moves; put their cost into running_cost"
         )
-    if problem.boundary or problem.free_parameters:
-        named: list[Any] = [*problem.free_parameters, *(c.label for c in problem.boundary)]
-        shown = named[0].label if isinstance(named[0], Parameter) else named[0]
+    named = [p.label for p in problem.whole["free_parameters"]] + [c.label for c in problem.whole["boundary"]]
+    if named:
         raise ModelError(
-            f"Controller: boundary conditions, free parameters, and soft limits or positive parts at the end are not "
-            f"taken, got {shown}; state limits in path=, and the end in terminal_cost or final="
+            f"Controller: boundary conditions and free parameters are not taken, got {named[0]}; state limits in "
+            "path=, and the end in terminal_cost or final="
         )
     equalities = [c.label for c in phase.path if c.equality]
     if equalities:

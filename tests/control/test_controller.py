@@ -178,6 +178,25 @@ def test_conditions_at_the_end_are_met():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("weight", [0.5, 50.0])
+def test_soft_conditions_at_the_end_are_passed_at_their_price(weight):
+    """More of them than inputs: a place and a speed that are missed at a low price, and met as far as the force can."""
+    model, cart, force = cart_on_rail(lower=-2, upper=2)
+    problem = mbd.OptimalControlProblem(
+        model,
+        duration=1.0,
+        running_cost=force**2,
+        final=[mbd.soft(cart.x == 0, weight=weight), mbd.soft(cart.vx == 0, weight=weight)],
+        terminal_cost=2 * mbd.positive_part(mbd.at_end(cart.vx + 0.3)),
+    )
+    start = mbd.assemble(model, [cart.x == 0.5, cart.vx == -0.1])
+    controller, inputs, best = first_inputs(problem, start, 10)
+    assert controller.plan.cost == pytest.approx(best.cost, rel=1e-5) and best.cost > 0.1
+    assert inputs[force] == pytest.approx(float(best.trajectory[force][0]), abs=1e-5)
+    assert abs(controller.plan.states[-1, 0]) < 1e-8 or weight < 1
+
+
+@pytest.mark.slow
 def test_first_order_states_are_states_of_the_controller():
     """A lag between command and force is a state that is measured."""
     force = mbd.Input("command", lower=-5, upper=5)

@@ -76,7 +76,7 @@ static double missed(const controller* m, const double* x) {
 static double descent(controller* m, double miss, double* price) {
   const double model = slope_of_cost(m, m->change, m->slope);
   double slope = 0.0;
-  for (int i = 0; i < (N + 1) * ND; ++i) slope += m->gradient[i] * (i < N * ND + NX ? m->change[i] : 0.0);
+  for (int i = 0; i < (N + 1) * ND; ++i) slope += m->gradient[i] * m->change[i];
   if (miss > 0.0) *price = fmax(*price, 2.0 * model / miss);
   return slope - *price * miss;
 }

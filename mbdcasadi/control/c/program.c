@@ -18,7 +18,9 @@
 #define N CONTROLLER_INTERVALS
 #define NS (2 * NQ + NZ) /* s */
 #define NY (NS + NU)     /* (s, u) */
-#define ND (NX + NU)     /* (x, u) */
+#define NT CONTROLLER_END_INPUTS
+#define ND CONTROLLER_BOTH /* (x, u), or at the end (x, what soft limits are passed by) */
+#define NV (ND - NX)
 #define NF (NQ + NZ + 1) /* accelerations, rates of first-order states, running cost */
 
 /* Newton's steps to a pose, and the change below which the next one would be rounding (m or rad). */
@@ -286,6 +288,7 @@ static int linearise_interval(controller* m, int k) {
   const double* arg[4] = {&end, s, s + NQ, m->p};
   double* res[5] = {rows, by_q, speeds, by_v, turn};
   controller_pose(arg, res, m->w);
+  for (int i = NX + NU; i < ND; ++i) h[i + i * ND] = 1.0; /* places of the end alone */
   double *map = m->map + k * NX * ND, *miss = m->miss + k * NX;
   const double* x = m->x + (k + 1) * NX;
   copy_to(m->q + (k + 1) * NQ, s, NQ); /* the loops of the next state stay on the branch of the motion */
@@ -311,10 +314,11 @@ static int linearise_end(controller* m) {
   const double t = m->time + N * CONTROLLER_INTERVAL;
   double s[CONTROLLER_SIZE(NS)], slopes[CONTROLLER_SIZE(NY * ND)], value, by[CONTROLLER_SIZE(NS)];
   double bend[CONTROLLER_SIZE(NS * NS)], rows[CONTROLLER_SIZE(NE * NS)];
+  double price[CONTROLLER_SIZE(NT)], by_amount[CONTROLLER_SIZE(NE * NT)];
   double *h = m->hessian + N * ND * ND, *g = m->gradient + N * ND;
   if (!tree_state(t, m->x + N * NX, m->p, m->q + N * NQ, s, slopes, m->w)) return 0;
   const double* arg[5] = {&t, s, s + NQ, s + 2 * NQ, m->p};
-  double* res[5] = {&value, by, bend, m->row + N * NC, rows};
+  double* res[7] = {&value, by, bend, m->row + N * NC, rows, price, by_amount};
   controller_end(arg, res, m->w);
   m->cost += value;
   set_zero(h, ND * ND);
@@ -324,7 +328,18 @@ static int linearise_end(controller* m) {
   for (int c = 0; c < NX; ++c)
     for (int i = 0; i < NS; ++i) g[c] += by[i] * slopes[i + c * NY];
   if (NE > 0) add_product(m->row_slopes + N * NC * ND, rows, slopes, NE, NS, NX, NY);
-  return all_finite(g, NX) && all_finite(h, ND * ND) && all_finite(m->row + N * NC, NE) &&
+  for (int j = 0; j < NT; ++j) { /* soft limits are passed by as much as they have to be */
+    const double* by_this = by_amount + j * NE;
+    double amount = -1e300;
+    for (int i = 0; i < NE; ++i)
+      if (by_this[i] < 0.0) amount = fmax(amount, -m->row[N * NC + i] / by_this[i]);
+    for (int i = 0; i < NE; ++i) m->row[N * NC + i] += by_this[i] * amount;
+    copy_to(m->row_slopes + N * NC * ND + (NX + j) * NE, by_this, NE);
+    g[NX + j] = price[j];
+    m->cost += price[j] * amount;
+  }
+  for (int i = NX + NT; i < ND; ++i) h[i + i * ND] = 1.0;
+  return all_finite(g, ND) && all_finite(h, ND * ND) && all_finite(m->row + N * NC, NE) &&
          all_finite(m->row_slopes + N * NC * ND, NC * ND);
 }
 
@@ -361,21 +376,19 @@ static int factor_program(controller* m, int with_rows) {
           if (c[j * count] != 0.0)
             for (int l = 0; l < ND; ++l) f[l + j * ND] += m->weight[k * NC + i] * c[j * count] * c[l * count];
       }
-    if (k == N) {
-      for (int j = 0; j < NX; ++j) copy_to(cost_to_go + j * NX, f + j * ND, NX);
-      continue;
+    if (k < N) {
+      const double* map = m->map + k * NX * ND;
+      double product[CONTROLLER_SIZE(NX * ND)];
+      set_zero(product, NX * ND);
+      add_product(product, m->cost_to_go + (k + 1) * NX * NX, map, NX, NX, ND, NX);
+      for (int j = 0; j < ND; ++j)
+        for (int i = 0; i <= j; ++i) {
+          double sum = 0.0;
+          for (int l = 0; l < NX; ++l) sum += map[l + i * NX] * product[l + j * NX];
+          f[i + j * ND] += sum;
+          if (i != j) f[j + i * ND] += sum;
+        }
     }
-    const double* map = m->map + k * NX * ND;
-    double product[CONTROLLER_SIZE(NX * ND)];
-    set_zero(product, NX * ND);
-    add_product(product, m->cost_to_go + (k + 1) * NX * NX, map, NX, NX, ND, NX);
-    for (int j = 0; j < ND; ++j)
-      for (int i = 0; i <= j; ++i) {
-        double sum = 0.0;
-        for (int l = 0; l < NX; ++l) sum += map[l + i * NX] * product[l + j * NX];
-        f[i + j * ND] += sum;
-        if (i != j) f[j + i * ND] += sum;
-      }
     /* Cholesky factors of the part of the inputs, lower, and the gains in the rows of the inputs */
     for (int j = NX; j < ND; ++j) {
       double d = f[j + j * ND];
@@ -408,15 +421,15 @@ static int factor_program(controller* m, int with_rows) {
    which the misses of the plan count, or null for a direction along which the equations stay met. */
 static void solve_program(controller* m, const double* linear, const double* first, double* d) {
   double p[CONTROLLER_SIZE(NX)], sum[CONTROLLER_SIZE(NX)];
-  copy_to(p, linear + N * ND, NX);
-  for (int k = N - 1; k >= 0; --k) {
+  for (int k = N; k >= 0; --k) {
     const double *f = m->factors + k * ND * ND, *map = m->map + k * NX * ND;
     double* y = d + k * ND; /* L^-1 m_u in the place of the inputs */
-    copy_to(sum, p, NX);
-    if (first) add_product(sum, m->cost_to_go + (k + 1) * NX * NX, m->miss + k * NX, NX, NX, 1, NX);
-    for (int j = 0; j < ND; ++j) {
-      y[j] = linear[k * ND + j];
-      for (int l = 0; l < NX; ++l) y[j] += map[l + j * NX] * sum[l];
+    copy_to(y, linear + k * ND, ND);
+    if (k < N) {
+      copy_to(sum, p, NX);
+      if (first) add_product(sum, m->cost_to_go + (k + 1) * NX * NX, m->miss + k * NX, NX, NX, 1, NX);
+      for (int j = 0; j < ND; ++j)
+        for (int l = 0; l < NX; ++l) y[j] += map[l + j * NX] * sum[l];
     }
     for (int j = NX; j < ND; ++j) {
       for (int l = NX; l < j; ++l) y[j] -= f[j + l * ND] * y[l];
@@ -431,17 +444,18 @@ static void solve_program(controller* m, const double* linear, const double* fir
     copy_to(d, first, NX);
   else
     set_zero(d, NX);
-  for (int k = 0; k < N; ++k) {
+  for (int k = 0; k <= N; ++k) {
     const double* f = m->factors + k * ND * ND;
     double *x = d + k * ND, *u = x + NX, *next = d + (k + 1) * ND;
-    for (int j = 0; j < NU; ++j) {
+    for (int j = 0; j < NV; ++j) {
       for (int l = 0; l < NX; ++l) u[j] += f[NX + j + l * ND] * x[l];
       u[j] = -u[j];
     }
-    for (int j = NU - 1; j >= 0; --j) { /* L^-T */
-      for (int l = j + 1; l < NU; ++l) u[j] -= f[NX + l + (NX + j) * ND] * u[l];
+    for (int j = NV - 1; j >= 0; --j) { /* L^-T */
+      for (int l = j + 1; l < NV; ++l) u[j] -= f[NX + l + (NX + j) * ND] * u[l];
       u[j] /= f[NX + j + (NX + j) * ND];
     }
+    if (k == N) break;
     if (first)
       copy_to(next, m->miss + k * NX, NX);
     else
@@ -454,11 +468,10 @@ static void solve_program(controller* m, const double* linear, const double* fir
 static double slope_of_cost(const controller* m, const double* d, double* slope) {
   double cost = 0.0;
   for (int k = 0; k <= N; ++k) {
-    const int n = k < N ? ND : NX;
     double *to = slope + k * ND, twice = 0.0;
     copy_to(to, m->gradient + k * ND, ND);
-    add_product(to, m->hessian + k * ND * ND, d + k * ND, ND, n, 1, ND);
-    for (int i = 0; i < n; ++i) twice += (to[i] + m->gradient[k * ND + i]) * d[k * ND + i];
+    add_product(to, m->hessian + k * ND * ND, d + k * ND, ND, ND, 1, ND);
+    for (int i = 0; i < ND; ++i) twice += (to[i] + m->gradient[k * ND + i]) * d[k * ND + i];
     cost += 0.5 * twice;
   }
   return cost;
@@ -467,9 +480,9 @@ static double slope_of_cost(const controller* m, const double* d, double* slope)
 /* Value of a row along a direction. */
 static double along(const controller* m, int k, int i, const double* d) {
   const double* c = m->row_slopes + k * NC * ND + i;
-  const int count = rows_at(k), n = k < N ? ND : NX;
+  const int count = rows_at(k);
   double sum = 0.0;
-  for (int j = 0; j < n; ++j) sum += c[j * count] * d[k * ND + j];
+  for (int j = 0; j < ND; ++j) sum += c[j * count] * d[k * ND + j];
   return sum;
 }
 
@@ -625,7 +638,7 @@ static int solve_quadratic(controller* m, const double* first, int at_price) {
     if (length < 1.0) length *= SHORT_OF_LIMIT;
     off *= 1.0 - length;
     for (int k = 0; k <= N; ++k) {
-      for (int j = 0; j < (k < N ? ND : NX); ++j) m->change[k * ND + j] += length * m->direction[k * ND + j];
+      for (int j = 0; j < ND; ++j) m->change[k * ND + j] += length * m->direction[k * ND + j];
       for (int i = 0; i < rows_at(k); ++i) {
         const int at = k * NC + i;
         if (kind_of(k, i) == 1) m->slack[at] += length * m->slack_step[at];

@@ -86,7 +86,8 @@ class FeedbackLaw:
 
     def __init__(self, part: PhaseSolution, model: TreeModel, running: ca.SX, end: ca.SX, inputs: Sequence[Any]):
         self.part, self.model, eom = part, model, model.eom
-        self.symbols = tuple(u for u in inputs if place_of(u, part.polynomials.free_inputs) is not None)
+        found = list(part.polynomials.free_inputs)
+        self.symbols = tuple(u for u in inputs if place_of(u, found) is not None)
         places = self._places = [position_in(eom.mechanism.inputs, u, "inputs") for u in self.symbols]
         self._pose = model.pose()
         s, u = ca.vertcat(model.q, model.v, eom.z), eom.u[places]
@@ -222,6 +223,8 @@ def linear_feedback(
         end = end_cost(problem)
     else:
         end = weighted_squares(final, "final=")
+    found = ca.vertcat(ca.SX(0, 1), *solution.parameters), ca.DM([*solution.parameters.values()])
+    running, end = (ca.substitute(cost, *found) for cost in (running, end))
     given = problem.given["mechanism"].inputs
     law = FeedbackLaw(part, model, running, end, given)
     breaks, values = law.gains()

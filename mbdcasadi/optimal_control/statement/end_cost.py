@@ -16,6 +16,23 @@ def end_cost(problem: Any) -> ca.SX:
     return with_values(problem.terminal_cost, lambda x: x.expression if x.kind == "at_end" else 0)
 
 
+def end_values(expression: ca.SX, analysis: str) -> ca.SX:
+    """Return an expression of the last state alone, without the marks that it is of the end.
+
+    Raises
+    ------
+    ExpressionError
+        For one that holds integrals or the start.
+    """
+
+    def value(x: Placeholder) -> ca.SX:
+        if x.kind != "at_end":
+            raise ExpressionError(f"{analysis}: positive parts at the end are of the last state alone, got {x.label}")
+        return x.expression
+
+    return with_values(expression, value)
+
+
 def integrated_cost(problem: Any, eom: Equations, analysis: str) -> ca.SX:
     """Return what integrals in the terminal cost add to the running cost.
 
