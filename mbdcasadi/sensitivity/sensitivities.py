@@ -232,7 +232,10 @@ def _through_changes(
     inputs = arguments["inputs"]
     controlled = isinstance(inputs, SampledController) or hasattr(inputs, "inputs")
     if controlled or any(np.ndim(x) and not isinstance(x, ca.SX) for _, x in pairs_of(inputs, "inputs=")):
-        raise ModelError("sensitivities: through changes of the mechanism inputs= takes numbers and expressions alone")
+        raise ModelError(
+            "sensitivities: through changes of the mechanism, stick and slip, and contacts inputs= takes numbers and "
+            "expressions alone"
+        )
     motion = simulate(mechanism, times, events=events, **arguments)
     whole, all_inputs = motion.mechanism, pairs_of(inputs, "inputs=")
     own = {

@@ -274,7 +274,7 @@ class Statics:
             1 / c**2,
             np.ones(self.k),
             np.full(self.m, 1 / force**2),
-            (self.lever / self._size_of_unknowns(x, values, jacobian)) ** 2,
+            (self.lever / self._size_of_unknowns(x, jacobian)) ** 2,
         ]
         return equations, np.concatenate(weights) / self.lever**2
 
@@ -287,7 +287,7 @@ class Statics:
         if not self.is_loaded(x):
             return 0.0
         _, z, lam, _ = self.split(x)
-        size = np.concatenate([np.maximum(1.0, np.abs(z)), np.abs(lam), self._size_of_unknowns(x, values, jacobian)])
+        size = np.concatenate([np.maximum(1.0, np.abs(z)), np.abs(lam), self._size_of_unknowns(x, jacobian)])
         force = max(largest(c * values[:n]), largest(c[:, None] * jacobian[:n, n:] * size))
         return largest(c[:, None] * jacobian[:n, :n] * c) + force / self.lever
 
@@ -302,12 +302,12 @@ class Statics:
         q, z, lam, y = self.split(x)
         return self.join(q, z, np.zeros(lam.size), y)
 
-    def _size_of_unknowns(self, x: np.ndarray, values: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
-        """Sizes of the unknowns ``y``: those that they have, or typically have, or that balance the loads at `x`."""
+    def _size_of_unknowns(self, x: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+        """Sizes of the unknowns ``y``: those that they have, or typically have, or that balance what reactions bear."""
         y, c, n = self.split(x)[3], self.numeric.column_scale, self.n
         size = np.maximum(self._sizes, np.abs(y))
         slopes = np.max(np.abs(c[:, None] * jacobian[:n, x.size - y.size :]), axis=0, initial=0.0)
-        load = largest(c * values[:n])
+        load = largest(c * self._at_rest(self.without_reactions(x))[0][:n])
         balancing = np.where(slopes > 0, load / np.where(slopes > 0, slopes, 1.0), 0.0)
         size = np.where(size > 0, size, balancing)
         return np.where(size > 0, size, 1.0)

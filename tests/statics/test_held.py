@@ -74,6 +74,9 @@ def test_a_ladder_leans_on_a_smooth_wall():
     assert rest[floor.normal_force] == pytest.approx(5 * G, rel=1e-12)
     state = mbd.simulate(mechanism, [0, 0.1], initial=rest).final
     assert state[wall.normal_force] == pytest.approx(rest[wall.normal_force], rel=1e-9)
+    # a load that brings a reaction, which nothing but the reaction feels
+    loaded = mbd.equilibrium(mechanism, [wall.normal_force == 20], unknowns=[LOAD])
+    assert loaded[LOAD] == pytest.approx((20 * np.tan(np.radians(60)) - 5 * G / 2) / 0.8, rel=1e-10)
     # N_wall L sin = (W L/2 + P s) cos with N_wall = mu (W + P)
     steep, weight = 0.4 * 2 * np.tan(np.radians(60)), 5 * G
     found = mbd.holding_range(mechanism, LOAD)
