@@ -35,6 +35,7 @@ WIDTH, COLOURS = 1100, 96
 #: From the first pendulum to designs; every script is in one of the groups.
 GROUPS = {
     "First steps": ("first_mechanism", "slider_crank", "four_bar_output"),
+    "Linkages from positions": ("straight_line", "wiper"),
     "Machine elements": ("walking_leg", "planetary_train", "cam", "excavator", "dc_motor"),
     "Statics, vibration, tolerances": ("buckling", "modes", "tolerances", "identify_friction"),
     "Optimal control": ("cart_pole", "four_bar_torque", "least_time", "five_bar_robot", "parking", "shuffleboard"),

@@ -146,8 +146,8 @@ def _joined(
 
 def _guide(name: str, body: Body, center: ca.SX, pin: ca.SX, angle: Parameter) -> Translational:
     """Guide of a slider on the ground through one of its pins."""
-    own = body.at(*ca.vertsplit(pin - center), angle)
-    return Translational(f"{name}_guide", ground.at(*ca.vertsplit(pin), angle), own)
+    (x, y), (along, across) = ca.vertsplit(pin), ca.vertsplit(pin - center)
+    return Translational(f"{name}_guide", ground.at(x, y, angle), body.at(along, across, angle))
 
 
 def _pinned(points: Sequence[str], of_point: Mapping[str, Sequence[str]]) -> list[str]:

@@ -103,7 +103,8 @@ class Solving:
             if rows.are_finite:
                 given = self._eliminated(rows, RANK)
                 both = np.column_stack([given.slopes, given.values])
-                ranks.append(tuple(given.rank_of_poses + analyse_rank(x).rank for x in (given.slopes, both)))
+                rank, independent = (given.rank_of_poses + analyse_rank(x).rank for x in (given.slopes, both))
+                ranks.append((rank, independent))
         rank, independent = max(ranks)
         return rank, independent if independent <= self.columns else int(np.sum(~self._is_limit))
 

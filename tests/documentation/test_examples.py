@@ -251,6 +251,23 @@ def test_planetary_train(found):
 
 
 @pytest.mark.slow
+def test_straight_line(found):
+    """All places are met exactly; in between the path is off by less than a thousandth of its length."""
+    best, path = found["best"], found["line"](found["best"])
+    assert best.residual < 1e-9 and found["length"] == pytest.approx(0.8 * np.cos(np.pi / 10), abs=0.01)
+    assert np.max(np.abs(path[:, 1] - found["HEIGHT"])) < 1e-3 * found["length"]
+
+
+@pytest.mark.slow
+def test_wiper(found):
+    """The blade is where it was after the dwell, sweeps what it should, and hardly moves in between."""
+    motion, model, best = found["motion"], found["model"], found["best"]
+    course = np.interp(np.radians([20, 189.9]), motion[model.crank.phi], found["blade"])
+    assert best.residual < 1e-9 and course == pytest.approx([0, -90], abs=0.01)
+    assert found["dwell"] < 1 and 90 <= np.ptp(found["blade"]) < 95
+
+
+@pytest.mark.slow
 def test_cam(found):
     """The contact force at the limit is zero somewhere and nowhere negative; just above it the follower lifts off."""
     contact, limit = found["contact"], found["limit"]
