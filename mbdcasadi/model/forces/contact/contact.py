@@ -17,10 +17,11 @@ from ..friction.laws import FrictionLaw, as_law
 from ..laws import continuous_force, pushing_force, stored_energy
 from .outlines import HalfPlane, Outline
 from .place import Place, check_outlines
+from .sums import SumsOverPlaces
 from .touching import bounding_distance, touches
 
 
-class Contact(Element):
+class Contact(SumsOverPlaces, Element):
     """Two outlines that push each other apart at their points of contact, with friction.
 
     ``F = law(δ, δ̇)`` along the normal, with the penetration ``δ = -gap``, and friction
@@ -101,37 +102,32 @@ class Contact(Element):
         rubs = () if self.friction is None else self.friction.limits
         self.limits = (*a.limits, *b.limits, *getattr(law, "limits", ()), *rubs)
         self.resolved_laws = () if self.friction is None else (self.friction,)
-        self._places = [
+        self.places = [
             CompliantPlace(Place(touch, a, b), law, self.friction, name if k == 0 else f"{name}.{k}", self.description)
             for k, touch in enumerate(touches(a, b, self.description))
         ]
-        self.rates: Mapping[Any, ca.SX] = {s: r for place in self._places for s, r in place.rates.items()}
-        self.virtual_work = tuple(pair for place in self._places for pair in place.virtual_work)
-
-    @cached_property
-    def gaps(self) -> ca.SX:
-        """Distances at each place (k,), m."""
-        return ca.vertcat(*[place.touch.gap for place in self._places])
+        self.rates: Mapping[Any, ca.SX] = {s: r for place in self.places for s, r in place.rates.items()}
+        self.virtual_work = tuple(pair for place in self.places for pair in place.virtual_work)
 
     @cached_property
     def normal_forces(self) -> ca.SX:
         """Normal forces at each place (k,), N."""
-        return ca.vertcat(*[place.normal_force for place in self._places])
+        return ca.vertcat(*[place.normal_force for place in self.places])
 
     @cached_property
     def friction_forces(self) -> ca.SX:
         """Friction on a along the tangent at each place (k,), N."""
-        return ca.vertcat(*[place.friction_force for place in self._places])
+        return ca.vertcat(*[place.friction_force for place in self.places])
 
     @cached_property
     def sliding_speeds(self) -> ca.SX:
         """Speeds of a's surface relative to b's along the tangent at each place (k,), m/s."""
-        return ca.vertcat(*[place.sliding_speed for place in self._places])
+        return ca.vertcat(*[place.sliding_speed for place in self.places])
 
     @cached_property
     def forces(self) -> tuple[tuple[ca.SX, ca.SX], ...]:
         """Point (2,), m, and force on a (2,), N, of each place; that on b is opposite."""
-        return tuple((place.touch.point, place.force) for place in self._places)
+        return tuple((place.touch.point, place.force) for place in self.places)
 
     @cached_property
     def smoothings(self) -> tuple[Smoothing, ...]:  # type: ignore[override]
@@ -140,13 +136,13 @@ class Contact(Element):
         Sums over the places, since the contact moves from one to the other.
         """
         loads = [
-            continuous_force(self.law, place.touch.gap, place.normal_force, self.description) for place in self._places
+            continuous_force(self.law, place.touch.gap, place.normal_force, self.description) for place in self.places
         ]
         load = sum(loads, ca.SX(0))
         smoothings = [Smoothing(load, 1.0, "its normal force", "or soften the law", load)]
         if self.friction is not None:
             turn = "its friction's change of direction"
-            each = zip(loads, self._places, strict=True)
+            each = zip(loads, self.places, strict=True)
             for parts in zip(*[[share * e for e in place.smoothed] for share, place in each], strict=True):
                 smoothings.append(Smoothing(sum(parts, ca.SX(0)), 2.0, turn, self.friction.remedy, load))
         return tuple(smoothings)
@@ -154,7 +150,7 @@ class Contact(Element):
     @cached_property
     def validity_conditions(self) -> tuple[ValidityCondition, ...]:  # type: ignore[override]
         """A limit of the penetration, beyond which the outlines could leave each other on the far side."""
-        within = [touch.gap + touch.reach for touch in (p.touch for p in self._places) if touch.reach is not None]
+        within = [touch.gap + touch.reach for touch in (p.touch for p in self.places) if touch.reach is not None]
         if not within:
             return ()
         if any(isinstance(outline, HalfPlane) for outline in (self.a, self.b)):  # nothing leaves it on a far side
@@ -180,35 +176,10 @@ class Contact(Element):
         """Expression that is positive only if the outlines do not touch; None if there is no cheap one."""
         return bounding_distance(self.a, self.b)
 
-    @property
-    def gap(self) -> ca.SX:
-        """Least distance of the surfaces, m."""
-        return ca.mmin(self.gaps)
-
-    @property
-    def normal(self) -> ca.SX:
-        """Unit vector (2,) from b to a, at the first place."""
-        return self._places[0].touch.normal
-
-    @property
-    def normal_force(self) -> ca.SX:
-        """Force that pushes the bodies apart, N."""
-        return ca.sum1(self.normal_forces)
-
-    @property
-    def friction_force(self) -> ca.SX:
-        """Friction on a along the tangent, N."""
-        return ca.sum1(self.friction_forces)
-
-    @property
-    def power(self) -> ca.SX:
-        """Power of the friction, W."""
-        return ca.dot(self.friction_forces, self.sliding_speeds)
-
     @cached_property
     def potential(self) -> ca.SX:
         """Elastic energy, J; zero for a law without ``potential(penetration)``."""
-        return sum((stored_energy(self.law, -place.touch.gap) for place in self._places), ca.SX(0))
+        return sum((stored_energy(self.law, -place.touch.gap) for place in self.places), ca.SX(0))
 
 
 class CompliantPlace:

@@ -16,10 +16,11 @@ from ..active_rows import ActiveRows
 from ..friction.laws import FrictionLaw, as_law
 from .outlines import Outline
 from .place import Place, check_outlines
+from .sums import SumsOverPlaces
 from .touching import touches
 
 
-class RigidContact(ConstraintElement):
+class RigidContact(SumsOverPlaces, ConstraintElement):
     """Two outlines that do not penetrate: open, or closed and sticking or sliding; exact.
 
     ``0 <= gap, 0 <= N, gap N = 0`` at each place of contact, with dry friction ``|F| <= μ_s N`` at rest and
@@ -154,11 +155,6 @@ class RigidContact(ConstraintElement):
         return (1 if sense.endswith("back") else -1) * coefficient * self.normal_forces[place]
 
     # --- expressions ------------------------------------------------------------------------------------
-    @cached_property
-    def gaps(self) -> ca.SX:
-        """Distances at each place (k,), m."""
-        return ca.vertcat(*[place.touch.gap for place in self.places])
-
     @property
     def normal_speeds(self) -> ca.SX:
         """Speeds at which the surfaces part at each place (k,), m/s."""
@@ -189,31 +185,6 @@ class RigidContact(ConstraintElement):
         )
 
     @property
-    def gap(self) -> ca.SX:
-        """Least distance of the surfaces, m."""
-        return ca.mmin(self.gaps)
-
-    @property
-    def normal(self) -> ca.SX:
-        """Unit vector (2,) from b to a, at the first place."""
-        return self.places[0].touch.normal
-
-    @property
-    def normal_force(self) -> ca.SX:
-        """Force that pushes the bodies apart, N."""
-        return ca.sum1(self.normal_forces)
-
-    @property
-    def friction_force(self) -> ca.SX:
-        """Friction on a along the tangent, N."""
-        return ca.sum1(self.friction_forces)
-
-    @property
     def impulse(self) -> ca.SX:
         """Normal impulse of an impact, N s."""
         return -ca.sum1(self.impulses[: len(self.places)])
-
-    @property
-    def power(self) -> ca.SX:
-        """Power of the friction, W."""
-        return ca.dot(self.friction_forces, self.sliding_speeds)
