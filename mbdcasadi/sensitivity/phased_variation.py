@@ -5,7 +5,8 @@ and ``f⁺`` after, and a jump ``x⁺ = h(t, x, p)``,
 
     dtau = -dg / g_rate,   dx⁻ = dx + f⁻ dtau,   dx⁺ = dh,   and at a fixed time just after  dx⁺ - f⁺ dtau:
 
-the saltation matrix. The jump is that of :class:`ImpactLaw`.
+the saltation matrix. The jump is that of :class:`ImpactLaw`, or of :class:`ContactImpact`; a mode of exact friction and
+rigid contacts that ends is a change, too.
 
 References
 ----------

@@ -60,7 +60,7 @@ def stability(
     boundary : sequence of relations
         Relations between :func:`at_start` and :func:`at_end`: the start of the next period.
     events : sequence of Event
-        Events of the simulation.
+        Events of the simulation; those of exact friction and of rigid contacts are known.
     inputs : mapping, optional
         Inputs of the simulation, numbers and expressions; by default the values at the start.
     method, reltol, abstol
