@@ -242,7 +242,7 @@ def _check_executor(executor: Any, starts: Any) -> None:
 def _warn_of_validity(solution: Solution) -> None:
     """Warn of elements that leave their range of validity."""
     for part in solution.phases:
-        if validity_conditions(part.phase.mechanism):
+        if validity_conditions(part.phase.mechanism) or part.phase.mechanism.varying_limits:
             report_validity(part.trajectory)
 
 

@@ -13,6 +13,7 @@ from ..model.mechanism import Mechanism
 from ..model.validity import ValidityCondition
 from ..numerics.tolerances import MET
 from .columns import has_multipliers
+from .ranges import Ranges
 from .state import State
 from .trajectory import Trajectory
 
@@ -66,7 +67,7 @@ def report_validity(motion: Trajectory, others: Sequence[str] = ()) -> None:
     Conditions on quantities that the analysis does not know (a contact force in kinematics) are left out.
     """
     motion.statistics.notes += others
-    remarks = [*others, *_broken_at_outputs(motion)]
+    remarks = [*others, *_broken_at_outputs(motion), *_out_of_range(motion)]
     if len(remarks) > MOST_WARNINGS:
         # many warnings are read by nobody
         more = len(remarks) - MOST_WARNINGS
@@ -82,6 +83,18 @@ def report_validity_at(state: State, mechanism: Mechanism, analysis: str) -> Non
         if value < -MET * (1 + abs(value)):
             unit = f" ({float(state[condition.reported]):.6g} {condition.unit})" if condition.unit else ""
             warn(f"{analysis}: {condition.message}{unit}")
+
+
+def _out_of_range(motion: Trajectory) -> list[str]:
+    """A message on the first varying quantity that is out of its range, which becomes a note."""
+    ranges = Ranges(motion.equations, motion.parameters, motion.mechanism)
+    if not has_multipliers(motion):
+        ranges.limits = [x for x in ranges.limits if not ca.depends_on(x.expression, motion.equations.lam)]
+    block = motion.t, motion.q, motion.v, motion.a, motion.z, motion.lam, motion.inputs
+    broken = ranges.first_broken(block) if motion.t.size else None
+    remarks = [] if broken is None else [f"{broken[1]} at t = {motion.t[broken[0]]:.6g} s"]
+    motion.statistics.notes += remarks
+    return remarks
 
 
 def _broken_at_outputs(motion: Trajectory) -> list[str]:

@@ -12,11 +12,11 @@ import numpy as np
 from ..integrators.compiled import IntegrationFailure
 from ..model.events import Event
 from ..numerics.console import Interruption
+from ..results.ranges import Ranges
 from ..results.state import State
 from .changes.event_search import Crossing, EventSearch
 from .changes.events import EventWatch
 from .checks.failure_diagnosis import singular_stop
-from .checks.ranges import Ranges
 from .checks.resolution import Resolution
 from .checks.uniqueness import Uniqueness
 from .checks.unseen_loads import UnseenLoads

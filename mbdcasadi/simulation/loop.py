@@ -26,6 +26,7 @@ from ..model.forces.friction.modes import switching
 from ..numerics.console import Interruption, interruptible
 from ..numerics.progress import simulated_time_bar
 from ..numerics.real import distinct
+from ..results.ranges import Ranges
 from ..results.state import State
 from ..results.steps import Stretch
 from ..results.trajectory import EventOccurrence, Statistics, Trajectory
@@ -37,7 +38,6 @@ from .changes.impacts import instant_of
 from .changes.modes import Block, Modes
 from .changes.transitions import Transitions
 from .checks.failure_diagnosis import cause_of_failure, singular_event
-from .checks.ranges import Ranges
 from .checks.unseen_loads import UnseenLoads, meets_loads
 from .outputs import Outputs
 from .path import Path
@@ -511,7 +511,7 @@ class Run:
             numeric, self.setup.signals, self.modes.levels, self.integrator, self._span, self.redundant, self._max_step
         )
         watch = EventWatch(numeric.eom, self.events, self.instant, self.transitions.states, own)
-        return Arc(mode, state, system, watch, own, Ranges(numeric, self.modes.mechanism))
+        return Arc(mode, state, system, watch, own, Ranges(numeric.eom, numeric.p, self.modes.mechanism))
 
     def _occurrence(self, crossing: Crossing, outputs: Outputs) -> EventOccurrence:
         state = self._state(outputs, crossing.time, crossing.x)

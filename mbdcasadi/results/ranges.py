@@ -1,13 +1,13 @@
-"""Ranges of quantities of the model that vary along a run: capacities, coefficients of friction, loads, lengths."""
+"""Ranges of quantities of the model that vary along a motion: capacities, coefficients of friction, loads, lengths."""
 
 from __future__ import annotations
 
 import casadi as ca
 import numpy as np
 
-from ...equations.numeric import NumericEquations
-from ...model.mechanism import Mechanism
-from ...numerics.tolerances import MET
+from ..equations import Equations
+from ..model.mechanism import Mechanism
+from ..numerics.tolerances import MET
 
 
 class Ranges:
@@ -15,8 +15,10 @@ class Ranges:
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations in one mode.
+    eom : Equations
+        Equations, perhaps in one mode.
+    p : numpy.ndarray
+        Values of the parameters.
     mechanism : Mechanism
         The whole, whose quantities are looked at.
 
@@ -26,9 +28,9 @@ class Ranges:
         Those whose symbols the equations have.
     """
 
-    def __init__(self, numeric: NumericEquations, mechanism: Mechanism):
-        self._eom, self._p = numeric.eom, numeric.p
-        self.limits = [x for x in mechanism.varying_limits if numeric.eom.contains(x.expression)]
+    def __init__(self, eom: Equations, p: np.ndarray, mechanism: Mechanism):
+        self._eom, self._p = eom, p
+        self.limits = [x for x in mechanism.varying_limits if eom.contains(x.expression)]
 
     def first_broken(self, block: tuple[np.ndarray, ...]) -> tuple[int, str] | None:
         """Index and message of the first of some outputs at which a quantity is out of its range, or has no value.
