@@ -9,17 +9,16 @@ import numpy as np
 
 from ..equations import equations
 from ..equations.numeric import NumericEquations
-from ..errors import ConditionError, ModelError
+from ..errors import ConditionError
 from ..model.conditions import Condition, stacked
 from ..numerics.evaluation import Evaluator
+from ..numerics.least_squares import largest
 from ..numerics.newton import solve
 from ..numerics.rank import dependent_rows, unit_rows
+from ..numerics.tolerances import ON_CONSTRAINTS, PROJECTIONS
 from ..results.state import State
 from .pose import PoseProblem
 from .velocity import VelocityProblem
-
-#: Steps of Newton's method to states that lead a motion: of courses that are linear in states the first one is exact.
-NEWTON_STEPS = 4
 
 
 def led_start(
@@ -70,22 +69,19 @@ def led_start(
     return q, v, _solved(numeric, rows, at_states, time, q, v, z)
 
 
-def refuse_led_states(
-    numeric: NumericEquations,
-    conditions: tuple[Sequence[Condition], Sequence[Condition], Sequence[Condition]],
-    state: State,
-    analysis: str,
-) -> None:
-    """Raise if states that drivers follow would vary with conditions on the motion at a start, given as such."""
-    eom = numeric.eom
+def led_levels(
+    numeric: NumericEquations, conditions: tuple[Sequence[Condition], ...], state: State
+) -> tuple[bool | None, ...]:
+    """Return for positions and velocities whether conditions at a start decide what all servos do; None for some."""
+    eom, levels = numeric.eom, list[bool | None]()
+    if not eom.follows_states:
+        return False, False
     for level, symbols in zip(conditions, (eom.q, eom.v), strict=False):
         slopes = ca.jacobian(stacked([c for c in level if c.equality]), symbols)
         values = _value(numeric, slopes, state.t, state.q, state.v, state.z)
-        for row in _led(numeric, eom.following_rows, state.t, state.q, values):
-            raise ModelError(
-                f"{analysis}: the start of the states that {eom.row_elements[row].description} follows is given by "
-                "conditions on the motion; give it by conditions on the states, as position == 0, velocity == 0"
-            )
+        led = _led(numeric, eom.following_rows, state.t, state.q, values)
+        levels.append(None if 0 < len(led) < len(eom.following_rows) else bool(led))
+    return tuple(levels)
 
 
 def without_servos(numeric: NumericEquations) -> NumericEquations:
@@ -115,8 +111,10 @@ def led_states(numeric: NumericEquations, t: np.ndarray, q: np.ndarray, v: np.nd
         return Evaluator(ca.Function("led", [eom.t, eom.q, eom.v, eom.z, eom.p], results))
 
     function = eom.shared.get_or_create("led states", make)
-    for _ in range(NEWTON_STEPS):
+    for _ in range(PROJECTIONS):
         left, slopes = function.rows(t[:, None], q, v, z, numeric.p)
+        if largest(left) <= ON_CONSTRAINTS:
+            break
         inverse = np.linalg.pinv(slopes.reshape(t.size, z.shape[1], -1).swapaxes(1, 2))
         z = z - (inverse @ left[:, :, None])[:, :, 0]
     return z

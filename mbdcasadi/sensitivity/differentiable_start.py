@@ -21,8 +21,9 @@ import numpy as np
 
 from ..arguments.inputs import Signals
 from ..assembly.consistent_start import consistent_start, independent_rows, levels_of
-from ..assembly.followed_states import refuse_led_states
+from ..assembly.followed_states import led_levels
 from ..equations.numeric import NumericEquations
+from ..errors import ModelError
 from ..model.conditions import Condition, read_conditions
 from ..numerics.least_squares import largest, least_norm
 from ..results.state import State
@@ -72,19 +73,11 @@ class DifferentiableStart:
 
     def _assemble_function(self) -> None:
         numeric, eom = self.numeric, self.numeric.eom
-        at_position, at_velocity, at_states = levels = levels_of(numeric, self.conditions)
-        refuse_led_states(numeric, levels, self.state, "derivatives")
+        levels = levels_of(numeric, self.conditions)
         right, z_estimate = ca.SX.sym("right", len(self.conditions)), ca.SX.sym("z estimate", eom.z.numel())
-        q, v, z = self._targets
-        metric = numeric.weights_expression / float(np.mean(numeric.weights))
-        ones, none, velocity = ca.SX.ones(eom.z.numel()), ca.SX(0, 1), eom.Phi_q @ eom.v - eom.nu
-        problems = [
-            _Nearest("z", eom.z, none, at_states, ones, z_estimate, self.state.z),
-            _Nearest("q", eom.q, eom.Phi, at_position, metric, ca.SX(q), self.state.q),
-            _Nearest("v", eom.v, velocity, at_velocity, metric, ca.SX(v), self.state.v),
-        ]
+        problems = self._problems(levels, z_estimate)
         # each problem knows the solutions of those before it
-        known, values = [eom.p, right, z_estimate], [numeric.p, self.right, z]
+        known, values = [eom.p, right, z_estimate], [numeric.p, self.right, self._targets[2]]
         guesses = []
         for problem in problems:
             guesses.append(problem.prepare(self, right, known, values))
@@ -99,14 +92,49 @@ class DifferentiableStart:
             answers.append(answer)
             residuals.append(residual)
             solutions.append(answer[: problem.solution.size])
-        z_solved, *moving = solutions[3:]
+        found = {problem.name: solution for problem, solution in zip(problems, solutions[3:], strict=True)}
         self.function = ca.Function(
             "start",
             [*symbols, whole],
-            [ca.vertcat(*moving, z_solved), ca.vertcat(*answers), ca.norm_inf(ca.vertcat(0, *residuals))],
+            [
+                ca.vertcat(found["q"], found["v"], found["z"]),
+                ca.vertcat(*answers),
+                ca.norm_inf(ca.vertcat(0, *residuals)),
+            ],
             ["p", "right", "z", "guess"],
             ["x", "solution", "residual"],
         )
+
+    def _problems(self, levels: tuple[list[Condition], ...], z_estimate: ca.SX) -> list[_Nearest]:
+        """The problems in an order in which each needs solutions of those before it alone.
+
+        States that drivers follow come first, or after the pose (and the velocities) that conditions decide.
+        """
+        numeric, eom = self.numeric, self.numeric.eom
+        following, (by_pose, by_speed) = eom.following_rows, led_levels(numeric, levels, self.state)
+        mixed = [c for level, led in zip(levels, (by_pose, by_speed), strict=False) for c in level if led]
+        in_part = by_pose is None or by_speed is None or (by_speed and not by_pose)
+        if in_part or any(c.depends_on("state") for c in mixed):
+            servos = ", ".join(dict.fromkeys(eom.row_elements[row].description for row in following))
+            raise ModelError(
+                f"derivatives: conditions decide in part how {servos} start{'s' if len(following) == 1 else ''}; give "
+                "all their starts by positions and velocities, or by states, as position == 0, velocity == 0"
+            )
+        metric = numeric.weights_expression / float(np.mean(numeric.weights))
+        speeds = eom.Phi_q @ eom.v - eom.nu
+        poses, rates, leading = eom.Phi, speeds, ca.SX(0, 1)
+        if by_pose:
+            poses, leading = eom.closing, eom.Phi[np.searchsorted(eom.position_rows, following).tolist()]
+        if by_speed:
+            rates = speeds[[row for row in range(eom.lam.numel()) if row not in following]]
+            leading = ca.vertcat(leading, speeds[following])
+        (q, v, _), state = self._targets, self.state
+        at_z = _Nearest("z", eom.z, leading, levels[2], ca.SX.ones(eom.z.numel()), z_estimate, state.z)
+        at_q = _Nearest("q", eom.q, poses, levels[0], metric, ca.SX(q), state.q)
+        at_v = _Nearest("v", eom.v, rates, levels[1], metric, ca.SX(v), state.v)
+        if by_speed:
+            return [at_q, at_v, at_z]
+        return [at_q, at_z, at_v] if by_pose else [at_z, at_q, at_v]
 
     @property
     def z_estimate(self) -> np.ndarray:

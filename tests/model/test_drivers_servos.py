@@ -159,17 +159,8 @@ def test_rest_and_small_motions(crane, crank):
 def test_derivatives_by_the_rate_of_a_state(crane, method):
     """The trolley is at g t²/4 with the gain g; the angle by differences of two runs."""
     t, start = np.linspace(0, 1, 5), [*crane.rest, crane.position == 0, crane.velocity == 0]
-    run = {"initial": start, "inputs": {crane.command: 0.5}}
-    found = mbd.sensitivities(
-        crane.mechanism,
-        t,
-        [crane.trolley.x, crane.bob.phi],
-        [crane.gain],
-        method=method,
-        reltol=1e-9,
-        abstol=1e-10,
-        **run,
-    )
+    run, tight = {"initial": start, "inputs": {crane.command: 0.5}}, {"method": method, "reltol": 1e-9, "abstol": 1e-10}
+    found = mbd.sensitivities(crane.mechanism, t, [crane.trolley.x, crane.bob.phi], [crane.gain], **run, **tight)
     np.testing.assert_allclose(found[crane.trolley.x, crane.gain], t**2 / 4, atol=1e-7)
     low, high = (
         mbd.simulate(crane.mechanism, t, parameters={crane.gain: g}, reltol=1e-10, abstol=1e-12, **run)
@@ -177,8 +168,23 @@ def test_derivatives_by_the_rate_of_a_state(crane, method):
     )
     slope = (high[crane.bob.phi] - low[crane.bob.phi]) / 0.002
     np.testing.assert_allclose(found[crane.bob.phi, crane.gain], slope, atol=1e-6)
-    with pytest.raises(mbd.ModelError, match="driver 'servo' follows is given by conditions on the motion"):
-        mbd.sensitivities(crane.mechanism, t, [crane.trolley.x], [crane.gain], [*crane.rest, crane.trolley.x == 0])
+    led = [*crane.rest, crane.trolley.x == 0, crane.trolley.vx == 0]
+    again = mbd.sensitivities(crane.mechanism, t, [crane.bob.phi], [crane.gain], **run | {"initial": led}, **tight)
+    np.testing.assert_allclose(again[crane.bob.phi, crane.gain], slope, atol=1e-6)
+    with pytest.raises(mbd.ModelError, match="conditions decide in part how driver 'servo' starts"):
+        mbd.sensitivities(crane.mechanism, t, [crane.trolley.x], [crane.gain], [*crane.rest, crane.trolley.vx == 0])
+
+
+@pytest.mark.parametrize("with_speed", [True, False])
+def test_derivatives_by_a_place_at_the_start(crane, with_speed):
+    """States that follow the pose vary with it: the trolley starts at the gain."""
+    x, v = crane.trolley.x, crane.trolley.vx
+    start = [*crane.rest, x == crane.gain, *([v == 2 * crane.gain] if with_speed else [])]
+    found = mbd.sensitivities(crane.mechanism, [0, 0.5], [x, v, crane.position], [crane.gain], start)
+    by_speed = 1.0 if with_speed else 0.0
+    np.testing.assert_allclose(found[x, crane.gain], [1, 1 + by_speed], atol=1e-8)
+    np.testing.assert_allclose(found[crane.position, crane.gain], [1, 1 + by_speed], atol=1e-8)
+    np.testing.assert_allclose(found[v, crane.gain], 2 * by_speed, atol=1e-8)
 
 
 def test_a_reset_of_the_speed_strikes_and_one_of_the_place_is_refused(crane):
