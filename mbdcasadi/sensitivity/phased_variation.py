@@ -194,13 +194,13 @@ def _changes(varied: VariedMotion, events: Sequence[Event]) -> list[Boundary]:
         here = [e for e in motion.events if e.after is not None and is_among(end, [e.t])]
         at_modes = {event.name: event for event in phase.events}
         by_mode = [e for e in here if e.name in at_modes]
-        if not here or len(by_mode) not in (0, len(here)) or (not by_mode and len(here) > 1):
-            raise _together(here)
-        if phase.at_break and by_mode:
+        if not here or (by_mode and phase.at_break):
             raise ModelError(
-                f"sensitivities: event '{here[0].name}' takes place at t = {end:.6g} s, where a load or an input "
-                "changes at once: its instant has no derivative here; let the load rise within a short time"
+                f"sensitivities: friction or contact changes its mode at t = {end:.6g} s, where a load or an input "
+                "changes at once: there is no derivative; let it change within a short time"
             )
+        if len(by_mode) not in (0, len(here)) or (not by_mode and len(here) > 1):
+            raise _together(here)
         if not phase.lasts:
             raise ModelError(f"sensitivities: event '{here[0].name}' takes place at the start of its phase")
         chosen.append(Boundary(tuple((known | at_modes)[e.name] for e in here), tuple(here)))
@@ -209,10 +209,9 @@ def _changes(varied: VariedMotion, events: Sequence[Event]) -> list[Boundary]:
 
 def _together(here: Sequence[EventOccurrence]) -> ModelError:
     names = ", ".join(f"'{e.name}'" for e in here)
-    at = f"at t = {here[0].t:.6g} s" if here else "at one instant"
     return ModelError(
-        f"sensitivities: the events {names} take place together {at}; which one is first for other values decides the "
-        "motion, and there is no derivative"
+        f"sensitivities: the events {names} take place together at t = {here[0].t:.6g} s; which one is first for other "
+        "values decides the motion, and there is no derivative"
     )
 
 
