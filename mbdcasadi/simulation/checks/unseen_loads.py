@@ -41,9 +41,6 @@ MISSED_TOLERANCES = 30.0
 MOST_DOUBT = 1e3
 #: Points over a load by which its duration is found, and loads of a path that are looked at, the shortest ones first.
 SAMPLES, MOST_LOADS = 33, 500
-#: Share of the time to the next switch up to which an instant may be off at a first look: between two switches nodes of
-#: the quadrature are in any case.
-CLOSE = 0.1
 #: Instants closer than this share of an output interval are one.
 SAME_INSTANT = 1e-7
 
@@ -176,8 +173,7 @@ class UnseenLoads:
             Duration up to which extrema of longer ones count, too, s: at the points of the path that show them, and
             with a duration of zero, since their load fills the interval.
         closely : bool
-            False to take zeros between two points of the path from the straight line through these if they are far
-            from each other.
+            False to take zeros by straight lines where these are much less off than the next zero is away.
         """
         lengths = np.diff(path.times)
         # a load about an end of the path has its peak beyond it
@@ -219,7 +215,7 @@ class UnseenLoads:
             step = per_change * self._of_rows(path, rows, levels)(roots)
             order = np.argsort(roots)
             gaps = np.diff(roots[order], prepend=-np.inf, append=np.inf)
-            loose[order] = ~(np.abs(step[order]) < CLOSE * np.minimum(gaps[:-1], gaps[1:]))
+            loose[order] = ~(POINTS * np.abs(step[order]) < np.minimum(gaps[:-1], gaps[1:]))
             roots -= step
 
         def narrow(chosen: np.ndarray) -> None:
