@@ -542,3 +542,58 @@ def test_driven_into_the_floor(friction):
     drive = mbd.Constraint("drive", ball.y - 0.3 + mbd.t)
     with pytest.raises(mbd.SimulationError, match="contact 'floor': joints, drivers .* press .* at t = 0.2 s"):
         mbd.simulate(mechanism.replace(joints=[drive]), duration=0.5)
+
+
+# --- closed forms ----------------------------------------------------------------------------------------------------
+@pytest.mark.slow
+def test_three_blocks_of_which_the_middle_one_is_pushed():
+    """It slides off the lowest one, which rests, and drags the upper one along."""
+    mus, push, half = (0.3, 0.2, 0.1), 20.0, 0.05
+    blocks = [mbd.Body(f"block{k}", mass=1, inertia=0.01, pose=(0.01 * k, half + 2 * half * k, 0)) for k in range(3)]
+    corners = [(-WIDE, -half), (WIDE, -half), (WIDE, half), (-WIDE, half)]
+    boxes = [mbd.PolygonEdges(block.at(0, 0), corners) for block in blocks]
+    below = [mbd.HalfPlane(mbd.ground.at(0, 0)), *boxes]
+    contacts = [
+        mbd.RigidContact(f"c{k}", box, below[k], mbd.DryFriction(mu))
+        for k, (box, mu) in enumerate(zip(boxes, mus, strict=True))
+    ]
+    forces = [mbd.Gravity(), *contacts, mbd.Force("push", blocks[1].at(0, 0), (push, 0))]
+    state = mbd.assemble(mbd.Mechanism(blocks, forces=forces))
+    wanted = [0, push - 0.2 * 2 * G - 0.1 * G, 0.1 * G]
+    np.testing.assert_allclose([state[block.ax] for block in blocks], wanted, atol=1e-9)
+    np.testing.assert_allclose([state[contact.normal_force] for contact in contacts], [3 * G, 2 * G, G], rtol=1e-9)
+
+
+@pytest.mark.parametrize("spin", [10.0, -160.0])
+def test_superball(spin):
+    """Elastic and rough: Newton's normal speed turns back, and friction stops the surface, or slides with μ of it."""
+    mass, radius, mu, inertia = 0.6, 0.1, 0.5, 2.4e-3
+    ball, floor, mechanism = ball_above(0, mbd.DryFriction(mu), restitution=1.0)
+    vx, vy = 1.0, -3.0
+    (event,) = mbd.simulate(mechanism, duration=0.1, initial=[ball.vx == vx, ball.vy == vy, ball.omega == spin]).events
+    normal, slip = -2 * mass * vy, vx + radius * spin
+    stop = slip / (1 / mass + radius**2 / inertia)  # impulse that stops the surface
+    impulse = -np.sign(slip) * min(abs(stop), mu * normal)
+    after = event.after
+    assert after[floor.impulse] == pytest.approx(normal, rel=1e-12)
+    assert [after[ball.vx], after[ball.vy], after[ball.omega]] == pytest.approx(
+        [vx + impulse / mass, -vy, spin + radius * impulse / inertia], rel=1e-10
+    )
+    assert (abs(stop) < mu * normal) == (spin > 0)
+
+
+@pytest.mark.parametrize("omega", [0.0, 6.0])
+def test_sliding_rod(omega):
+    """A rod that slides on its tip presses on the ground; turning fast, it lifts off at once."""
+    angle, mu, mass, length = np.radians(60), 0.2, 1.0, 1.0
+    rod, mechanism = sliding_rod(mu)
+    tip = mechanism.forces[-1]
+    sin, cos = np.sin(angle), np.cos(angle)
+    initial = [rod.omega == omega, rod.vx == 3 + omega * length / 2 * -sin, rod.vy == omega * length / 2 * cos]
+    state = mbd.assemble(mechanism, initial)
+    # of the tip at (-l/2, 0): 0 = (N/m - g) - l/2 cos α + l/2 ω² sin, I α = N l/2 (-cos) + F l/2 sin, F = -μ N
+    lever = length / 2
+    by_load = 1 / mass - lever * cos * (-lever * cos - mu * lever * sin) * 12 / mass / length**2
+    load = max(0.0, (G - lever * omega**2 * sin) / by_load)
+    assert state[tip.normal_force] == pytest.approx(load, rel=1e-9)
+    assert state[rod.ay] == pytest.approx(load / mass - G, abs=1e-9) and (load > 0) == (omega == 0)

@@ -8,6 +8,8 @@ from itertools import product
 
 import numpy as np
 
+from ...numerics.groups import groups_of
+from ...numerics.lazy import cached_property
 from ...numerics.least_squares import largest
 from ...numerics.tolerances import MET, RANK
 from .events import ROUNDING
@@ -15,6 +17,8 @@ from .friction_modes import FRICTION_TOLERANCE, NO_EFFECT, SENSE
 
 #: Difference of a cosine from one below which two places slide together.
 TOGETHER = 1e-12
+#: Senses as one sees them from the other side.
+OPPOSITE = {"forth": "back", "back": "forth", "pulled forth": "pulled back", "pulled back": "pulled forth"}
 #: Steps in which loads that are norms of reactions follow the friction that depends on them.
 ITERATIONS = 50
 
@@ -136,22 +140,16 @@ class Complementarity:
 
     def parts(self) -> list[tuple[list[int], list[int]]]:
         """Spots and rows of the parts that do not act on each other, neither by their motion nor by their loads."""
-        from scipy.sparse.csgraph import connected_components  # takes long to import
-
-        if not self._spots:
-            return []
-        joined = (np.abs(self._cosines) > NO_EFFECT) | np.eye(self._c.size, dtype=bool)
+        joined = np.abs(self._cosines) > NO_EFFECT
         for k, spot in enumerate(self._spots):
             own = [row for row in (spot.normal, spot.tangent) if row is not None]
             if self._loads is not None:
                 own += np.flatnonzero(self._loads.depend[k]).tolist()
             joined[np.ix_(own, own)] = True
-        labels = connected_components(joined, directed=False)[1]
-        of = [int(labels[spot.tangent if spot.normal is None else spot.normal]) for spot in self._spots]
-        return [
-            ([k for k, own in enumerate(of) if own == part], np.flatnonzero(labels == part).tolist())
-            for part in dict.fromkeys(of)
-        ]
+        groups = groups_of(joined)
+        of = [spot.tangent if spot.normal is None else spot.normal for spot in self._spots]
+        parts = [([k for k, row in enumerate(of) if row in rows], rows) for rows in groups]
+        return [(spots, rows) for spots, rows in parts if spots]
 
     def without_friction(self) -> Complementarity:
         """The problem of the normal rows alone; it has a solution unless no forces at all keep the surfaces apart."""
@@ -166,7 +164,7 @@ class Complementarity:
     @property
     def count(self) -> int:
         """Number of choices."""
-        return int(np.prod([len(self._options(spot)) for spot in self._spots], dtype=float))
+        return int(np.prod([len(choices) for _, choices in self._together], dtype=float))
 
     @property
     def may_fall(self) -> bool:
@@ -183,11 +181,44 @@ class Complementarity:
             options = list(dict.fromkeys("open" if o == "open" else stands for o in options))
         return options
 
+    @cached_property
+    def _together(self) -> list[tuple[list[int], list[tuple[str, ...]]]]:
+        """Spots that slide together, and what they may be: in one sense, all or those that are not open."""
+        groups: list[list[int]] = []
+        for k in range(len(self._spots)):
+            group = next((group for group in groups if self._ratio(group[0], k)), None)
+            if group is None:
+                groups.append([k])
+            else:
+                group.append(k)
+        return [
+            (group, [c for c in product(*[self._options(self._spots[k]) for k in group]) if self._agree(group, c)])
+            for group in groups
+        ]
+
+    def _ratio(self, one: int, other: int) -> float:
+        """How fast a spot slides beside another one; zero if they need not slide together."""
+        row, own = self._spots[one].tangent, self._spots[other].tangent
+        if row is None or own is None or not (self._acts[row] and self._acts[own]):
+            return 0.0
+        cosine = self._cosines[own, row]
+        return float(np.sign(cosine) * self._unit[own] / self._unit[row]) if abs(cosine) > 1 - TOGETHER else 0.0
+
+    def _agree(self, group: Sequence[int], statuses: Sequence[str]) -> bool:
+        """True if spots that slide together do so, or rest, in one sense."""
+        senses = set[str]()
+        for k, status in zip(group, statuses, strict=True):
+            if status not in ("open", "closed", "free"):
+                senses.add(status if self._ratio(group[0], k) > 0 else OPPOSITE.get(status, status))
+        return len(senses) <= 1
+
     def solutions(self) -> list[Solution]:
         """Choices that meet all laws; first those in which most sticks."""
         found = []
-        for statuses in product(*map(self._options, self._spots)):
-            solution = self._solved(statuses)
+        order = np.argsort([k for members, _ in self._together for k in members])
+        for choice in product(*[choices for _, choices in self._together]):
+            statuses = [status for part in choice for status in part]
+            solution = self._solved(tuple(statuses[k] for k in order))
             if solution is not None:
                 found.append(solution)
         return sorted(found, key=lambda s: (-s.sticking, sum(map(_is_pulled, s.statuses))))
@@ -251,12 +282,10 @@ class Complementarity:
         for k, status in enumerate(statuses):
             if status != "sticks":
                 continue
-            own = self._spots[k].tangent
             for leader in leaders:
-                row = self._spots[leader].tangent
-                cosine = self._cosines[own, row]
-                if abs(cosine) > 1 - TOGETHER:
-                    shares.append((leader, k, float(np.sign(cosine) * self._unit[own] / self._unit[row])))
+                ratio = self._ratio(leader, k)
+                if ratio:
+                    shares.append((leader, k, ratio))
                     break
             else:
                 leaders.append(k)

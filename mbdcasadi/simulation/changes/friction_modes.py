@@ -22,6 +22,7 @@ from ...model.forces.friction.modes import Senses, switching, variant_in
 from ...model.mechanism import Mechanism
 from ...model.quantities import known_value
 from ...model.rates import time_derivative
+from ...numerics.groups import groups_of
 from ...numerics.least_squares import largest
 from ...numerics.rank import analyse_rank, rows_taking_part
 from ...numerics.tolerances import AT_REST
@@ -312,8 +313,6 @@ class FrictionModes(SwitchingModes):
 
     def _groups(self, state: State, resting: Sequence[int]) -> list[list[int]]:
         """Frictions at rest that act on each other, by their motion or their loads; raise if they are too many."""
-        from scipy.sparse.csgraph import connected_components  # takes long to import
-
         numeric, frictions = self.numeric(self.free), [self.frictions[i] for i in resting]
         eom = numeric.eom
         speeds = ca.vertcat(ca.SX(0, 1), *[friction.sliding_speed for friction in frictions])
@@ -328,8 +327,7 @@ class FrictionModes(SwitchingModes):
             needs = np.array(ca.which_depends(limit, eom.lam, 1, False), bool)
             by_friction = [ca.depends_on(limit, other.multipliers) for other in frictions]
             joined[k] |= by_friction | np.any(acts[needs], axis=0)
-        count, labels = connected_components(joined, directed=False)
-        groups = [np.flatnonzero(labels == part).tolist() for part in range(count)]
+        groups = groups_of(joined)
         largest_group = max(map(len, groups), default=0)
         if 3**largest_group > TRIALS:
             raise SimulationError(
