@@ -25,7 +25,7 @@ class Switching:
     """
 
     switches_modes: bool = False
-    #: what takes its place in analyses other than simulate
+    #: what takes its place in analyses that do not follow its modes
     instead: str = "take Coulomb, Stribeck or LuGre"
     #: mode in which it does not act
     free_mode: Any = "free"

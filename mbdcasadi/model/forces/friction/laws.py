@@ -301,11 +301,12 @@ class LuGre(FrictionLaw):
 class DryFriction(FrictionLaw):
     """Exact stick and slip: ``|F| <= μ_s N`` at rest, ``F = -μ N sgn v`` in motion; in joints and rigid contacts.
 
-    For :func:`simulate` and, without a static coefficient of its own, :func:`optimize`. The motion switches between
-    sticking, with the sliding speed held at zero by a multiplier, and sliding, at instants that are located to
-    rounding and listed in ``motion.events`` as "<name> stops" and "<name> breaks away", and in ``solution.switches``.
-    Nothing creeps, and there is no velocity tolerance. Several frictions that one motion would make slide hold it as
-    long as they can together. Friction takes no part in the impulse of an event that resets velocities.
+    For :func:`simulate`, :func:`equilibrium`, :func:`linearize`, :func:`sensitivities`, :func:`stability` and, without
+    a static coefficient of its own, :func:`optimize`. The motion switches between sticking, with the sliding speed held
+    at zero by a multiplier, and sliding, at instants that are located to rounding and listed in ``motion.events`` as
+    "<name> stops" and "<name> breaks away", and in ``solution.switches``. Nothing creeps, and there is no velocity
+    tolerance. Several frictions that one motion would make slide hold it as long as they can together. Friction takes
+    no part in the impulse of an event that resets velocities.
 
     Parameters
     ----------
