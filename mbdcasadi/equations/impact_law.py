@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ExpressionError, ModelError
+from ..model.forces.active_rows import ActiveRows
 from ..model.symbols import describe, symbols_of
 from ..numerics.least_squares import least_norm
 from ..numerics.rank import dependent_rows, row_lengths
@@ -181,9 +182,11 @@ class ImpactLaw:
 
     @property
     def momentum(self) -> ca.SX:
-        """``M (v⁺ - v⁻) + J^T Λ`` (n,), in ``v``, `v_before` and `impulses`."""
+        """``M (v⁺ - v⁻) + J^T Λ`` (n,), in ``v``, `v_before` and `impulses`, with friction of what slides."""
         eom = self.eom
-        return eom.mass_diagonal * (eom.v - self.v_before) + self.jacobian.T @ self.impulses
+        sliding = [k for k, element in enumerate(eom.row_elements) if isinstance(element, ActiveRows)]
+        friction = ca.jacobian(eom.Q, eom.lam[sliding]) @ self.impulses[sliding] if sliding else 0
+        return eom.mass_diagonal * (eom.v - self.v_before) + self.jacobian.T @ self.impulses - friction
 
     @property
     def velocity(self) -> ca.SX:

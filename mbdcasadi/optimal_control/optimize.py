@@ -227,7 +227,9 @@ def _with_exact_friction(run: Search, continuation: Any) -> FrictionSearch:
     """The search for a motion that sticks and slides, with the arguments of another one."""
     if continuation is not None or any(run.settings.known.phases):
         name = "inputs=" if continuation is None else "continuation="
-        raise ModelError(f"optimize: {name} is not available with DryFriction; take Coulomb for it")
+        raise ModelError(
+            f"optimize: {name} is not available with DryFriction and RigidContact; take Coulomb and Contact for it"
+        )
     problem = run.problem if run.initial is None else run.problem.replace(initial=run.initial)
     return FrictionSearch(problem, run.intervals, run.settings, run.best, run.executor, run.strategies)
 

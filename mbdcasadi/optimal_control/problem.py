@@ -11,7 +11,6 @@ import casadi as ca
 
 from ..errors import ExpressionError, ModelError
 from ..model.conditions import Condition, read_conditions
-from ..model.forces.contact.rigid import RigidContact
 from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
 from ..model.placeholders import PARTS, at_end, placeholders_in, with_values
@@ -22,8 +21,8 @@ from ..results.state import State
 from .poses.consistency import check_conditions
 from .statement.compiled import CompiledProblem
 from .statement.cost_parts import CostParts, SoftLimit, hard_and_soft, parameter_parts, price, split_along_path
-from .statement.dry_friction import Relaxation, relaxation
 from .statement.phase import Phase, Waypoint, read_cost
+from .statement.sites import Relaxation, relaxation
 from .statement.statement import ProblemStatement
 from .statement.time_span import span_text, time_span
 
@@ -35,7 +34,7 @@ class OptimalControlProblem(ProblemStatement):
     ----------
     mechanism : Mechanism
         Model, the same that is simulated; its inputs are free. Left out if `phases` are given. Where ``DryFriction`` in
-        its joints sticks and slides is found.
+        its joints sticks and slides, and where a ``RigidContact`` opens and closes, is found.
     duration : float, (float, float) or between
         Time of the motion, s; two numbers: free between them, with :func:`between` from a guess.
     initial : sequence of relations, or State
@@ -129,7 +128,7 @@ class OptimalControlProblem(ProblemStatement):
                 self.whole["final"] = (*phase.final, *phase.soft_final)
         self.compiled = CompiledProblem()
         self._check()
-        #: the same with exact friction as a force to be found; None if there is none
+        #: the same with exact friction and contact as forces to be found; None if there is none
         self.relaxed: tuple[OptimalControlProblem, Relaxation] | None = self._relaxed()
         if self.relaxed is None:
             check_conditions(self)
@@ -138,13 +137,10 @@ class OptimalControlProblem(ProblemStatement):
         frictions = [f for phase in self.phases for f in switching(phase.mechanism)]
         if not frictions:
             return None
-        for element in frictions:
-            if isinstance(element, RigidContact):
-                raise ModelError(f"{element.description} {element.exactness}")
         if self.is_phased:
             raise ModelError(
-                f"{frictions[0].description}: DryFriction takes a problem of one mechanism, whose phases of sticking "
-                "and sliding are found; with phases= take Coulomb, Stribeck or LuGre"
+                f"{frictions[0].description}: DryFriction and RigidContact take a problem of one mechanism, whose "
+                "phases are found; with phases= take joints that close and open, or laws without switches"
             )
         relaxed = relaxation(self.given["mechanism"])
         whole = relaxed.replaced

@@ -84,8 +84,8 @@ class Solution(SolvedMotion):
     parameters : dict of Parameter to float
         Values of the free parameters.
     switches : tuple of Switch
-        With ``DryFriction``: when it stops or breaks away, with ``.t``, s, ``.name``, and the modes ``.before`` and
-        ``.after``.
+        With ``DryFriction`` or ``RigidContact``: when it stops, breaks away, touches or opens, with ``.t``, s,
+        ``.name``, and the modes ``.before`` and ``.after``.
     """
 
     switches: tuple[Any, ...] = ()

@@ -84,14 +84,12 @@ def test_restitution_as_a_parameter():
         mbd.simulate(mechanism, times, parameters={e: 1.5})
 
 
-@pytest.mark.parametrize("analysis", ["optimize", "fmu", "live"])
+@pytest.mark.parametrize("analysis", ["fmu", "live"])
 def test_other_analyses_name_it(analysis, tmp_path):
     """What cannot follow it says so, and what to take."""
     body, stands = box_on_floor()
     mechanism = mbd.Mechanism([body], forces=[mbd.Gravity(), stands])
-    problem = {"duration": 1, "initial": [body.y == 0.2], "final": [body.y == 0.1]}
     call = {
-        "optimize": lambda: mbd.optimize(mbd.OptimalControlProblem(mechanism, **problem)),
         "fmu": lambda: mbd.export_fmu(mechanism, tmp_path / "x.fmu"),
         "live": lambda: mbd.animate(mechanism, live=True),
     }[analysis]

@@ -129,15 +129,15 @@ def test_switches_are_paired_by_name():
     planned = [Switch(1.0, "a stops", "forth", "sticks"), Switch(1.1, "b stops", "forth", "sticks")]
     in_order, swapped = [("a stops", 1.01), ("b stops", 1.1)], [("b stops", 1.0), ("a stops", 1.1)]
 
-    def off(found, last=(), near=1e-3):
-        return time_error(planned, [SimpleNamespace(name=name, t=t) for name, t in found], last, near)
+    def off(found, near=1e-3, end=3.0):
+        return time_error(planned, [SimpleNamespace(name=name, t=t) for name, t in found], near, end)
 
     assert off(in_order) == pytest.approx(0.01)
     assert off(swapped) == pytest.approx(0.1)
     assert off([("a stops", 1.0)]) == np.inf and off([("a stops", 1.0)], near=0.2) == 0.0
     assert off([]) == np.inf
     assert off([*in_order, ("a stops", 2.0)]) == np.inf
-    assert off([*in_order, ("a stops", 2.0)], last={"a stops"}) == pytest.approx(0.01)
+    assert off([*in_order, ("a stops", 2.0)], end=2.0) == pytest.approx(0.01)
 
 
 @pytest.mark.slow

@@ -23,7 +23,7 @@ class ActiveRows(ConstraintElement):
     chosen : sequence of int
         Multipliers of the element that belong to them, in this order.
     virtual_work : sequence of pairs, optional
-        Work of its forces.
+        Work of its forces; shares of the multipliers in it are such of the impulses in an impact, too.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Which friction sticks and which slides when, read off a motion with friction as a force within its limits."""
+"""What is open, sticks and slides when, read off a motion with friction and contact as forces within their limits."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ...model.forces.friction.modes import Senses
+from ...simulation.changes.contact_modes import Site
 from ..motion.phase_solution import PhaseSolution
 from ..solution import Solution
-from ..statement.dry_friction import Relaxation
+from ..statement.sites import Relaxation, gap_of
 
 #: Points of an interval at which speeds and forces are compared.
 POINTS = np.linspace(0.0, 1.0, 5)
@@ -58,21 +60,47 @@ def pattern_of(solution: Solution, relaxation: Relaxation, *, forces: bool = Tru
 
 
 def _senses(part: PhaseSolution, relaxation: Relaxation, forces: bool) -> list[list[str]]:
-    """Modes by friction and interval: sliding if the speed is a larger share of its size than the missing force."""
-    count, taus = part.mesh.count, POINTS
-    k, tau = np.repeat(np.arange(count), taus.size), np.tile(taus, count)
-    result = []
-    for friction, force in relaxation.replaced.inputs.items():
-        values = part.by_polynomials([friction.sliding_speed, friction.sticking_limit, force], k, tau)
-        speed, limit, acting = (x.reshape(count, taus.size) for x in values)
-        typical = part.program.sizes.of_changes([friction.sliding_speed])[0]
-        fastest = max(float(np.max(np.abs(speed))), CREEP * float(typical))
-        largest = max(float(np.max(limit)), np.finfo(float).tiny)
-        sign = np.sign(speed.mean(axis=1))
-        missing = np.max(limit + sign[:, None] * acting, axis=1) / (2 * largest)
-        slides = np.max(np.abs(speed), axis=1) / fastest > (missing if forces else CREEP)
-        result.append([("forth" if s > 0 else "back") if x else "sticks" for x, s in zip(slides, sign, strict=True)])
+    """Modes by site and interval: one is open, or slides, if that misses its law by a smaller share than the other."""
+    result, whole = list[list[str]](), relaxation.replaced
+    for site in relaxation.sites:
+        senses = np.full(part.mesh.count, "closed" if site.law is None else "sticks", object)
+        if site.law is not None:
+            speed = _sampled(part, site.sliding_speed)
+            typical = part.program.sizes.of_changes([site.sliding_speed])[0]
+            fastest = max(float(np.max(np.abs(speed))), CREEP * float(typical))
+            sign = np.sign(speed.mean(axis=1))
+            missing: Any = CREEP
+            if forces:
+                limit, acting = (_sampled(part, e) for e in (whole.limit(site), whole.friction[site]))
+                largest = max(float(np.max(limit)), np.finfo(float).tiny)
+                missing = np.max(limit + sign[:, None] * acting, axis=1) / (2 * largest)
+            slides = np.max(np.abs(speed), axis=1) / fastest > missing
+            senses[slides] = np.where(sign > 0, "forth", "back")[slides]
+        if site.place is not None:
+            senses[_is_open(part, site, relaxation, forces)] = "open"
+        result.append(senses.tolist())
     return result
+
+
+def _is_open(part: PhaseSolution, site: Site, relaxation: Relaxation, forces: bool) -> np.ndarray:
+    """Intervals in which a contact is open: its gap is a larger share of the largest one than its force of the mean."""
+    gap = np.max(np.abs(_sampled(part, gap_of(site))), axis=1)
+    largest = max(float(np.max(gap)), CREEP * float(part.program.sizes.of_changes([gap_of(site)])[0]))
+    pressed: Any = CREEP
+    if forces:
+        force, lengths = _sampled(part, relaxation.replaced.normal[site]).mean(axis=1), np.diff(part.mesh_times)
+        mean = float(force @ lengths) / float(np.sum(lengths))
+        pressed = np.maximum(force / max(mean, np.finfo(float).tiny), CREEP)
+    is_open: np.ndarray = gap / largest > pressed
+    return is_open
+
+
+def _sampled(part: PhaseSolution, expression: ca.SX) -> np.ndarray:
+    """Values of an expression at points of the intervals (N, k)."""
+    count = part.mesh.count
+    k, tau = np.repeat(np.arange(count), POINTS.size), np.tile(POINTS, count)
+    (values,) = part.by_polynomials([ca.SX(expression)], k, tau)
+    return values.reshape(count, POINTS.size)
 
 
 def with_rests(pieces: Sequence[Piece], solution: Solution, relaxation: Relaxation) -> list[Piece]:
@@ -80,16 +108,17 @@ def with_rests(pieces: Sequence[Piece], solution: Solution, relaxation: Relaxati
 
     A rest takes a quarter of its piece.
     """
-    motion = solution.trajectory
-    frictions = tuple(relaxation.replaced.inputs)
-    fastest = [CREEP * float(np.max(np.abs(motion[friction.sliding_speed]))) for friction in frictions]
+    motion, sites = solution.trajectory, relaxation.sites
+    places = [k for k, site in enumerate(sites) if site.law is not None]
+    rubs = [sites[k] for k in places]
+    fastest = [CREEP * float(np.max(np.abs(motion[site.sliding_speed]))) for site in rubs]
     result: list[Piece] = []
     for k, piece in enumerate(pieces):
         ends = motion.at(np.array([piece.begin, piece.end]))
-        speeds = np.column_stack([ends[friction.sliding_speed] for friction in frictions])
+        speeds = np.column_stack([np.zeros((2, 0)), *[ends[site.sliding_speed] for site in rubs]])
         before, after = (pieces[n] if 0 <= n < len(pieces) else None for n in (k - 1, k + 1))
         rests = [
-            _stopped(piece.senses, still, None if beside is None else beside.senses)
+            _stopped(piece.senses, dict(zip(places, still, strict=True)), None if beside is None else beside.senses)
             for still, beside in zip(np.abs(speeds) <= fastest, (before, after), strict=True)
         ]
         quarter = piece.duration / 4
@@ -103,11 +132,12 @@ def with_rests(pieces: Sequence[Piece], solution: Solution, relaxation: Relaxati
     return joined(result, 0.0)
 
 
-def _stopped(senses: Senses, still: np.ndarray, beside: Senses | None) -> Senses:
-    """Modes in which what is still sticks, and what turns to those beside."""
+def _stopped(senses: Senses, still: dict[int, bool], beside: Senses | None) -> Senses:
+    """Modes in which what slides sticks if it is still, or turns to those beside."""
     others = senses if beside is None else beside
-    turning = [{one, other} == {"forth", "back"} for one, other in zip(senses, others, strict=True)]
-    return tuple("sticks" if stops else sense for sense, stops in zip(senses, still | turning, strict=True))
+    sliding = {"forth", "back"}
+    stops = [one in sliding and (still[k] or {one, others[k]} == sliding) for k, one in enumerate(senses)]
+    return tuple("sticks" if one else sense for one, sense in zip(stops, senses, strict=True))
 
 
 def joined(pieces: Sequence[Piece], least: float, durations: Sequence[float] | None = None) -> list[Piece]:

@@ -1,32 +1,44 @@
-"""A problem with exact friction as one in phases, in each of which every friction sticks or slides one way."""
+"""A problem with exact friction and contact as one in phases, in each of which all that switches has one mode."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from ...errors import OptimizationError
 from ...model.conditions import Bounded, Condition, bounded, stacked
-from ...model.forces.friction.joint_friction import FrictionInJoint
 from ...model.placeholders import at_end
 from ...model.symbols import t as time
 from ...numerics.rank import dependent_rows, unit_rows
+from ...numerics.tolerances import MET
 from ...results.state import State
+from ...simulation.changes.contact_modes import Site
 from ..motion.guess import Guess, PhaseGuess
 from ..problem import OptimalControlProblem
 from ..solution import Solution
-from ..statement.dry_friction import SENSE, Relaxation, Replaced, replaced
 from ..statement.phase import BEYOND_STATES, Phase
+from ..statement.sites import SENSE, Relaxation, Replaced, gap_of, replaced
 from ..statement.state_conditions import independent_state_conditions
 from ..statement.time_span import between
 from .pattern import SHORTEST, Piece
 
-#: Rest of a unit row below which a condition on velocities follows from what sticks.
+#: Rest of a unit row below which a condition on velocities follows from what is closed or sticks.
 IMPLIED = 1e-6
+
+
+@dataclass(frozen=True)
+class _Made:
+    """A phase, what stands in place of friction and contacts in it, and conditions at its ends that these imply."""
+
+    phase: Phase
+    replaced: Replaced
+    at_start: Sequence[Condition]
+    at_end: Sequence[Condition]
 
 
 @dataclass(frozen=True)
@@ -41,14 +53,33 @@ class PhasedFriction:
         Modes in the phases.
     guess : Guess
         The motion to begin with.
-    replaced : list of Replaced
-        What stands in place of friction in the phases.
+    made : list
+        Of each phase, what stands in place of friction and contacts, and conditions that these imply.
     """
 
     problem: OptimalControlProblem
     pieces: Sequence[Piece]
     guess: Guess
-    replaced: list[Replaced]
+    made: list[_Made]
+
+    def refuse_missed(self, solution: Solution) -> None:
+        """Raise an error if a condition is missed that was left out since what is closed should imply it.
+
+        Raises
+        ------
+        OptimizationError
+            Naming the condition.
+        """
+        for part, one in zip(solution.phases, self.made, strict=True):
+            for state, conditions in ((part.initial, one.at_start), (part.final, one.at_end)):
+                for condition in conditions:
+                    missed = abs(float(state[condition.expression]))
+                    if missed > MET * float(part.program.sizes.of_changes([condition.expression])[0]):
+                        raise OptimizationError(
+                            f"{part.phase.name}: {condition.label} is missed by {missed:.3g} at t = {state.t:.6g} s",
+                            partial=solution,
+                            time=state.t,
+                        )
 
     @property
     def order(self) -> str:
@@ -57,18 +88,17 @@ class PhasedFriction:
 
 
 class PhaseMaker:
-    """Phases of a problem with exact friction, from a motion with friction as a force."""
+    """Phases of a problem, from a motion with friction and contact as forces."""
 
     def __init__(self, problem: OptimalControlProblem, relaxation: Relaxation, motion: Solution):
-        self.problem, self._relaxation, self._motion = problem, relaxation, motion
-        self._given = problem.given
-        self._frictions = tuple(relaxation.replaced.inputs)
+        self.problem, self._relaxation, self.motion = problem, relaxation, motion
+        self._given, self._sites = problem.given, relaxation.sites
         (self._part,) = motion.phases
 
     def phased(self, pieces: Sequence[Piece]) -> PhasedFriction:
         """Return the problem in the phases of a pattern."""
         made = [self._phase(k, pieces) for k in range(len(pieces))]
-        phases = [phase for phase, _ in made]
+        phases = [one.phase for one in made]
         problem = self.problem
         cost, boundary = ca.SX(self._given["terminal_cost"]), list[Any](self._given["boundary"])
         for phase, piece in zip(phases, pieces, strict=True):
@@ -83,44 +113,78 @@ class PhaseMaker:
                 boundary += [before.at_end(u) == after.at_start(u) for u in problem.mechanism.inputs]
         free = problem.whole["free_parameters"]
         whole = OptimalControlProblem(phases=phases, terminal_cost=cost, boundary=boundary, free_parameters=free)
-        motions = [self._motion_in(piece, of, phase) for piece, (phase, of) in zip(pieces, made, strict=True)]
-        values = [self._motion.parameters.get(p, p.value) for p in whole.free_parameters]
-        guess = Guess(tuple(motions), np.array(values), "friction as a force")
-        return PhasedFriction(whole, pieces, guess, [of for _, of in made])
+        motions = [self._motion_in(piece, one.phase) for piece, one in zip(pieces, made, strict=True)]
+        values = [self.motion.parameters.get(p, p.value) for p in whole.free_parameters]
+        guess = Guess(tuple(motions), np.array(values), "laws as forces")
+        return PhasedFriction(whole, pieces, guess, made)
 
     # --- one phase --------------------------------------------------------------------------------
-    def _phase(self, k: int, pieces: Sequence[Piece]) -> tuple[Phase, Replaced]:
-        piece, is_last = pieces[k], k + 1 == len(pieces)
-        modes = dict(zip(self._frictions, piece.senses, strict=True))
+    def _phase(self, k: int, pieces: Sequence[Piece]) -> _Made:
+        piece, before, after = pieces[k], pieces[k - 1] if k else None, pieces[k + 1] if k + 1 < len(pieces) else None
         held = self._held(piece)
-        of = replaced(
-            self._given["mechanism"],
-            {f: None if mode == "sticks" and f not in held else mode for f, mode in modes.items()},
-        )
-        path = list(of.conditions(self._given["path"]))
-        for friction, mode in modes.items():
-            if mode == "sticks":
-                path += of.cone(friction)
-            else:
-                label = f"{friction.name} slides {mode}"
-                path.append(Condition(-SENSE[mode] * friction.sliding_speed, False, label))
-        after = piece.senses if is_last else pieces[k + 1].senses
-        both = zip(self._frictions, piece.senses, after, strict=True)
-        stopping = [f for f, mode, other in both if mode not in ("sticks", other)]
-        demanded = self._demanded(piece, is_last=is_last)
-        stops = [Condition(f.sliding_speed, True, f"{f.name} stops") for f in stopping]
-        final = self._independent(held, piece.end, [*demanded, *stops])
-        initial: Any = ()
-        if k == 0:
+        free = [one for one in self._rows(piece) if one not in held]
+        of = replaced(self._given["mechanism"], self._modes(piece), free)
+        path = [*of.conditions(self._given["path"]), *self._laws(of, piece)]
+        demanded = self._demanded(piece, is_last=after is None)
+        final, at_end = self._independent(held, piece.end, [*demanded, *self._stops(piece, after)])
+        initial: Any = () if before is None else self._impulses(of, before, piece)
+        at_start = list[Any]()
+        if before is None:
             initial = self.problem.initial
             if not isinstance(initial, State):
-                initial = self._independent(held, piece.begin, initial)
+                initial, at_start = self._independent(held, piece.begin, initial)
         low, high = self.problem.duration
         span = (low, high) if len(pieces) == 1 else (SHORTEST * high, high)
         duration = span[0] if span[0] == span[1] else between(*span, guess=float(np.clip(piece.duration, *span)))
-        name = f"{k + 1}: {', '.join(f'{f.name} {_words(mode)}' for f, mode in modes.items())}"
-        cost = of.of(ca.SX(self._given["running_cost"]))
-        return Phase(name, of.mechanism, duration, initial, final, path, cost), of
+        name = f"{k + 1}: {', '.join(f'{site.name} {_words(mode)}' for site, mode in self._modes(piece).items())}"
+        phase = Phase(name, of.mechanism, duration, initial, final, path, of.of(self._given["running_cost"]))
+        return _Made(phase, of, at_start, at_end)
+
+    def _modes(self, piece: Piece) -> dict[Site, str]:
+        return dict(zip(self._sites, piece.senses, strict=True))
+
+    def _laws(self, of: Replaced, piece: Piece) -> list[Condition]:
+        """What the modes of a piece demand of its motion."""
+        path = list[Condition]()
+        for site, mode in self._modes(piece).items():
+            if mode == "open":
+                path.append(Condition(-gap_of(site), False, f"{site.name} is not passed"))
+            elif site.place is not None:
+                path.append(Condition(-of.normal[site], False, f"{site.name} does not pull"))
+            if mode == "sticks":
+                path += of.cone(site)
+            elif mode in SENSE:
+                path.append(Condition(-SENSE[mode] * site.sliding_speed, False, f"{site.name} slides {mode}"))
+        return path
+
+    def _stops(self, piece: Piece, after: Piece | None) -> list[Condition]:
+        """Speeds that are zero at the end of a piece: of what stops, unless a contact closes there."""
+        if after is None or self._closing(piece, after):
+            return []
+        both = zip(self._sites, piece.senses, after.senses, strict=True)
+        stopping = [site for site, mode, other in both if mode in SENSE and other not in ("open", mode)]
+        return [Condition(site.sliding_speed, True, f"{site.name} stops") for site in stopping]
+
+    def _closing(self, before: Piece, after: Piece) -> bool:
+        both = zip(before.senses, after.senses, strict=True)
+        return any(one == "open" != other for one, other in both)
+
+    def _impulses(self, of: Replaced, before: Piece, piece: Piece) -> list[Condition]:
+        """Laws of the impulses if a contact closes: contacts do not pull, what sticks is within its limit."""
+        if not self._closing(before, piece):
+            return []
+        laws = list[Condition]()
+        impulse = {key: -element.impulses[row] for key, (element, row) in of.rows.items()}
+        for (site, kind), value in impulse.items():
+            if kind == "normal":
+                laws.append(Condition(-value, False, f"{site.name} is struck without a pull"))
+            elif site.place is None:
+                laws.append(Condition(value, True, f"{site.name} is not struck"))
+            elif (site, "normal") in impulse:
+                limit = site.law.coefficient * impulse[site, "normal"]
+                label = f"{site.name} is struck within its friction"
+                laws += [Condition(sign * value - limit, False, label) for sign in (1, -1)]
+        return laws
 
     def _demanded(self, piece: Piece, *, is_last: bool) -> list[Any]:
         """Conditions at the end of a piece: those of the waypoint there, or of the end."""
@@ -133,52 +197,65 @@ class PhaseMaker:
         return [*waypoint.conditions, *waypoint.soft_limits]
 
     # --- rank -------------------------------------------------------------------------------------
-    def _slopes(self, at: State, expressions: ca.SX) -> np.ndarray:
-        """Derivatives of expressions by the velocities, in sizes of these (k, n)."""
-        jacobian = ca.jacobian(expressions, at.equations.v)
+    def _slopes(self, at: State, expressions: ca.SX, symbols: ca.SX) -> np.ndarray:
+        """Derivatives of expressions by coordinates or velocities, in sizes of these (k, n)."""
+        jacobian = ca.jacobian(expressions, symbols)
         values = np.reshape(at[ca.vec(jacobian)], jacobian.shape, order="F")
         return unit_rows(values * self._part.numeric.column_scale)
 
     def _constrained(self, at: State) -> np.ndarray:
         return unit_rows(self._part.numeric.jacobian(at.t, at.q) * self._part.numeric.column_scale)
 
-    def _held(self, piece: Piece) -> list[FrictionInJoint]:
-        """Frictions that stick in a piece and are not held by the joints and others that stick."""
-        sticking = [f for f, mode in zip(self._frictions, piece.senses, strict=True) if mode == "sticks"]
-        at = self._state((piece.begin + piece.end) / 2)
-        joints = self._constrained(at)
-        rows = self._slopes(at, ca.vertcat(ca.SX(0, 1), *[f.sliding_speed for f in sticking]))
-        dependent = set(dependent_rows(np.vstack([joints, rows]), IMPLIED))
-        return [f for k, f in enumerate(sticking) if k + len(joints) not in dependent]
+    def _rows(self, piece: Piece) -> dict[tuple[Site, str], ca.SX]:
+        """Speeds that are zero in a piece, by site and "normal" or "friction": normal ones first."""
+        modes = self._modes(piece).items()
+        closed = [site for site, mode in modes if site.place is not None and mode != "open"]
+        normal = {(site, "normal"): site.element.normal_speeds[site.place] for site in closed}
+        return normal | {(site, "friction"): site.sliding_speed for site, mode in modes if mode == "sticks"}
 
-    def _independent(self, held: Sequence[FrictionInJoint], t: float, conditions: Sequence[Any]) -> list[Any]:
-        """Conditions at a time without those on velocities that what sticks, and others before them, imply."""
-        on_speeds = [
-            c for c in conditions
-            if isinstance(c, Condition) and c.equality and c.depends_on("velocity") and not c.depends_on(*BEYOND_STATES)
-        ]  # fmt: skip
-        at = self._state(t)
-        known = np.vstack([
-            self._constrained(at), self._slopes(at, ca.vertcat(ca.SX(0, 1), *[f.sliding_speed for f in held]))
-        ])  # fmt: skip
-        dependent = set(dependent_rows(np.vstack([known, self._slopes(at, stacked(on_speeds))]), IMPLIED))
-        implied = [c for k, c in enumerate(on_speeds) if k + len(known) in dependent]
-        return [c for c in conditions if not any(c is one for one in implied)]
+    def _held(self, piece: Piece) -> dict[tuple[Site, str], ca.SX]:
+        """Those of them that the joints and others before them do not hold."""
+        rows, at = self._rows(piece), self._state((piece.begin + piece.end) / 2)
+        joints = self._constrained(at)
+        speeds = self._slopes(at, ca.vertcat(ca.SX(0, 1), *rows.values()), at.equations.v)
+        dependent = set(dependent_rows(np.vstack([joints, speeds]), IMPLIED))
+        return {key: row for k, (key, row) in enumerate(rows.items()) if k + len(joints) not in dependent}
+
+    def _independent(
+        self, held: Mapping[Any, ca.SX], t: float, conditions: Sequence[Any]
+    ) -> tuple[list[Any], list[Any]]:
+        """Conditions at a time, and those on positions and velocities that what is held, and others, imply."""
+        at, implied = self._state(t), list[Any]()
+        stated = [c for c in conditions if isinstance(c, Condition) and c.equality and not c.depends_on(*BEYOND_STATES)]
+        moving = [c for c in stated if c.depends_on("velocity")]
+        normal = {key: row for key, row in held.items() if key[1] == "normal"}
+        for some, rows, symbols in (
+            ([c for c in stated if normal and c not in moving and c.depends_on("position")], normal, at.equations.q),
+            (moving, held, at.equations.v),
+        ):
+            known = self._slopes(at, ca.vertcat(ca.SX(0, 1), *rows.values()), at.equations.v)
+            known = np.vstack([self._constrained(at), known])
+            slopes = self._slopes(at, stacked(some), symbols)
+            dependent = set(dependent_rows(np.vstack([known, slopes]), IMPLIED))
+            implied += [c for k, c in enumerate(some) if k + len(known) in dependent]
+        return [c for c in conditions if not any(c is one for one in implied)], implied
 
     def _state(self, t: float) -> State:
-        return self._motion.trajectory.at(t).initial
+        return self.motion.trajectory.at(t).initial
 
     # --- the motion to begin with -------------------------------------------------------------------
-    def _motion_in(self, piece: Piece, of: Replaced, phase: Phase) -> PhaseGuess:
-        """The motion with friction as a force, over a piece, with the multipliers and inputs of the phase."""
+    def _motion_in(self, piece: Piece, phase: Phase) -> PhaseGuess:
+        """The motion with the laws as forces, over a piece, with the multipliers and inputs of the phase."""
         sample, eom, whole = self._sampler, phase.equations, self._part.phase
         n = whole.equations.lam.numel()
         columns = {s.element_hash(): k for k, s in enumerate(ca.vertsplit(whole.equations.lam))}
-        names = {u.label: k for k, u in enumerate(whole.mechanism.inputs)}
-        columns |= {
-            of.forces[f].element_hash(): n + names[u.label] for f, u in self._relaxation.replaced.inputs.items()
-        }
+        places = {u.element_hash(): n + k for k, u in enumerate(whole.mechanism.inputs)}
+        for symbol, value in zip(*map(ca.vertsplit, self._relaxation.replaced.multipliers), strict=True):
+            columns[symbol.element_hash()] = places.get(
+                (-value).element_hash(), -1
+            )  # of what has no friction is no row
         lam = [columns[s.element_hash()] for s in ca.vertsplit(eom.lam)]
+        names = {u.label: k for k, u in enumerate(whole.mechanism.inputs)}
         u = [names[u.label] for u in phase.mechanism.inputs]
 
         def of_phase(wanted: np.ndarray) -> dict[str, np.ndarray]:
@@ -198,4 +275,4 @@ def _within(value: ca.SX, span: tuple[float, float]) -> ca.SX | Bounded:
 
 
 def _words(mode: str) -> str:
-    return mode if mode == "sticks" else f"slides {mode}"
+    return f"slides {mode}" if mode in SENSE else {"open": "is open", "closed": "is closed"}.get(mode, mode)

@@ -1,18 +1,19 @@
-"""Solution of a problem with exact friction: with friction as a force first, then in phases of sticking and sliding."""
+"""Solution of a problem with exact friction and contact: with these as forces first, then in phases."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
 from ...arguments.values import pairs_of
-from ...errors import ModelError, OptimizationError
+from ...errors import ConditionError, MechanismError, ModelError, OptimizationError
 from ..measures.switches import UnresolvedSwitches
 from ..problem import OptimalControlProblem
 from ..program.setup import PhaseSetup, Settings
+from ..search.budgets import BUDGETS
 from ..search.first_mesh import INTERVALS, first_meshes, is_automatic
 from ..search.given_guess import read_guess
 from ..search.refine import refine, refine_if_coarse
@@ -20,6 +21,7 @@ from ..search.search import Search, Several
 from ..solution import Solution, same_cost
 from ..solve.best_so_far import BestSoFar
 from ..solve.problem_solver import ProblemSolver
+from ..statement.sites import Relaxation
 from ..transcription.mesh import Mesh
 from .pattern import Piece, joined, order_of, pattern_of, with_rests
 from .phases import PhasedFriction, PhaseMaker
@@ -32,6 +34,8 @@ LONGEST = 1.5
 #: Shares of typical products of speed and missing friction that sticking may have, one after the other, and the first
 #: one with which modes that are read off are solved.
 SHARES, READ_OFF = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7), 1e-4
+#: The same with contacts: open and closed are told apart early, small shares stiffen the motion, large ones soften it.
+TOUCH_SHARES, TOUCH_READ_OFF = (1e2, 1.0, 1e-1, 1e-2, 1e-3, 1e-4), 1e-1
 #: Share of the cost that limits which become active within an interval may change, and passes in which mesh points move
 #: there.
 SWITCH_TOLERANCE, MOVES = 1e-6, 3
@@ -53,7 +57,7 @@ class InPhases:
 
 @dataclass
 class FrictionSearch:
-    """The search for a motion with exact friction; arguments are those of :class:`Search`."""
+    """The search for a motion with exact friction and contact; arguments are those of :class:`Search`."""
 
     problem: OptimalControlProblem
     intervals: Any
@@ -71,28 +75,37 @@ class FrictionSearch:
             If the motion with friction as a force is not found, or that in phases of the modes read off from it.
         """
         self._refuse_intervals()
-        assert self.problem.relaxed is not None
-        _, relaxation = self.problem.relaxed
+        relaxation = self._relaxation
         orders, last = _Orders(self, parameters), tuple[Any, ...]()
-        for motion, share in self._motions(parameters, guess, starts):
-            pieces = pattern_of(motion, relaxation, forces=share > 0)
-            lasting = joined(pieces, BRIEF * motion.duration)
-            if share <= READ_OFF:
-                maker = PhaseMaker(self.problem, relaxation, motion)
-                found = orders.solve(maker, lasting)
-                if found is None or found.cost > motion.cost + BRIEF * abs(motion.cost):
-                    orders.solve(maker, pieces)
-                orders.solve(maker, with_rests(lasting, motion, relaxation))
-                if last == order_of(lasting):
-                    break
-            last = order_of(lasting)
-        return self._refined(orders.all(), tolerance)
+        try:
+            for motion, share in self._motions(parameters, guess, starts):
+                pieces = pattern_of(motion, relaxation, forces=share > 0)
+                lasting = joined(pieces, BRIEF * motion.duration)
+                if share <= (TOUCH_READ_OFF if relaxation.touches else READ_OFF):
+                    maker = PhaseMaker(self.problem, relaxation, motion)
+                    found = orders.solve(maker, lasting)
+                    if found is None or found.cost > motion.cost + BRIEF * abs(motion.cost):
+                        orders.solve(maker, pieces)
+                    orders.solve(maker, with_rests(lasting, motion, relaxation))
+                    if share and last == order_of(lasting) and orders.found:
+                        break
+                last = order_of(lasting)
+        except OptimizationError:  # after a guess whose order was solved
+            if not orders.found:
+                raise
+        return self._refined(orders.found or orders.refuse(), tolerance)
+
+    @property
+    def _relaxation(self) -> Relaxation:
+        assert self.problem.relaxed is not None
+        return self.problem.relaxed[1]
 
     def _refuse_intervals(self) -> None:
         given = self.intervals
         if not is_automatic(given) and (isinstance(given, bool) or not isinstance(given, int | np.integer)):
             raise ModelError(
-                f"optimize: with DryFriction intervals is the number of those of the whole motion, got {given!r}"
+                "optimize: with DryFriction or RigidContact intervals is the number of those of the whole motion, got "
+                f"{given!r}"
             )
 
     # --- friction as a force ------------------------------------------------------------------------
@@ -103,15 +116,16 @@ class FrictionSearch:
         settings, best = replace(self.settings, options=ROUGH | self.settings.options), BestSoFar()
         given = dict(pairs_of(parameters, "parameters="))
         count = max(PIECES, problem.phases[0].fewest_intervals)
+        first, *shares = TOUCH_SHARES if relaxation.touches else SHARES
         for one in starts if isinstance(starts, list) else [] if guess is None else [guess]:
-            solver = ProblemSolver(problem, settings, {**given, relaxation.share: SHARES[0]})
+            solver = ProblemSolver(problem, settings, {**given, relaxation.share: first})
             yield solver.unsolved(first_meshes(solver.setups, INTERVALS), read_guess(solver, one)), 0.0
         search = Search(problem, count, None, settings, best, self.executor, self.strategies)
-        motion = search.solve({**given, relaxation.share: SHARES[0]}, guess, starts, None)
+        motion = search.solve({**given, relaxation.share: first}, guess, starts, None)
         meshes = [
             replace(mesh, longest=LONGEST / mesh.count).with_moving(range(1, mesh.count)) for mesh in motion.meshes
         ]
-        for share in SHARES[1:]:
+        for share in shares:
             solver = ProblemSolver(problem, settings, {**given, relaxation.share: share}, None, best)
             try:
                 motion = solver.solve(meshes, solver.motion_of(motion), warm=True, limit_tolerance=np.inf)
@@ -127,7 +141,9 @@ class FrictionSearch:
         """Return the solution in phases of an order; raises as :meth:`solve` does."""
         phased = maker.phased(pieces)
         solver = ProblemSolver(phased.problem, self.settings, parameters, None, self.best)
-        return InPhases(solver.solve(self._meshes(solver.setups, phased), phased.guess), solver, phased)
+        solution = solver.solve(self._meshes(solver.setups, phased), phased.guess, limit=BUDGETS.first)
+        phased.refuse_missed(solution)
+        return InPhases(solution, solver, phased)
 
     def _refined(self, found: Sequence[InPhases], tolerance: float | None) -> SwitchedSolution:
         """The cheapest solution on a mesh that is refined; its starts are the orders that were solved.
@@ -149,7 +165,7 @@ class FrictionSearch:
         if tolerance is not None:
             solution = refine(solver, solution, tolerance)
         solution.statistics = replace(solution.statistics, starts=starts if len(starts) > 1 else [])
-        return SwitchedSolution(solution, self.problem, phased.pieces, phased.replaced)
+        return SwitchedSolution(solution, self.problem, phased, self._relaxation.sites)
 
     def _meshes(self, setups: Sequence[PhaseSetup], phased: PhasedFriction) -> list[Mesh]:
         """Meshes of the phases, with so many intervals together as are asked for, and two in each at least."""
@@ -164,7 +180,7 @@ class _Orders:
 
     def __init__(self, search: FrictionSearch, parameters: Any):
         self._search, self._parameters = search, parameters
-        self._found: dict[tuple[Any, ...], InPhases | OptimizationError] = {}
+        self._found: dict[tuple[Any, ...], InPhases | MechanismError] = {}
 
     def solve(self, maker: PhaseMaker, pieces: list[Piece]) -> Solution | None:
         """Return the solution of an order; also solved is what is left of it without its brief phases.
@@ -174,23 +190,31 @@ class _Orders:
         order = order_of(pieces)
         if order not in self._found:
             try:
+                if len(pieces) > PIECES // 2:
+                    raise OptimizationError(
+                        f"friction and contact switch more than {PIECES // 2} times in the motion that was found with "
+                        "their laws as forces; take a shorter duration, or guess= with a motion that switches less",
+                        partial=maker.motion,
+                    )
                 self._found[order] = self._search.in_phases(maker, pieces, self._parameters)
-            except OptimizationError as error:
+            except (OptimizationError, ConditionError) as error:
                 self._found[order] = error
         found = self._found[order]
-        if isinstance(found, OptimizationError):
+        if isinstance(found, MechanismError):
             return None
         fewer = joined(pieces, BRIEF * found.solution.duration, found.solution.durations)
         if fewer and len(fewer) < len(pieces):
             self.solve(maker, fewer)
         return found.solution
 
-    def all(self) -> list[InPhases]:
-        """Return what was found; the last failure is raised if this is nothing."""
-        found = [one for one in self._found.values() if isinstance(one, InPhases)]
-        if not found:
-            raise [one for one in self._found.values() if isinstance(one, OptimizationError)][-1]
-        return found
+    @property
+    def found(self) -> list[InPhases]:
+        """Solutions that were found."""
+        return [one for one in self._found.values() if isinstance(one, InPhases)]
+
+    def refuse(self) -> NoReturn:
+        """Raise the last failure."""
+        raise [one for one in self._found.values() if isinstance(one, MechanismError)][-1]
 
 
 def _with_switches(solver: ProblemSolver, solution: Solution) -> Solution:

@@ -1,19 +1,17 @@
-"""A solution with exact friction: its switches, and its simulation with the search of ``simulate`` for them."""
+"""A solution with exact friction and contact: its switches, and its simulation with the search of ``simulate``."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from ...equations import equations
 from ...errors import MechanismError, ModelError
-from ...model.forces.friction.modes import switching
 from ...model.mechanism import Mechanism
 from ...numerics.console import without_warnings
 from ...numerics.lazy import cached_property
@@ -22,28 +20,30 @@ from ...results.phases import PhasedTrajectory, places_in
 from ...results.state import Arrays, EventOccurrence
 from ...results.steps import Direct
 from ...results.trajectory import Statistics, Trajectory
+from ...simulation.changes.contact_modes import WHAT, Site
 from ...simulation.simulate import simulate
 from ..motion.phase_solution import PhaseSolution
 from ..motion.return_map import Stability
 from ..motion.verification import Verification, defects_of
 from ..problem import OptimalControlProblem
 from ..solution import Solution
-from ..statement.dry_friction import Replaced
+from ..statement.sites import Replaced
 from .pattern import SHORTEST, Piece
+from .phases import PhasedFriction
 
 
 @dataclass(frozen=True)
 class Switch:
-    """A change of the mode of a friction in a solution.
+    """A change of the mode of a friction, or of a place of contact, in a solution.
 
     Attributes
     ----------
     t : float
         Time, s.
     name : str
-        "<friction> stops" or "<friction> breaks away", as events of a simulation are called; what turns stops, too.
+        "<name> touches", "opens", "stops" or "breaks away", as in a simulation; what turns stops, too.
     before, after : str
-        Modes: ``"sticks"``, slides ``"forth"`` or ``"back"``.
+        Modes: ``"open"``, ``"closed"`` (without friction), ``"sticks"``, slides ``"forth"`` or ``"back"``.
     """
 
     t: float
@@ -56,7 +56,7 @@ class Switch:
 
 
 class SwitchedSolution(Solution):
-    """A solution of a problem with exact friction, in phases of sticking and sliding.
+    """A solution of a problem with exact friction and contact, in phases in which nothing switches.
 
     ``.problem`` is the one in phases; its first arguments are those of :class:`Solution`.
 
@@ -67,29 +67,32 @@ class SwitchedSolution(Solution):
     pieces : sequence of Piece
         Modes in the phases.
     switches : tuple of Switch
-        When friction stops, breaks away or turns, in the order of time.
+        When something touches, opens, stops, breaks away or turns, in the order of time.
     """
 
     def __init__(
         self,
         solution: Solution,
         original: OptimalControlProblem,
-        pieces: Sequence[Piece],
-        replaced: Sequence[Replaced],
+        phased: PhasedFriction,
+        sites: Sequence[Site],
     ):
         vars(self).update(vars(solution))
-        self.original, self._replaced = original, replaced
-        #: the mechanism with its friction
+        self.original, self._sites = original, sites
+        self._replaced = [one.replaced for one in phased.made]
+        #: the mechanism with its friction and contacts
         self.mechanism: Mechanism = original.given["mechanism"]
         ends = [float(part.segment_times[-1]) for part in self.phases]
         begins = [0.0, *ends[:-1]]
-        self.pieces = [replace(p, begin=a, end=b) for p, a, b in zip(pieces, begins, ends, strict=True)]
-        self.switches = _switches(self.mechanism, self.pieces)
+        self.pieces: list[Piece] = [
+            replace(p, begin=a, end=b) for p, a, b in zip(phased.pieces, begins, ends, strict=True)
+        ]
+        self.switches = _switches(sites, self.pieces)
 
     @cached_property
     @symbolic
     def trajectory(self) -> Trajectory:
-        """The motion of the mechanism with its friction; ``.at(times)`` between mesh points and stages."""
+        """The motion of the mechanism with all that switches; ``.at(times)`` between mesh points and stages."""
         parts = [self._whole(part, of) for part, of in zip(self.phases, self._replaced, strict=True)]
         at = {piece.end: part.final for piece, part in zip(self.pieces, parts, strict=True)}
         events = [EventOccurrence(switch.name, switch.t, at[switch.t]) for switch in self.switches]
@@ -102,10 +105,9 @@ class SwitchedSolution(Solution):
         return Statistics(of.method, of.formulation, self.statistics.seconds)
 
     def _whole(self, part: PhaseSolution, of: Replaced) -> Trajectory:
-        """The motion of a phase with the multipliers and inputs of the mechanism with its friction."""
+        """The motion of a phase with the multipliers and inputs of the whole mechanism."""
         eom, inner = equations(self.mechanism), part.phase.equations
-        friction = {f.multipliers.element_hash(): value for f, value in of.forces.items()}
-        loads = ca.vertcat(*[friction.get(s.element_hash(), s) for s in ca.vertsplit(eom.lam)])
+        loads = of.of(eom.lam)
         inputs = places_in(inner.u, eom.u)
 
         def arrays(motion: Trajectory) -> Arrays:
@@ -120,7 +122,7 @@ class SwitchedSolution(Solution):
 
     @symbolic
     def verify(self, reltol: float = 1e-10, abstol: float = 1e-10) -> Verification:
-        """Simulate the mechanism of the problem with the inputs of the solution: sticking and sliding are found anew.
+        """Simulate the mechanism of the problem with the inputs of the solution: its switches are found anew.
 
         ``final_error`` tells whether the simulation ends where the solution does. If it switches otherwise, ``repr``
         says so, and ``time_error`` is infinite; ``event_times`` are those of its switches.
@@ -142,7 +144,8 @@ class SwitchedSolution(Solution):
         except MechanismError as error:
             motion, stopped = error.partial if isinstance(error.partial, Trajectory) else None, error
         deviations = np.zeros((1, 1)) if motion is None else self._deviations(motion)
-        found = [] if motion is None else [e for e in motion.events if e.name in _names(mechanism)]
+        names = {f"{site.name} {what}" for site in self._sites for what in WHAT}
+        found = [] if motion is None else [event for event in motion.events if event.name in names]
         return SwitchVerification(
             motion,
             float(np.max(deviations[-1])) if stopped is None else np.inf,
@@ -158,7 +161,7 @@ class SwitchedSolution(Solution):
         )
 
     def _refuse_phases(self, name: str, remedy: str) -> None:
-        raise ModelError(f"Solution.{name}: a motion with exact dry friction has none; {remedy}")
+        raise ModelError(f"Solution.{name}: a motion with exact friction or contact has none; {remedy}")
 
     def stability(self) -> Stability:
         """Refuse: the disturbed motion sticks at other times."""
@@ -177,13 +180,9 @@ class SwitchedSolution(Solution):
         return np.abs(np.hstack([one.q - other.q, (one.z - other.z) / ranges]))
 
     def _time_error(self, found: Sequence[EventOccurrence]) -> float:
-        """Largest difference of the time of a switch; infinite if others take place.
-
-        What slides up to the end may stop there.
-        """
-        sliding = zip(switching(self.mechanism), self.pieces[-1].senses, strict=True)
-        last = {f"{friction.name} stops" for friction, mode in sliding if mode != "sticks"}
-        return time_error(self.switches, found, last, SHORTEST * self.duration)
+        """Largest difference of the time of a switch; infinite if others take place, unless just at the end."""
+        near = SHORTEST * self.duration
+        return time_error(self.switches, found, near, self.duration - near)
 
 
 @dataclass(frozen=True)
@@ -201,26 +200,27 @@ class SwitchVerification(Verification):
         return text
 
 
-def _names(mechanism: Mechanism) -> set[str]:
-    return {f"{f.name} {word}" for f in switching(mechanism) for word in ("stops", "breaks away")}
-
-
-def _switches(mechanism: Mechanism, pieces: Sequence[Piece]) -> tuple[Switch, ...]:
+def _switches(sites: Sequence[Site], pieces: Sequence[Piece]) -> tuple[Switch, ...]:
     """Changes of modes between pieces."""
     switches = []
     for one, other in itertools.pairwise(pieces):
-        for friction, before, after in zip(switching(mechanism), one.senses, other.senses, strict=True):
+        for site, before, after in zip(sites, one.senses, other.senses, strict=True):
             if before != after:
-                word = "breaks away" if before == "sticks" else "stops"
-                switches.append(Switch(one.end, f"{friction.name} {word}", before, after))
+                switches.append(Switch(one.end, f"{site.name} {_what(before, after)}", before, after))
     return tuple(switches)
 
 
-def time_error(planned: Sequence[Switch], found: Sequence[Any], last: Collection[str], near: float) -> float:
+def _what(before: str, after: str) -> str:
+    if "open" in (before, after):
+        return "touches" if before == "open" else "opens"
+    return "breaks away" if before == "sticks" else "stops"
+
+
+def time_error(planned: Sequence[Switch], found: Sequence[Any], near: float, end: float) -> float:
     """Return the largest difference of the times, s, of switches that were planned and found, paired by their names.
 
-    It is infinite if one has no other. Names in `last` may be found once more; and of what switches at one instant,
-    nearer than a time, s, as where one motion makes several frictions slide, one may be found alone.
+    It is infinite if one has no other. More may be found from the time `end` on, s; and of what switches at one
+    instant, nearer than a time, s, as where one motion makes several frictions slide, one may be found alone.
     """
     left, paired, errors = list(planned), list[Switch](), [0.0]
     for event in found:
@@ -229,7 +229,7 @@ def time_error(planned: Sequence[Switch], found: Sequence[Any], last: Collection
             paired.append(min(alike, key=lambda switch: abs(switch.t - event.t)))
             errors.append(abs(paired[-1].t - event.t))
             left.remove(paired[-1])
-        elif event.name not in last:
+        elif event.t < end:
             return np.inf
     if any(all(abs(one.t - other.t) > near for other in paired) for one in left):
         return np.inf

@@ -1,0 +1,143 @@
+"""Optimal control with rigid contacts: closed forms, and simulations with the search for open, stick and slip."""
+
+import numpy as np
+import pytest
+
+import mbdcasadi as mbd
+
+G = 9.81
+
+
+def on_rail(name, mass=1.0, angle=0.0, height=0.0):
+    """A body on a rail through the origin."""
+    body = mbd.Body(name, mass=mass, inertia=1, pose=(0, height, 0))
+    rail = mbd.Translational(f"rail of {name}", mbd.ground.at(0, 0, angle), body.at(0, 0, angle))
+    return body, rail
+
+
+@pytest.mark.slow
+def test_stop_takes_the_speed():
+    """A stop is struck at the waypoint with the speed of a least effort without an end speed: ``∫F² dt = 3 d²/T³``."""
+    force = mbd.Input("force", lower=-20, upper=20)
+    block, rail = on_rail("block")
+    wall = mbd.RigidContact("wall", mbd.Point(block.at(0, 0)), mbd.HalfPlane(mbd.ground.at(0.5, 0, angle=np.pi / 2)))
+    push = mbd.Force("push", block.at(0, 0), (force, 0))
+    model = mbd.Mechanism([block], [rail], forces=[push, wall], inputs=[force])
+    solution = mbd.optimize(
+        mbd.OptimalControlProblem(
+            model, 2.0, running_cost=force**2, initial=[block.x == 0, block.vx == 0],
+            waypoints=[mbd.Waypoint(1.0, [block.x == 0.5])], final=[block.x == 0.5, block.vx == 0],
+        )
+    )  # fmt: skip
+    assert solution.cost == pytest.approx(3 * 0.5**2, rel=1e-6)
+    assert [(s.name, s.before, s.after) for s in solution.switches] == [("wall touches", "open", "closed")]
+    verified = solution.verify()
+    assert verified.final_error < 1e-8 and verified.time_error < 1e-6
+    before, after = solution.trajectory.at([1 - 1e-9, 1 + 1e-9])[block.vx]
+    assert before == pytest.approx(1.5 * 0.5, rel=1e-4) and abs(after) < 1e-9
+    # as in the mechanism itself, forces are those of the contact
+    assert np.all(solution.trajectory[wall.normal_force] > -1e-6)
+
+
+@pytest.mark.slow
+def test_thrown_ball():
+    """A pad throws a ball and stops where it began: the ball leaves where no force is left between them.
+
+    Both rise together to ``v, h`` in τ, from where the ball flies to the top: ``v = g (T - τ)``,
+    ``h + v²/2g = H``; the pad has the rest of the time to come back. Least efforts are those of cubic courses.
+    """
+    force, up = mbd.Input("force", lower=-100, upper=100), np.pi / 2
+    pad, guide = on_rail("pad", angle=up)
+    ball, rail = on_rail("ball", mass=0.5, angle=up, height=0.1)
+    lies = mbd.RigidContact("lies", mbd.Circle(ball.at(0, 0), 0.1), mbd.HalfPlane(pad.at(0, 0)))
+    forces = [mbd.Gravity(), mbd.Force("push", pad.at(0, 0), (0, force)), lies]
+    model = mbd.Mechanism([pad, ball], [guide, rail], forces=forces, inputs=[force])
+    problem = mbd.OptimalControlProblem(
+        model, 1.0, running_cost=(force / 10) ** 2, initial=[pad.y == 0, pad.vy == 0, ball.y == 0.1, ball.vy == 0],
+        final=[ball.y == 1.0, ball.vy == 0, pad.y == 0, pad.vy == 0],
+    )  # fmt: skip
+    solution = mbd.optimize(problem)
+
+    def effort(mass, duration, ends):
+        """``∫F² dt`` with ``F = m (y'' + g)`` and y'' linear between heights and speeds at the ends."""
+        (y0, v0), (y1, v1) = ends
+        speed, way = v1 - v0, y1 - y0 - v0 * duration
+        slope, first = np.linalg.solve(
+            [[duration**2 / 2, duration], [duration**3 / 6, duration**2 / 2]], [speed, way]
+        )  # fmt: skip
+        a, b = first + G, slope
+        return mass**2 * (a**2 * duration + a * b * duration**2 + b**2 * duration**3 / 3)
+
+    def cost(tau):
+        v = G * (1 - tau)
+        leave = (0.9 - v**2 / (2 * G), v)
+        return (effort(1.5, tau, ((0, 0), leave)) + effort(1.0, 1 - tau, (leave, (0, 0)))) / 100
+
+    taus = np.linspace(0.4, 0.9, 5001)
+    costs = np.array([cost(tau) for tau in taus])
+    assert solution.cost == pytest.approx(costs.min(), rel=1e-6)
+    assert [s.name for s in solution.switches] == ["lies opens"]
+    assert solution.switches[0].t == pytest.approx(taus[costs.argmin()], abs=2e-4)
+    verified = solution.verify()
+    assert verified.final_error < 1e-8 and verified.time_error < 1e-6
+
+
+@pytest.mark.slow
+def test_oblique_landing():
+    """A puck strikes the ground with friction in the impulse, slides and sticks, as simulate has it."""
+    force = mbd.Input("force", lower=-20, upper=20)
+    puck = mbd.Body("puck", mass=1, inertia=0.02, pose=(0, 0.2, 0))
+    outlines = mbd.Point(puck.at(0, 0)), mbd.HalfPlane(mbd.ground.at(0, 0))
+    floor = mbd.RigidContact("floor", *outlines, friction=mbd.DryFriction(0.3))
+    upright = mbd.AbsoluteAngle("upright", puck.at(0, 0))
+    push = mbd.Force("push", puck.at(0, 0), (force, 0))
+    model = mbd.Mechanism([puck], [upright], forces=[mbd.Gravity(), push, floor], inputs=[force])
+    solution = mbd.optimize(
+        mbd.OptimalControlProblem(
+            model, 1.0, running_cost=force**2, initial=[puck.x == 0, puck.vx == 2, puck.y == 0.2, puck.vy == 0],
+            final=[puck.x == 0.8, puck.vx == 0],
+        )
+    )  # fmt: skip
+    touch, stop = solution.switches
+    assert (touch.name, touch.after, stop.name, stop.after) == ("floor touches", "forth", "floor stops", "sticks")
+    fall = np.sqrt(2 * 0.2 / G)
+    assert touch.t == pytest.approx(fall, abs=1e-8)
+    before, after = solution.trajectory.at([fall - 1e-9, fall + 1e-9])[puck.vx]
+    assert after == pytest.approx(before - 0.3 * G * fall, abs=1e-6)
+    verified = solution.verify()
+    assert verified.final_error < 1e-8 and verified.time_error < 1e-6
+    assert solution.cost == pytest.approx(min(s.cost for s in solution.statistics.starts), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_hopper_without_given_phases():
+    """A foot on the ground takes off where its load ends; in phases that are given the cost is 12238.758."""
+    force, up = mbd.Input("force", lower=-300, upper=300), np.pi / 2
+    body, rail = on_rail("body", mass=10, angle=up, height=1.0)
+    foot = mbd.Body("foot", mass=1, inertia=0.1)
+    leg = mbd.Translational("leg", body.at(0, 0, up), foot.at(0, 0, up))
+    ends = foot.at(0, 0), body.at(0, 0)
+    spring = mbd.TSDA("spring", *ends, stiffness=4000, free_length=1.0, damping=60, actuator=-force)
+    sole = mbd.RigidContact("sole", mbd.Point(foot.at(0, 0)), mbd.HalfPlane(mbd.ground.at(0, 0)))
+    model = mbd.Mechanism([body, foot], [rail, leg], forces=[mbd.Gravity(), spring, sole], inputs=[force])
+    crouch = [body.y == 0.97, body.vy == 0, foot.y == 0, foot.vy == 0]
+    problem = mbd.OptimalControlProblem(
+        model, duration=0.5, running_cost=force**2, initial=crouch, final=[body.y == 1.3, body.vy == 0]
+    )
+    solution = mbd.optimize(problem)
+    assert solution.cost == pytest.approx(12238.758, rel=1e-3)
+    assert [s.name for s in solution.switches] == ["sole opens"]
+    assert solution.verify().final_error < 1e-5
+
+
+def test_what_is_refused():
+    """Gaps that are not smooth, and restitution, by name."""
+    block, rail = on_rail("block")
+    bar = mbd.Segment(mbd.ground.at(1, 0), 1.0)
+    uneven = mbd.RigidContact("edge", mbd.Circle(block.at(0, 0), 0.1), bar)
+    wall = mbd.HalfPlane(mbd.ground.at(0.5, 0, angle=np.pi / 2))
+    bouncy = mbd.RigidContact("wall", mbd.Point(block.at(0, 0)), wall, restitution=0.5)
+    for contact, words in ((uneven, r"'edge'.*not smooth"), (bouncy, r"'wall'.*without restitution")):
+        model = mbd.Mechanism([block], [rail], forces=[contact])
+        with pytest.raises(mbd.ModelError, match=words):
+            mbd.OptimalControlProblem(model, 1.0, initial=[block.x == 0])
