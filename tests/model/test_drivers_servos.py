@@ -117,6 +117,19 @@ def test_states_follow_the_pose_or_the_pose_the_states(crane):
         mbd.assemble(crane.mechanism, [*crane.rest, crane.trolley.x == 1, crane.position == 0.4])
 
 
+def test_of_two_servos_the_one_follows_the_pose_and_the_other_leads_it():
+    """A plate on two slides: conditions decide where it is along x, its states where along y."""
+    x, u, y, w = [mbd.StateVariable(*pair) for pair in (("x", 0.1), ("u", 0.0), ("y", 0.7), ("w", 0.2))]
+    carriage, plate = mbd.Body("carriage", 1.0, 1.0), mbd.Body("plate", 1.0, 1.0)
+    along = mbd.Translational("along", mbd.ground.at(0, 0), carriage.at(0, 0))
+    across = mbd.Translational("across", carriage.at(0, 0, np.pi / 2), plate.at(0, 0, np.pi / 2))
+    drivers = [mbd.Driver("first", carriage.x, x + y), mbd.Driver("second", plate.y, y)]
+    model = mbd.Mechanism([carriage, plate], [along, across], drivers, states={x: u, u: 0, y: w, w: 0})
+    start = mbd.assemble(model, [plate.x == 2.0])
+    np.testing.assert_allclose([start[s] for s in (plate.x, plate.y, x, y)], [2.0, 0.7, 1.3, 0.7], atol=1e-9)
+    np.testing.assert_allclose([start[s] for s in (plate.vx, plate.vy)], [0.2, 0.2], atol=1e-9)
+
+
 def test_kinematics_and_inverse_dynamics_of_a_filter_that_steps(crank):
     t = np.linspace(0, 1, 21)
     angle, speed, acceleration = crank.closed_form(t)
