@@ -45,6 +45,9 @@ class EffortProblem:
             )
         unknowns = ca.vertcat(eom.lam, efforts)
         residual = eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q
+        # nothing acts on the angle of a point mass, whatever its motion
+        self._moved = [k for k in range(residual.numel()) if not residual[k].is_zero()]
+        residual = residual[self._moved]
         slope = ca.jacobian(residual, unknowns)
         self._linear = not ca.depends_on(slope, unknowns)
         arguments = [eom.t, eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u, eom.p]
@@ -82,7 +85,7 @@ class EffortProblem:
 
     def _at(self, frame: Trajectory, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (k, n) and their slopes (k, n, m + w)."""
-        n, m, count = self.numeric.eom.q.numel(), self.numeric.eom.lam.numel(), frame.t.size
+        n, m, count = len(self._moved), self.numeric.eom.lam.numel(), frame.t.size
         motion = (frame.t[None, :], frame.q.T, frame.v.T, frame.a.T, frame.z.T)
         u = self._inputs(frame, unknowns)
         residual, slope = (x.full() for x in self._terms(*motion, unknowns[:, :m].T, u.T, self.numeric.p))
@@ -161,7 +164,7 @@ class EffortProblem:
         worst = np.max(left_over, axis=1) / size
         k = int(np.argmax(worst))
         if worst[k] > MET:
-            name = self.numeric.eom.coordinate_names[int(np.argmax(left_over[k]))]
+            name = self.numeric.eom.coordinate_names[self._moved[int(np.argmax(left_over[k]))]]
             raise MechanismError(
                 f"the efforts cannot make the motion at t = {times[k]:.6g} s: the equation of motion of {name} is left "
                 f"with {np.max(left_over[k]):.3g} (N or N m)",

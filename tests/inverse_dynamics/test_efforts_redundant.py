@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 from linkages import four_bar
@@ -90,6 +91,18 @@ def test_cables_pull():
             lambda x: x @ x, np.full(4, 50.0), jac=lambda x: 2 * x, bounds=[(5, None)] * 4, constraints=met
         )
         np.testing.assert_allclose(run.inputs[k], least.x, atol=1e-4)
+
+
+def test_a_point_mass():
+    """Three cables hold a mass without inertia, whose angle nothing moves: the third is as slack as it may be."""
+    bob = mbd.Body("bob", mass=2.0, inertia=0.0)
+    tensions = [mbd.Input(f"T{k}", value=5, lower=5) for k in range(3)]
+    ways = np.array([[-0.8, 0.6], [0.8, 0.6], [0.0, -1.0]])
+    pulls = [mbd.Force(f"cable {k}", bob.at(0, 0), tensions[k] * ca.DM(way)) for k, way in enumerate(ways)]
+    model = mbd.Mechanism([bob], forces=[mbd.Gravity(), *pulls], inputs=tensions)
+    held = mbd.inverse_dynamics(model, [0, 1], motion={bob.x: 0, bob.y: 0, bob.phi: 0}, efforts=tensions)
+    pull = (2 * G + 5) / 1.2
+    np.testing.assert_allclose(held.inputs[0], [pull, pull, 5], atol=1e-9)
 
 
 def test_closed_loop():
