@@ -83,12 +83,13 @@ def controller_unit(
 def unit_files(unit: ControllerUnit, files: Mapping[str, str]) -> dict[str, str]:
     """Return the C files of a unit, of those of an export."""
     code = files["controller.c"].replace('#include "controller.h"', files["controller.h"])
+    shared = ("host.c", "interface.c", unit.compiled[0])
     sources = {
         "engine.c": f"#include <stdlib.h>\n#include <string.h>\n\n{code}",
         "instance.c": (FOLDER / "instance.c").read_text(encoding="utf-8"),
         "contacts.c": "/* A controller has no contacts. */\n",
         "cosimulation.c": "/* The steps of a controller are in instance.c. */\n",
-        **{name: (INTERFACE / name).read_text(encoding="utf-8") for name in ("interface.c", unit.compiled[0])},
+        **{name: (INTERFACE / name).read_text(encoding="utf-8") for name in shared},
     }
     digest = hashlib.sha256("\0".join(sources.values()).encode()).hexdigest()
     header = "#define HAS_CO_SIMULATION 1\n#define HAS_MODEL_EXCHANGE 0\n"

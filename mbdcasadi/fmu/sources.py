@@ -19,7 +19,7 @@ from .description import Unit
 
 #: Files that are the same for every mechanism.
 FOLDER = Path(__file__).parent / "c"
-COMMON = ("instance.c", "contacts.c", "cosimulation.c", "interface.c")
+COMMON = ("host.c", "instance.c", "contacts.c", "cosimulation.c", "interface.c")
 #: Optimisation of each file that is compiled: a higher level gains nothing for the equations.
 OPTIMISATION = {"equations.c": "-O1", "fmi2.c": "-O3", "fmi3.c": "-O3"}
 HEADER = "/* What belongs to this mechanism alone: sizes, start values, names and the functions of its equations. */\n"

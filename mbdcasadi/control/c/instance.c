@@ -3,13 +3,6 @@
    Samples are taken at the start and then at the begin of communication steps in which they fall, from the measured
    states that are set there. All that changes is one block of doubles, so that a saved state is a copy of it. */
 
-#include <stdarg.h>
-#include <stdio.h>
-
-enum { OK_, WARNING_, DISCARD_, ERROR_ };
-
-enum mode { INSTANTIATED, INITIALIZING, EVENT_MODE, CONTINUOUS, STEPPING, TERMINATED };
-
 /* Places of single numbers in the block. */
 enum { IDENTITY, TIME, START_TIME, SAMPLES, STATE_OF_STEP, MODE, IS_UNSETTLED, SLOPE, SCALARS };
 
@@ -18,36 +11,24 @@ enum { IDENTITY, TIME, START_TIME, SAMPLES, STATE_OF_STEP, MODE, IS_UNSETTLED, S
 #define N_INDICATORS 0
 #define MEMORY ((sizeof(controller) + sizeof(double) - 1) / sizeof(double))
 #define BLOCK (SCALARS + CONTROLLER_STATES + CONTROLLER_PARAMETERS + CONTROLLER_INPUTS + MEMORY)
-#define SAVED_BYTES (sizeof(double) * BLOCK)
 /* value references: time, measured states, parameters, inputs of the machine, status */
 #define FIRST_INPUT 1
 #define FIRST_PARAMETER (FIRST_INPUT + CONTROLLER_STATES)
 #define FIRST_OUTPUT (FIRST_PARAMETER + CONTROLLER_PARAMETERS)
 #define STATUS_OUTPUT (FIRST_OUTPUT + CONTROLLER_INPUTS)
 
-typedef void (*report_t)(void* host, int status, const char* message);
-
-typedef struct {
+struct instance {
   double *block, *measured, *p, *out, *x, *xdot, *levels;
   controller* memory;
   report_t report;
   void* host;
-} instance;
+};
 
 static const int INPUT_PLACES[] = {0};
 static const double NOMINALS[] = {0};
 
-static void say(instance* s, int status, const char* format, ...) {
-  char text[1024];
-  va_list arguments;
-  va_start(arguments, format);
-  vsnprintf(text, sizeof text, format, arguments);
-  va_end(arguments);
-  if (s->report) s->report(s->host, status, text);
-}
-
 static void reset(instance* s) {
-  memset(s->block, 0, SAVED_BYTES);
+  memset(s->block, 0, sizeof(double) * BLOCK);
   s->block[IDENTITY] = MODEL_IDENTITY;
   s->block[IS_UNSETTLED] = 1.0;
   controller_example(s->measured, s->p);
@@ -133,21 +114,6 @@ static int set_values(instance* s, const unsigned vr[], size_t count, const doub
     s->measured[vr[i] - FIRST_INPUT] = value[i];
   }
   if (s->block[MODE] <= INITIALIZING) s->block[IS_UNSETTLED] = 1.0;
-  return OK_;
-}
-
-static void* save(instance* s) {
-  void* kept = malloc(SAVED_BYTES);
-  if (kept) memcpy(kept, s->block, SAVED_BYTES);
-  return kept;
-}
-
-static int restore(instance* s, const void* kept) {
-  if (!kept || *(const double*)kept != MODEL_IDENTITY) {
-    say(s, ERROR_, "the saved state belongs to another model");
-    return ERROR_;
-  }
-  memcpy(s->block, kept, SAVED_BYTES);
   return OK_;
 }
 

@@ -4,6 +4,7 @@
 
 #include "model.h"
 #include "engine.c"
+#include "host.c"
 #include "instance.c"
 #include "contacts.c"
 #include "cosimulation.c"

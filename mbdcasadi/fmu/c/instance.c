@@ -5,13 +5,6 @@
    A state is x = (q, v, z). All that changes in the course of a simulation is one block of doubles, so that a saved
    state is a copy of it. */
 
-#include <stdarg.h>
-#include <stdio.h>
-
-enum { OK_, WARNING_, DISCARD_, ERROR_ };
-
-enum mode { INSTANTIATED, INITIALIZING, EVENT_MODE, CONTINUOUS, STEPPING, TERMINATED };
-
 /* Places of single numbers in the block. */
 enum {
   IDENTITY,      /* of the model, so that no saved state of another one is taken */
@@ -45,9 +38,7 @@ enum {
 #define MET 1e-11
 #define NEARLY_MET 1e-8
 
-typedef void (*report_t)(void* host, int status, const char* message);
-
-typedef struct {
+struct instance {
   double* block;
   double *x, *p, *levels;                 /* in the block */
   double *start, *finish, *dense;         /* ends and dense output of the step that is ahead, in the block */
@@ -62,16 +53,7 @@ typedef struct {
   char* warned;
   report_t report;
   void* host;
-} instance;
-
-static void say(instance* s, int status, const char* format, ...) {
-  char text[1024];
-  va_list arguments;
-  va_start(arguments, format);
-  vsnprintf(text, sizeof text, format, arguments);
-  va_end(arguments);
-  if (s->report) s->report(s->host, status, text);
-}
+};
 
 static void changed(instance* s) { s->has_outputs = s->has_derivatives = 0; }
 
@@ -488,25 +470,5 @@ static int derivative_along(instance* s, const unsigned* unknown, size_t unknown
       return ERROR_;
     }
   }
-  return OK_;
-}
-
-/* --- saved states ---------------------------------------------------------------------------------------- */
-
-#define SAVED_BYTES (sizeof(double) * BLOCK)
-
-static double* save(const instance* s) {
-  double* saved = malloc(SAVED_BYTES);
-  if (saved) memcpy(saved, s->block, SAVED_BYTES);
-  return saved;
-}
-
-static int restore(instance* s, const double* saved) {
-  if (!saved || saved[IDENTITY] != MODEL_IDENTITY) {
-    say(s, ERROR_, "the saved state belongs to another model");
-    return ERROR_;
-  }
-  memcpy(s->block, saved, SAVED_BYTES);
-  changed(s);
   return OK_;
 }
