@@ -597,3 +597,28 @@ def test_sliding_rod(omega):
     load = max(0.0, (G - lever * omega**2 * sin) / by_load)
     assert state[tip.normal_force] == pytest.approx(load, rel=1e-9)
     assert state[rod.ay] == pytest.approx(load / mass - G, abs=1e-9) and (load > 0) == (omega == 0)
+
+
+@pytest.mark.slow
+def test_ratchet():
+    """A rack that is pulled back is kept by its pawl; the face and the slope that it touches share the load."""
+    rack, pull, lever, radius = mbd.Body("rack", mass=2, inertia=0.1), 4.0, 0.3, 0.01
+    slope = np.array([0.04, 0.1]) / np.hypot(0.04, 0.1)
+    height = (slope @ [0.1, 0] + radius - slope[0] * (0.1 - radius)) / slope[1]  # of the tip behind a face
+    pawl = mbd.Body("pawl", mass=0.5, inertia=0.5 * lever**2 / 12, pose=(0.2 - radius + lever / 2, height, 0))
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), rack.at(0, 0))
+    pivot = mbd.Revolute("pivot", mbd.ground.at(0.2 - radius + lever, height), pawl.at(lever / 2, 0))
+    tip = mbd.Circle(pawl.at(-lever / 2, 0), radius)
+    teeth = [mbd.PolygonEdges(rack.at(0.1 * k, 0), [(0, -0.02), (0.1, -0.02), (0.1, 0.0), (0, 0.04)]) for k in range(3)]
+    contacts = [mbd.RigidContact(f"tooth{k}", tip, tooth) for k, tooth in enumerate(teeth)]
+    forces = [mbd.Gravity(), *contacts, mbd.Force("pull", rack.at(0, 0), (-pull, 0))]
+    motion = mbd.simulate(
+        mbd.Mechanism([rack, pawl], [rail, pivot], forces=forces),
+        np.linspace(0, 0.6, 3),
+        initial=[rack.x == 0, rack.vx == 0.8, pawl.omega == 0, pawl.phi == 0],
+    )
+    assert happenings(motion) == ["tooth1 touches", "tooth1 opens", "tooth0 touches", "tooth1 touches"]
+    assert motion.final[rack.x] == pytest.approx(0.1, abs=1e-12) and abs(motion.final[rack.vx]) < 1e-12
+    weight = 0.5 * G / 2 / slope[1]
+    wanted = [weight, pull + slope[0] * weight, 0]
+    np.testing.assert_allclose([motion.final[c.normal_force] for c in contacts], wanted, rtol=1e-9, atol=1e-12)
