@@ -10,7 +10,7 @@ import numpy as np
 from .console import quiet
 from .least_squares import largest, least_norm, row_scale
 from .newton import Equations, backtrack, refine_root, solve
-from .rank import analyse_rank, inverse_of_independent, unit_rows
+from .rank import inverse_of_independent, unit_rows
 from .tolerances import EPSILON, NEGLIGIBLE
 
 #: Newton steps, and products with the Hessian in each.
@@ -125,9 +125,10 @@ def nearest(
 
 
 def _is_alone(jacobian: np.ndarray) -> bool:
-    """Return True if the rows determine all unknowns: there is nothing to slide along."""
+    """Return True if the rows determine all unknowns by far: there is nothing to slide along."""
     rows, unknowns = jacobian.shape
-    return rows >= unknowns and analyse_rank(unit_rows(jacobian)).rank == unknowns
+    unit = unit_rows(jacobian)
+    return rows >= unknowns and inverse_of_independent(unit.T @ unit) is not None
 
 
 def _newton_step(

@@ -720,9 +720,9 @@ def test_an_operation_that_javascript_lacks_is_refused_by_element(tmp_path):
 
 @pytest.mark.slow
 def test_data_that_are_too_large_are_refused_by_element(tmp_path):
-    """A force from twenty thousand points."""
+    """A force from thousands of points."""
     block, guide = block_on_guide()
-    xs = np.linspace(-1, 1, 6000)
+    xs = np.linspace(-1, 1, 2500)
     force = mbd.Force("road", block.at(0, 0), (mbd.spline(block.x, xs, np.sin(40 * xs), outside="constant"), 0))
     with pytest.raises(mbd.MechanismError, match=r"more than 1 MB.*'road'"):
         mbd.animate(mbd.Mechanism([block], joints=[guide], forces=[force]), tmp_path / "road.html", live=True)

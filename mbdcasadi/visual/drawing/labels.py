@@ -121,6 +121,20 @@ class _Places:
         """Points (k, n, 2) along these lines in the first pose, on the paper."""
         return (self.middles[0] - self.shifts)[:, None] + ALONG * self.leaders[:, None]
 
+    @cached_property
+    def boxes(self) -> np.ndarray:
+        """Corners (2, k, 2) of what the name and its line take up in all poses, on the paper."""
+        points = self.middles - self.shifts
+        low, high = np.minimum(self.middles - self.size / 2, points), np.maximum(self.middles + self.size / 2, points)
+        return np.stack([low.min(axis=0), high.max(axis=0)])
+
+    def within_reach(self, others: Sequence[tuple[_Places, int]]) -> list[tuple[_Places, int]]:
+        """Other names in their places, without those that are beyond all places of this one."""
+        boxes = np.array([other.boxes[:, i] for other, i in others]).reshape(-1, 2, 2)
+        low, high = self.boxes[0].min(axis=0), self.boxes[1].max(axis=0)
+        meet = np.all((boxes[:, 0] <= high) & (boxes[:, 1] >= low), axis=1)
+        return [others[k] for k in np.flatnonzero(meet)]
+
     def label(self, label: Label, i: int) -> Label:
         """Return the label in a place."""
         point, shift, leader = ((float(x), float(y)) for x, y in (self.ends[i], self.shifts[i], self.leaders[i]))
@@ -129,6 +143,7 @@ class _Places:
 
 def _cheapest(places: _Places, others: Sequence[tuple[_Places, int]]) -> int:
     """Number of the place that costs least beside other names in their places."""
+    others = places.within_reach(others)
     if not others:
         return int(np.argmin(places.cost))
     middles = np.stack([other.middles[:, i] for other, i in others], axis=1)
