@@ -27,12 +27,11 @@ from ..numerics.least_squares import largest
 from ..numerics.rank import analyse_rank
 from ..numerics.tolerances import MET, NEGLIGIBLE
 from ..results.state import State
+from .search import LARGEST_STEP
 from .statics import Statics
 
 #: Linear programs for reactions on which limits of friction depend, at most.
 PROGRAMS = 50
-#: Largest displacement in one program, in levers: reactions are nearly linear over it.
-TRUSTED = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,7 +325,7 @@ class HoldingProgram:
         length = np.max(np.abs(equal), axis=1, initial=0.0)
         length = np.where(length > 0, length, 1.0)
         slack, by_x = self._slacks(x)
-        bounds = [(-TRUSTED, TRUSTED)] * free + [(None, None)] * (len(sizes) - free)
+        bounds = [(-LARGEST_STEP, LARGEST_STEP)] * free + [(None, None)] * (len(sizes) - free)
         cost = np.zeros(len(sizes))
         cost[-1] = -sign
         found = linear_program(

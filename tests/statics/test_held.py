@@ -133,6 +133,20 @@ def test_a_mass_on_a_spring_hangs_on_a_slide_that_sticks():
     assert found.at_greatest[mass.x] == pytest.approx(0.6 + 0.006 * G, abs=1e-9)
 
 
+def test_a_bob_that_is_pulled_aside_swings_out_before_its_slide_moves():
+    """The slide holds ``μ (M + m) g`` while the bob hangs ``atan(P / m g)`` aside."""
+    slide, bob = mbd.Body("slide", mass=2, inertia=0.1), mbd.Body("bob", mass=0.5, inertia=0.01, pose=(0, -1, 0))
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), slide.at(0, 0))
+    pin = mbd.Revolute("pin", slide.at(0, 0), bob.at(0, 1))
+    rub = mbd.JointFriction("rub", rail, mbd.DryFriction(0.4))
+    pull = mbd.Force("pull", bob.at(0, 0), (LOAD, 0))
+    mechanism = mbd.Mechanism([slide, bob], [rail, pin], forces=[mbd.Gravity(), rub, pull], parameters=[LOAD])
+    found = mbd.holding_range(mechanism, LOAD)
+    assert (found.least, found.greatest) == pytest.approx((-G, G), rel=1e-9)
+    assert found.at_greatest[pin.angle] == pytest.approx(np.arctan(2), rel=1e-9)
+    assert found.at_greatest[slide.x] == pytest.approx(0, abs=1e-12)
+
+
 def test_a_lever_that_turns_far_stays_stuck_where_it_was():
     """A pin sticks, and what hangs on it swings down by a right angle."""
     arm = mbd.Body("arm", mass=1, inertia=0.1, pose=(0.5, 0, 0))
