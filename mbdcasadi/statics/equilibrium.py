@@ -109,6 +109,7 @@ def equilibrium(
     unknowns : sequence of Input or Parameter, optional
         Found with the equilibrium, as many as there are equalities among the
         conditions: the torque that holds a pose, the counterweight that balances.
+        The least of more inputs than a pose needs are found by :func:`inverse_dynamics` with the pose as motion.
     prefer : {"stable", "nearest"}
         "stable" goes downhill from the start, past unstable equilibria;
         "nearest" takes Newton's method to any. With `unknowns` it is "nearest".
