@@ -220,19 +220,24 @@ class ContactModes(SwitchingModes):
     def events(self, mode: ContactMode) -> tuple[Event, ...]:
         return tuple(event for k in range(len(self.sites)) for event in self._events_of(k, mode))
 
+    @property
+    def _rounding(self) -> ca.SX:
+        """Distance that is rounding, m."""
+        return ZERO_VALUE * self._fineness * (1 + ca.norm_2(equations(self.mechanism).q))
+
     def _events_of(self, k: int, mode: ContactMode) -> list[Event]:
         """Events at which a site leaves its mode."""
         site, status, found = self.sites[k], mode.statuses[k], []
         if status in ("open", "idle"):
             gap = site.element.gaps[site.place]
-            if status == "idle":  # beyond what is rounding
-                gap += ZERO_VALUE * self._fineness * (1 + ca.norm_2(equations(self.mechanism).q))
+            if status == "idle":
+                gap += self._rounding
             return [Event(f"{site.name} touches", gap, direction=-1, terminal=True)]
         if site.place is not None:
             found = [Event(f"{site.name} opens", site.normal_force, direction=-1, terminal=True)]
             within = site.element.places[site.place].touch.within
             if within is not None:
-                found.append(Event(f"{site.name} slips off", within, direction=-1, terminal=True))
+                found.append(Event(f"{site.name} slips off", within + self._rounding, direction=-1, terminal=True))
         if status == "sticks":
             limit = site.law.static_coefficient * site.load
             for leader, member, ratio in mode.shares:
