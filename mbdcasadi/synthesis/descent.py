@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .residuals import Residuals
+from .residuals import POSE_STEP, Residuals
 
 #: Decades of sizes, in those of the drawing, that random dimensions have: from a thirtieth to thirty times these.
 DECADES = 1.5
@@ -69,7 +69,7 @@ def descend(
     for _ in range(ITERATIONS):
         dy, dp = residuals.step(y[active], p[active], damping[active])
         trial = p[active] + dp
-        moved, there = residuals.settled(y[active] + np.clip(dy, -1, 1), trial, 1)
+        moved, there = residuals.settled(y[active] + np.clip(dy, -POSE_STEP, POSE_STEP), trial, 1)
         before = value[active]
         nearer = there < before
         taken = active[nearer]

@@ -176,7 +176,7 @@ class Linkages(Sequence[Linkage]):
         text = f"{count} linkage{'s' * (count != 1)} "
         text += f"{'through' if search.exact else 'nearest to'} {search.positions} positions"
         if search.free:
-            text += f", a sample: {search.free} dimension{'s' * (search.free != 1)} stay free"
+            text += f", a sample: {search.free} dimension{' stays' if search.free == 1 else 's stay'} free"
         elif search.exact and count:
             found = [x.found for x in self._linkages]
             text += f", each found {min(found)} to {max(found)} times"

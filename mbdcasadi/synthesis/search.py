@@ -23,10 +23,8 @@ from .solving import SOLVED, Solution, Solving
 
 #: Poses of all starts of a batch: as many as fit a processor's cache.
 POSES = 8000
-#: Starts of a batch, at least.
+#: Starts of the first batch; each following one has twice as many.
 FEWEST = 16
-#: Share of these in the first batch; each following one has twice as many.
-FIRST = 1 / 16
 #: Times that each linkage was found from which the list counts as complete.
 COMPLETE = 20
 #: Linkages of a sample, if positions leave dimensions free, and of a list that is not exact.
@@ -127,7 +125,7 @@ class SynthesisSearch:
         end = clock.monotonic() + (seconds if self.exact else SEARCHING * seconds)
         coarse = None if self.exact else self._coarse()
         size = max(FEWEST, POSES // max(1, (coarse or self.residuals).count))
-        sizes = (min(size, int(FEWEST + FIRST * size * 2**k)) for k in itertools.count())
+        sizes = (min(size, FEWEST * 2**k) for k in itertools.count())
         tasks = ((self.residuals, self.range, n, (self._seed, k), coarse, end) for k, n in enumerate(sizes))
         ends = _here(tasks) if executor is None else _elsewhere(executor, tasks)
         near: list[tuple[float, np.ndarray, np.ndarray]] = []
