@@ -133,7 +133,7 @@ class _Places:
         boxes = np.array([other.boxes[:, i] for other, i in others]).reshape(-1, 2, 2)
         low, high = self.boxes[0].min(axis=0), self.boxes[1].max(axis=0)
         meet = np.all((boxes[:, 0] <= high) & (boxes[:, 1] >= low), axis=1)
-        return [others[k] for k in np.flatnonzero(meet)]
+        return [other for other, there in zip(others, meet.tolist(), strict=True) if there]
 
     def label(self, label: Label, i: int) -> Label:
         """Return the label in a place."""
