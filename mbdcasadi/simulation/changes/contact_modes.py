@@ -23,7 +23,7 @@ from ...model.mechanism import Mechanism
 from ...model.rates import time_derivative
 from ...numerics.lazy import cached_property
 from ...numerics.least_squares import largest, least_norm
-from ...numerics.tolerances import NEGLIGIBLE, ZERO_VALUE
+from ...numerics.tolerances import ACCURACY, NEGLIGIBLE, ZERO_VALUE
 from ...results.state import State
 from ...results.trajectory import Trajectory
 from .complementarity import Complementarity, Loads, Solution, Spot
@@ -282,15 +282,19 @@ class ContactModes(SwitchingModes):
         values = np.reshape(motion[ca.vertcat(*laws)], (-1, len(sites), 2))
         senses = {k: SENSE.get(status, 0.0) for k, status in enumerate(mode.statuses)}
         states = np.atleast_1d(motion.t), np.atleast_2d(motion.q), np.atleast_2d(motion.z)
-        columns = columns.copy()
+        columns, kept = columns.copy(), self._kept(senses)
+        known: tuple[list[Bearing], np.ndarray] | None = None
         for i, (time, q, z) in enumerate(zip(*states, strict=True)):
+            near = self._near(q)
             bearings = [
                 Bearing(*self._places(k, rows), status, *values[i, j])
                 for j, (k, status) in enumerate(mode.open_forces)
-                if gaps[i, j] <= self._near(q)
+                if gaps[i, j] <= near
             ]
-            jacobian, _ = numeric.velocity(float(time), q, z)
-            split = SharedForces(slopes[i].T, jacobian, numeric.column_scale, bearings, self._kept(senses))
+            given = np.vstack([slopes[i].T, numeric.velocity(float(time), q, z)[0]])
+            if known is None or bearings != known[0] or largest(given - known[1]) > ACCURACY * largest(given):
+                known = bearings, given  # what rests does not turn: one decomposition for many outputs
+                split = SharedForces(given[: len(rows)], given[len(rows) :], numeric.column_scale, bearings, kept)
             forces = -columns[i, places]
             change = split.least(forces) - forces
             columns[i, places] -= change

@@ -13,7 +13,7 @@ from ...numerics.tolerances import ACCURACY, NEGLIGIBLE
 from .friction_modes import SENSE
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Bearing:
     """One place at which a force may act.
 
