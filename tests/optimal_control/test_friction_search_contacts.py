@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize, minimize_scalar
 
 import mbdcasadi as mbd
 
@@ -39,45 +40,68 @@ def test_stop_takes_the_speed():
     assert np.all(solution.trajectory[wall.normal_force] > -1e-6)
 
 
-@pytest.mark.slow
-def test_thrown_ball():
-    """A pad throws a ball and stops where it began: the ball leaves where no force is left between them.
-
-    Both rise together to ``v, h`` in τ, from where the ball flies to the top: ``v = g (T - τ)``,
-    ``h + v²/2g = H``; the pad has the rest of the time to come back. Least efforts are those of cubic courses.
-    """
+def juggler(on_stop):
+    """A pad that throws a ball and returns within a second; it may stand on a stop."""
     force, up = mbd.Input("force", lower=-100, upper=100), np.pi / 2
     pad, guide = on_rail("pad", angle=up)
     ball, rail = on_rail("ball", mass=0.5, angle=up, height=0.1)
-    lies = mbd.RigidContact("lies", mbd.Circle(ball.at(0, 0), 0.1), mbd.HalfPlane(pad.at(0, 0)))
-    forces = [mbd.Gravity(), mbd.Force("push", pad.at(0, 0), (0, force)), lies]
+    contacts = [mbd.RigidContact("lies", mbd.Circle(ball.at(0, 0), 0.1), mbd.HalfPlane(pad.at(0, 0)))]
+    if on_stop:
+        stop = mbd.HalfPlane(mbd.ground.at(0, 0))
+        contacts.append(mbd.RigidContact("stop", mbd.Point(pad.at(0, 0)), stop))
+    forces = [mbd.Gravity(), mbd.Force("push", pad.at(0, 0), (0, force)), *contacts]
     model = mbd.Mechanism([pad, ball], [guide, rail], forces=forces, inputs=[force])
-    problem = mbd.OptimalControlProblem(
+    return mbd.OptimalControlProblem(
         model, 1.0, running_cost=(force / 10) ** 2, initial=[pad.y == 0, pad.vy == 0, ball.y == 0.1, ball.vy == 0],
         final=[ball.y == 1.0, ball.vy == 0, pad.y == 0, pad.vy == 0],
     )  # fmt: skip
-    solution = mbd.optimize(problem)
 
-    def effort(mass, duration, ends):
-        """``∫F² dt`` with ``F = m (y'' + g)`` and y'' linear between heights and speeds at the ends."""
-        (y0, v0), (y1, v1) = ends
-        speed, way = v1 - v0, y1 - y0 - v0 * duration
-        slope, first = np.linalg.solve(
-            [[duration**2 / 2, duration], [duration**3 / 6, duration**2 / 2]], [speed, way]
-        )  # fmt: skip
-        a, b = first + G, slope
-        return mass**2 * (a**2 * duration + a * b * duration**2 + b**2 * duration**3 / 3)
 
-    def cost(tau):
-        v = G * (1 - tau)
-        leave = (0.9 - v**2 / (2 * G), v)
-        return (effort(1.5, tau, ((0, 0), leave)) + effort(1.0, 1 - tau, (leave, (0, 0)))) / 100
+def effort(mass, duration, start, end):
+    """``∫F² dt/100`` with ``F = m (y'' + g)`` and y'' linear, between heights and speeds."""
+    speed, way = end[1] - start[1], end[0] - start[0] - start[1] * duration
+    slope, first = np.linalg.solve([[duration**2 / 2, duration], [duration**3 / 6, duration**2 / 2]], [speed, way])
+    a = first + G
+    return mass**2 * (a**2 * duration + a * slope * duration**2 + slope**2 * duration**3 / 3) / 100
 
-    taus = np.linspace(0.4, 0.9, 5001)
-    costs = np.array([cost(tau) for tau in taus])
-    assert solution.cost == pytest.approx(costs.min(), rel=1e-6)
+
+def leaving(time):
+    """Height and speed from which the ball is at rest at 0.9 m more after a second."""
+    speed = G * (1 - time)
+    return 0.9 - speed**2 / (2 * G), speed
+
+
+@pytest.mark.slow
+def test_thrown_ball():
+    """Both rise together until the ball flies to the top; the pad has the rest of the time to come back."""
+    solution = mbd.optimize(juggler(on_stop=False))
+
+    def cost(time):
+        leave = leaving(time)
+        return effort(1.5, time, (0, 0), leave) + effort(1.0, 1 - time, leave, (0, 0))
+
+    best = minimize_scalar(cost, bounds=(0.4, 0.9), method="bounded", options={"xatol": 1e-9})
+    assert solution.cost == pytest.approx(best.fun, rel=1e-6)
     assert [s.name for s in solution.switches] == ["lies opens"]
-    assert solution.switches[0].t == pytest.approx(taus[costs.argmin()], abs=2e-4)
+    assert solution.switches[0].t == pytest.approx(best.x, abs=1e-4)
+    verified = solution.verify()
+    assert verified.final_error < 1e-8 and verified.time_error < 1e-6
+
+
+@pytest.mark.slow
+def test_two_contacts():
+    """On a stop the pad waits without effort, and falls back on it at last: its speed there costs nothing."""
+    solution = mbd.optimize(juggler(on_stop=True))
+    end = 1 - 1e-3  # the shortest phase
+
+    def cost(values):
+        begin, time, speed = values
+        return effort(1.5, time - begin, (0, 0), leaving(time)) + effort(1.0, end - time, leaving(time), (0, speed))
+
+    best = minimize(cost, [0.4, 0.7, -1.0], method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-12})
+    assert solution.cost == pytest.approx(best.fun, rel=1e-6)
+    assert [s.name for s in solution.switches] == ["stop opens", "lies opens", "stop touches"]
+    assert [s.t for s in solution.switches] == pytest.approx([best.x[0], best.x[1], end], abs=1e-4)
     verified = solution.verify()
     assert verified.final_error < 1e-8 and verified.time_error < 1e-6
 

@@ -72,7 +72,8 @@ def _senses(part: PhaseSolution, relaxation: Relaxation, forces: bool) -> list[l
             missing: Any = CREEP
             if forces:
                 limit, acting = (_sampled(part, e) for e in (whole.limit(site), whole.friction[site]))
-                largest = max(float(np.max(limit)), np.finfo(float).tiny)
+                peers = [whole.limit(other) for other in relaxation.sites if other.element is site.element]
+                largest = max(*(float(np.max(_sampled(part, peer))) for peer in peers), np.finfo(float).tiny)
                 missing = np.max(limit + sign[:, None] * acting, axis=1) / (2 * largest)
             slides = np.max(np.abs(speed), axis=1) / fastest > missing
             senses[slides] = np.where(sign > 0, "forth", "back")[slides]
@@ -83,14 +84,18 @@ def _senses(part: PhaseSolution, relaxation: Relaxation, forces: bool) -> list[l
 
 
 def _is_open(part: PhaseSolution, site: Site, relaxation: Relaxation, forces: bool) -> np.ndarray:
-    """Intervals in which a contact is open: its gap is a larger share of the largest one than its force of the mean."""
+    """Intervals in which a place is open: its gap is a larger share of the largest one than its force of the mean.
+
+    Of several places of a contact, the mean of that which bears most counts.
+    """
     gap = np.max(np.abs(_sampled(part, gap_of(site))), axis=1)
     largest = max(float(np.max(gap)), CREEP * float(part.program.sizes.of_changes([gap_of(site)])[0]))
     pressed: Any = CREEP
     if forces:
-        force, lengths = _sampled(part, relaxation.replaced.normal[site]).mean(axis=1), np.diff(part.mesh_times)
-        mean = float(force @ lengths) / float(np.sum(lengths))
-        pressed = np.maximum(force / max(mean, np.finfo(float).tiny), CREEP)
+        lengths, normal = np.diff(part.mesh_times), relaxation.replaced.normal
+        courses = {s: _sampled(part, f).mean(axis=1) for s, f in normal.items() if s.element is site.element}
+        mean = max(float(force @ lengths) / float(np.sum(lengths)) for force in courses.values())
+        pressed = np.maximum(courses[site] / max(mean, np.finfo(float).tiny), CREEP)
     is_open: np.ndarray = gap / largest > pressed
     return is_open
 
@@ -104,22 +109,33 @@ def _sampled(part: PhaseSolution, expression: ca.SX) -> np.ndarray:
 
 
 def with_rests(pieces: Sequence[Piece], solution: Solution, relaxation: Relaxation) -> list[Piece]:
-    """Return the pieces with a rest at each end of one at which a friction that slides there is at rest.
+    """Return the pieces with a rest at each end of one at which what slides is at rest, or a contact is touched.
 
     A rest takes a quarter of its piece.
     """
     motion, sites = solution.trajectory, relaxation.sites
-    places = [k for k, site in enumerate(sites) if site.law is not None]
-    rubs = [sites[k] for k in places]
-    fastest = [CREEP * float(np.max(np.abs(motion[site.sliding_speed]))) for site in rubs]
+    slides = {k: site.sliding_speed for k, site in enumerate(sites) if site.law is not None}
+    gaps = {k: gap_of(site) for k, site in enumerate(sites) if site.place is not None}
     result: list[Piece] = []
     for k, piece in enumerate(pieces):
         ends = motion.at(np.array([piece.begin, piece.end]))
-        speeds = np.column_stack([np.zeros((2, 0)), *[ends[site.sliding_speed] for site in rubs]])
+        slow, near = (
+            {n: np.abs(ends[e]) <= CREEP * float(np.max(np.abs(motion[e]))) for n, e in of.items()}
+            for of in (slides, gaps)
+        )
         before, after = (pieces[n] if 0 <= n < len(pieces) else None for n in (k - 1, k + 1))
         rests = [
-            _stopped(piece.senses, dict(zip(places, still, strict=True)), None if beside is None else beside.senses)
-            for still, beside in zip(np.abs(speeds) <= fastest, (before, after), strict=True)
+            tuple(
+                _at_rest(
+                    mode,
+                    None if beside is None else beside.senses[n],
+                    still=bool(slow[n][end]) if n in slow else False,
+                    touches=mode == "open" and bool(near[n][end]),
+                    sticky=sites[n].law is not None,
+                )
+                for n, mode in enumerate(piece.senses)
+            )
+            for end, beside in enumerate((before, after))
         ]
         quarter = piece.duration / 4
         if rests[0] not in (piece.senses, None if before is None else before.senses):
@@ -132,12 +148,12 @@ def with_rests(pieces: Sequence[Piece], solution: Solution, relaxation: Relaxati
     return joined(result, 0.0)
 
 
-def _stopped(senses: Senses, still: dict[int, bool], beside: Senses | None) -> Senses:
-    """Modes in which what slides sticks if it is still, or turns to those beside."""
-    others = senses if beside is None else beside
-    sliding = {"forth", "back"}
-    stops = [one in sliding and (still[k] or {one, others[k]} == sliding) for k, one in enumerate(senses)]
-    return tuple("sticks" if one else sense for one, sense in zip(stops, senses, strict=True))
+def _at_rest(mode: str, beside: str | None, *, still: bool, touches: bool, sticky: bool) -> str:
+    """Mode at rest, at an end of a piece beside another one, of what slides and is still or turns, or just touches."""
+    if touches:
+        return "sticks" if sticky and still else mode if sticky else "closed"
+    turns = {mode, beside} == {"forth", "back"}
+    return "sticks" if mode in ("forth", "back") and (still or turns) else mode
 
 
 def joined(pieces: Sequence[Piece], least: float, durations: Sequence[float] | None = None) -> list[Piece]:

@@ -18,7 +18,6 @@ from ...model.forces.contact.rigid import RigidContact
 from ...model.forces.friction.joint_friction import FrictionInJoint, SlidingFriction
 from ...model.forces.friction.modes import switching
 from ...model.mechanism import Mechanism
-from ...model.quantities import known_value
 from ...model.symbols import Input, Parameter
 from ...simulation.changes.contact_modes import Site
 
@@ -69,7 +68,7 @@ def _check_contact(contact: RigidContact) -> None:
             "smooth, which optimal control does not take; take points, circles, or anything on a HalfPlane, or a "
             "Contact with a stiffness"
         )
-    if known_value(contact.restitution) != 0:
+    if not ca.SX(contact.restitution).is_zero():
         raise ModelError(
             f"{contact.description}: optimal control takes rigid contacts without restitution; set restitution=0, or "
             "state the bounces by phases="
