@@ -226,7 +226,7 @@ def test_nine_points_are_closed_under_cognates():
     model = mbd.library.four_bar(**DRAWN, free=True)
     found = mbd.synthesize(
         model.mechanism, list(model.unknowns.values()), [[model.point.position == p] for p in NINE],
-        seconds=12, symmetries=[model.cognates],
+        seconds=6, symmetries=[model.cognates],
     )  # fmt: skip
     assert 30 <= len(found) <= 192 and len(found) % 3 == 0 and all(x.residual < 1e-9 for x in found)
     points = np.array([[x[p] for p in joints(model)] for x in found])
