@@ -187,4 +187,4 @@ def test_what_is_wrong_is_named():
     with pytest.raises(mbd.MechanismError, match="'free' moves at t = 0 s in the sense in which it holds, with -1"):
         mbd.simulate(model, [0, 1], initial=[a.omega == 1, b.omega == 0])
     with pytest.raises(mbd.ModelError, match="'free' switches exactly.*take a Torque"):
-        mbd.equilibrium(model)
+        mbd.equilibrium_path(model.replace(parameters=[load := mbd.Parameter("load", 1.0)]), load, 0.0, 1.0)
