@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from ...model.forces.friction.modes import Senses
-from ...simulation.changes.contact_modes import Site
+from ...model.sites import Site
 from ..motion.phase_solution import PhaseSolution
 from ..solution import Solution
 from ..statement.sites import Relaxation, gap_of

@@ -13,11 +13,11 @@ import numpy as np
 from ...errors import OptimizationError
 from ...model.conditions import Bounded, Condition, bounded, stacked
 from ...model.placeholders import at_end
+from ...model.sites import Site
 from ...model.symbols import t as time
 from ...numerics.rank import dependent_rows, unit_rows
 from ...numerics.tolerances import MET
 from ...results.state import State
-from ...simulation.changes.contact_modes import Site
 from ..motion.guess import Guess, PhaseGuess
 from ..problem import OptimalControlProblem
 from ..solution import Solution

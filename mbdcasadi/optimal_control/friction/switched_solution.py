@@ -13,6 +13,7 @@ import numpy as np
 from ...equations import equations
 from ...errors import MechanismError, ModelError
 from ...model.mechanism import Mechanism
+from ...model.sites import WHAT, Site
 from ...numerics.console import without_warnings
 from ...numerics.lazy import cached_property
 from ...numerics.symbolic import symbolic
@@ -20,7 +21,6 @@ from ...results.phases import PhasedTrajectory, places_in
 from ...results.state import Arrays, EventOccurrence
 from ...results.steps import Direct
 from ...results.trajectory import Statistics, Trajectory
-from ...simulation.changes.contact_modes import WHAT, Site
 from ...simulation.simulate import simulate
 from ..motion.phase_solution import PhaseSolution
 from ..motion.return_map import Stability

@@ -18,8 +18,9 @@ from ...model.forces.contact.rigid import RigidContact
 from ...model.forces.friction.joint_friction import FrictionInJoint, SlidingFriction
 from ...model.forces.friction.modes import switching
 from ...model.mechanism import Mechanism
+from ...model.sites import Site
+from ...model.sites import sites_of as sites_of_element
 from ...model.symbols import Input, Parameter
-from ...simulation.changes.contact_modes import Site
 
 #: Sign of the sliding speed in a mode.
 SENSE = {"forth": 1.0, "back": -1.0}
@@ -43,14 +44,12 @@ def sites_of(mechanism: Mechanism) -> tuple[Site, ...]:
     for element in switching(mechanism):
         if isinstance(element, RigidContact):
             _check_contact(element)
-            sites += [Site(element, k) for k in range(len(element.places))]
-        elif isinstance(element, FrictionInJoint):
-            sites.append(Site(element))
-        else:
+        elif not isinstance(element, FrictionInJoint):
             raise ModelError(
                 f"{element.description}: optimal control takes exact dry friction in joints and rigid contacts alone; "
                 f"{element.instead} here"
             )
+        sites += sites_of_element(element)
     for law, description in {(site.law, site.description) for site in sites if site.law is not None}:
         if not ca.is_equal(ca.SX(law.coefficient), ca.SX(law.static_coefficient), 3):
             raise ModelError(

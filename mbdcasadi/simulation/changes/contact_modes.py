@@ -21,6 +21,7 @@ from ...model.forces.friction.joint_friction import FrictionInJoint
 from ...model.forces.friction.modes import switching, variant_in
 from ...model.mechanism import Mechanism
 from ...model.rates import time_derivative
+from ...model.sites import WHAT, sites_of
 from ...numerics.lazy import cached_property
 from ...numerics.least_squares import largest, least_norm
 from ...numerics.tolerances import ACCURACY, NEGLIGIBLE, ZERO_VALUE
@@ -34,71 +35,6 @@ from .shared_forces import Bearing, SharedForces
 
 #: Choices of open, sticking and sliding that are looked at for one instant, at most.
 CHOICES = 4096
-#: What takes place at a site.
-WHAT = ("touches", "opens", "slips off", "stops", "breaks away")
-
-
-@dataclass(frozen=True, eq=False)
-class Site:
-    """A place of a contact, or a friction in a joint.
-
-    Attributes
-    ----------
-    element : RigidContact or FrictionInJoint
-        What it belongs to.
-    place : int or None
-        Number of the place of the contact.
-    """
-
-    element: Any
-    place: int | None = None
-
-    @property
-    def name(self) -> str:
-        """Name in events."""
-        several = self.place is not None and len(self.element.places) > 1
-        return f"{self.element.name}.{self.place}" if several else str(self.element.name)
-
-    @property
-    def description(self) -> str:
-        """Kind and name of the element, as messages give it."""
-        return str(self.element.description)
-
-    @property
-    def law(self) -> Any:
-        """Law of friction, or None."""
-        return self.element.law if self.place is None else self.element.friction
-
-    def row(self, kind: str) -> int:
-        """Row of its normal force, or of its "friction", in the element."""
-        place = self.place or 0
-        return place + len(self.element.places) if kind == "friction" and self.place is not None else place
-
-    @property
-    def normal_force(self) -> ca.SX:
-        """Normal force of the place, N."""
-        return self.element.normal_forces[self.place]
-
-    @property
-    def load(self) -> ca.SX:
-        """Load of the surfaces, N."""
-        return ca.SX(self.element.load) if self.place is None else self.normal_force
-
-    @property
-    def sliding_speed(self) -> ca.SX:
-        """Sliding speed, m/s."""
-        return self.element.sliding_speed if self.place is None else self.element.sliding_speeds[self.place]
-
-    @property
-    def friction(self) -> ca.SX:
-        """Friction along the sliding speed, N, as a multiplier."""
-        return -self.element.multipliers if self.place is None else self.element.friction_forces[self.place]
-
-    def sliding_friction(self, sense: str) -> ca.SX:
-        """The same if it slides, N."""
-        if self.place is None:
-            return self.element.in_mode(sense).force
-        return self.element.sliding_friction(self.place, sense)
 
 
 @dataclass(frozen=True)
@@ -156,11 +92,7 @@ class ContactModes(SwitchingModes):
     def __init__(self, setup: Setup):
         super().__init__(setup)
         self.elements = switching(setup.mechanism)
-        self.sites = tuple(
-            Site(element, place)
-            for element in self.elements
-            for place in (range(len(element.places)) if isinstance(element, RigidContact) else (None,))
-        )
+        self.sites = tuple(site for element in self.elements for site in sites_of(element))
         self._contacts = [k for k, site in enumerate(self.sites) if site.place is not None]
         other = [e.description for e in self.elements if not isinstance(e, RigidContact | FrictionInJoint)]
         if other:
