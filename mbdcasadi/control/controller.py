@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ..arguments.inputs import SampledController
@@ -16,7 +17,9 @@ from ..arguments.values import pairs_of, position_in
 from ..errors import ModelError
 from ..model.quantities import is_list
 from ..model.symbols import number, positive
+from ..numerics.reading import path_of
 from ..numerics.real import real_array
+from ..numerics.writing import cannot_be_written
 from ..optimal_control.problem import OptimalControlProblem
 from ..results.state import State
 from .code import STATUSES, Horizon, source_files
@@ -221,9 +224,10 @@ class Controller(SampledController):
         time : float, optional
             Time, s; one sample after the last step if left out.
         """
-        x = self._vector(state)
-        p, memory = self._values(parameters), self._memory
-        now = float(memory.view.time) if time is None else float(time)
+        x, p, memory = self._vector(state, "states", self.state_names), self._values(parameters), self._memory
+        now = float(memory.view.time)
+        if time is not None:
+            (now,) = self._vector(time, "time", ("in s",)).tolist()
         began = clock.perf_counter()
         status, inputs = memory.feedback(now, x, p, len(self.input_names))
         answered = clock.perf_counter()
@@ -238,28 +242,24 @@ class Controller(SampledController):
         self._times.append((answered - began, clock.perf_counter() - resumed))
         return step
 
-    def _vector(self, state: Any) -> np.ndarray:
-        count = len(self.state_names)
+    def _vector(self, given: Any, what: str, names: tuple[str, ...]) -> np.ndarray:
         try:
-            x = real_array(state).ravel()
+            x = real_array(given).ravel()
         except (TypeError, ValueError):
+            shown = ", ".join(names)
             raise ModelError(
-                f"Controller.step: takes {count} numbers, the states {self.state_names}, got {state!r}"
+                f"Controller.step: takes {len(names)} numbers, the {what} {shown}, got {given!r}"
             ) from None
-        if x.size != count:
-            raise ModelError(f"Controller.step: takes {count} states {self.state_names}, got {x.size}")
+        if x.size != len(names):
+            raise ModelError(f"Controller.step: takes {len(names)} {what} {names}, got {x.size}")
         return x
 
     def _values(self, parameters: Any) -> np.ndarray:
         if parameters is None:
             return self._p
-        numbers = is_list(parameters) or isinstance(parameters, np.ndarray)
-        if numbers and np.size(parameters) == self._p.size and all(np.ndim(x) == 0 for x in parameters):
-            return np.array(parameters, float).ravel()
-        if numbers and len(parameters) and all(np.ndim(x) == 0 for x in parameters):
-            raise ModelError(
-                f"Controller.step: takes {self._p.size} parameters {self.parameter_names}, got {len(parameters)}"
-            )
+        numbers = is_list(parameters) or (isinstance(parameters, np.ndarray) and parameters.ndim == 1)
+        if numbers and len(parameters) and not any(isinstance(x, ca.SX) or np.ndim(x) for x in parameters):
+            return self._vector(parameters, "parameters", self.parameter_names)
         values = self._p.copy()
         for key, value in pairs_of(parameters, "parameters="):
             place = position_in(self.mechanism.parameters, key, "parameters=")
@@ -346,13 +346,20 @@ class Controller(SampledController):
         ----------
         folder : str or Path
             Folder, made if there is none; files of these names are replaced.
+
+        Raises
+        ------
+        FileError
+            If it cannot be made or written.
         """
-        place = Path(folder)
-        place.mkdir(parents=True, exist_ok=True)
-        paths = []
-        for name, text in self._files.items():
-            paths.append(place / name)
-            paths[-1].write_text(text, encoding="utf-8")
+        place, paths = path_of(folder), []
+        try:
+            place.mkdir(parents=True, exist_ok=True)
+            for name, text in self._files.items():
+                paths.append(place / name)
+                paths[-1].write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise cannot_be_written(folder, error) from None
         return tuple(paths)
 
     def unit(self, name: str, version: int, units: Mapping[str, str]) -> tuple[ControllerUnit, dict[str, str]]:

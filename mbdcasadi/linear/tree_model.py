@@ -12,12 +12,13 @@ import numpy as np
 from ..assembly.setup import Setup
 from ..equations import Equations
 from ..equations.tree import tree_coordinates
-from ..errors import ExpressionError, ModelError
+from ..errors import ExpressionError, ModelError, SingularityError
 from ..model.mechanism import Mechanism
 from ..model.symbols import describe, symbols_of
 from ..model.units import unit_of
 from ..numerics.c_code import simplified
 from ..numerics.lazy import cached_property
+from ..numerics.rank import dependent_rows, unit_rows
 from ..results.state import State
 from .coordinates import Independent, independent
 
@@ -189,7 +190,16 @@ class TreeModel:
                 "that are redundant"
             )
         slopes = [ca.jacobian(rows, self.q), ca.jacobian(speeds, self.v), ca.jacobian(speeds, self.q)]
-        return self.function("controller_pose", [eom.t, self.q, self.v, eom.p], [rows, slopes[0], speeds, *slopes[1:]])
+        results = [rows, slopes[0], speeds, *slopes[1:]]
+        pose = self.function("controller_pose", [eom.t, self.q, self.v, eom.p], results)
+        places, start = self.tree.independent, self.start
+        _, by_q, _, by_v, _ = pose(start.t, start.q[places], start.v[places], start.parameters)
+        if any(dependent_rows(unit_rows(m.full())) for m in (by_q, by_v)):
+            raise SingularityError(
+                f"{self._analysis}: the states {', '.join(self.names)} do not describe the motion at t = "
+                f"{start.t:.6g} s; choose others by state="
+            )
+        return pose
 
     def function(self, name: str, arguments: Sequence[ca.SX], results: Sequence[ca.SX]) -> ca.Function:
         """A function of symbols that are known; of any other an error."""

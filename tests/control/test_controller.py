@@ -241,6 +241,14 @@ def test_run_is_repeated_and_plans_are_separate():
         moved.step([0.2])
     with pytest.raises(mbd.ModelError, match="takes 1 parameters"):
         moved.step([0.2, 0.0], [1.0, 2.0])
+    for given, words in (
+        ({"time": "noon"}, "the time in s, got 'noon'"),
+        ({"parameters": ["a"]}, "the parameters goal"),
+    ):
+        with pytest.raises(mbd.ModelError, match=words):
+            moved.step([0.2, 0.0], **given)
+    with pytest.raises(mbd.FileError, match="cannot be written"):
+        moved.export(__file__)
     by_vector = controller.with_parameters([0.1]).step([0.2, 0.0])
     assert by_vector.inputs == pytest.approx(controller.with_parameters({goal: 0.1}).step([0.2, 0.0]).inputs, abs=0)
 
@@ -343,3 +351,27 @@ def test_steps_of_the_integrator_make_plans_accurate():
         costs.append(abs(controller.plan.cost - best.cost))
     assert first == pytest.approx(float(best.trajectory[tau][0]), abs=5e-6)
     assert costs[1] < costs[0] / 15 and costs[2] < costs[1] / 15
+
+
+@pytest.mark.slow
+def test_steps_of_the_program_do_not_cycle():
+    """Two coupled masses in the wind: from this state whole corrections go round for ever; the plan is the optimum."""
+    force = mbd.Input("force")
+    near, far = (mbd.Body(name, mass=m, inertia=0.1) for name, m in (("near", 1.0), ("far", 0.5)))
+    rails = [mbd.Translational(f"rail {body.name}", mbd.ground.at(0, 0), body.at(0, 0)) for body in (near, far)]
+    spring = mbd.TSDA("spring", near.at(0, 0), far.at(0, 0), stiffness=30, damping=0.2, free_length=0.5)
+    wind = mbd.Force("wind", far.at(0, 0), (2 * mbd.sin(5 * mbd.t + 11.4), 0))
+    push = mbd.Force("push", near.at(0, 0), (force, 0))
+    model = mbd.Mechanism([near, far], rails, forces=[spring, wind, push], inputs=[force])
+    problem = mbd.OptimalControlProblem(
+        model,
+        duration=1.0,
+        running_cost=30 * (far.x - 0.5 - 0.1 * mbd.sin(mbd.t + 2.28)) ** 2 + 0.1 * far.vx**2 + 0.02 * force**2,
+        path=[mbd.bounded(-6, force, 6)],
+        final=[mbd.soft(near.vx == 0, weight=0.2)],
+        terminal_cost=mbd.absolute(mbd.at_end(far.x) - 0.5),
+    )
+    moving = [near.x == 0.05988304, far.x == 0.64240239, near.vx == 0.33845905, far.vx == 0.67755189]
+    controller, inputs, best = first_inputs(problem, mbd.assemble(model, moving), 20)
+    assert controller.status == 0
+    assert inputs[force] == pytest.approx(float(best.trajectory[force][0]), abs=1e-5)

@@ -99,3 +99,15 @@ def test_measured_positions_are_as_many_as_move():
         mbd.Controller(problem, sample=0.1, intervals=10, state=[cart.x, cart.y])
     with pytest.raises(mbd.ExpressionError, match="must be an expression in positions"):
         mbd.Controller(problem, sample=0.1, intervals=10, state=[cart.vx])
+
+
+@pytest.mark.parametrize(
+    "choose", [lambda cart, goal: cart.x * goal, lambda cart, goal: cart.y, lambda cart, goal: 1.0]
+)
+def test_measured_positions_describe_the_motion(choose):
+    """A position that does not move, as one times zero, is refused and does not become a status of each step."""
+    model, cart, force = cart_on_rail()
+    goal = mbd.Parameter("goal", 0.0)
+    problem = mbd.OptimalControlProblem(model.replace(parameters=[goal]), duration=1.0, running_cost=force**2)
+    with pytest.raises(mbd.SingularityError, match="Controller: the states .* do not describe the motion at t = 0 s"):
+        mbd.Controller(problem, sample=0.1, intervals=10, state=[choose(cart, goal)])

@@ -421,6 +421,7 @@ static int factor_program(controller* m, int with_rows) {
    which the misses of the plan count, or null for a direction along which the equations stay met. */
 static void solve_program(controller* m, const double* linear, const double* first, double* d) {
   double p[CONTROLLER_SIZE(NX)], sum[CONTROLLER_SIZE(NX)];
+  set_zero(p, NX);
   for (int k = N; k >= 0; --k) {
     const double *f = m->factors + k * ND * ND, *map = m->map + k * NX * ND;
     double* y = d + k * ND; /* L^-1 m_u in the place of the inputs */
@@ -489,8 +490,8 @@ static double along(const controller* m, int k, int i, const double* d) {
 /* By what Newton's method divides the multiplier of a limit: its slack, and what it gives way to its multiplier. */
 static double stiffness_of(const controller* m, int at) { return m->slack[at] + m->give[at] * m->multiplier[at]; }
 
-/* Direction of Newton's method for `centring`, with the products of the last direction if `with_products`. */
-static void find_direction(controller* m, double centring, int with_products) {
+/* Direction of Newton's method for `centring`, with a share of the products of the last direction. */
+static void find_direction(controller* m, double centring, double share) {
   double* linear = m->linear;
   copy_to(linear, m->slope, (N + 1) * ND);
   for (int k = 0; k <= N; ++k)
@@ -503,7 +504,7 @@ static void find_direction(controller* m, double centring, int with_products) {
         force = m->multiplier[at] + m->weight[at] * m->left[at];
       else {
         m->target[at] = centring - m->slack[at] * m->multiplier[at];
-        if (with_products) m->target[at] -= m->slack_step[at] * m->multiplier_step[at];
+        if (share > 0.0) m->target[at] -= share * m->slack_step[at] * m->multiplier_step[at];
         force = m->multiplier[at] + (m->target[at] + m->multiplier[at] * m->left[at]) / stiffness_of(m, at);
       }
       for (int j = 0; j < ND; ++j) linear[k * ND + j] += c[j * count] * force;
@@ -572,9 +573,10 @@ static int begin_inside(controller* m, const double* first, double size) {
   return 1;
 }
 
-/* Solve for the change of the plan under a change of its first state; 0 if the limits cannot be met. With a price,
-   limits that the state decides on may be passed. */
-static int solve_quadratic(controller* m, const double* first, int at_price) {
+/* Solve for the change of the plan under a change of its first state; 0 if the limits cannot be met, -1 if steps go
+   round in a cycle with the limits met, as they may with whole products; products that are not whole are slow from far.
+   With a price, limits that the state decides on may be passed. */
+static int try_quadratic(controller* m, const double* first, int at_price, int whole) {
   int limits = 0, equalities = 0;
   for (int k = 0; k <= N; ++k)
     for (int i = 0; i < rows_at(k); ++i) {
@@ -625,14 +627,14 @@ static int solve_quadratic(controller* m, const double* first, int at_price) {
     m->quadratic_steps = step;
     if (is_met && gap <= GAP * size) return 1;
     if (!factor_program(m, 1)) return is_met && gap <= LARGEST_GAP * size;
-    double centring = 0.0;
+    double centring = 0.0, reach = 0.0;
     if (limits > 0) {
-      find_direction(m, 0.0, 0);
-      longest_step(m, &ahead);
+      find_direction(m, 0.0, 0.0);
+      reach = longest_step(m, &ahead);
       const double share = ahead / gap;
       centring = share * share * share * gap / limits;
     }
-    find_direction(m, centring, limits > 0);
+    find_direction(m, centring, whole && limits > 0 ? 1.0 : reach);
     if (!all_finite(m->direction, (N + 1) * ND)) return is_met && gap <= LARGEST_GAP * size;
     double length = longest_step(m, &ahead);
     if (length < 1.0) length *= SHORT_OF_LIMIT;
@@ -647,5 +649,10 @@ static int solve_quadratic(controller* m, const double* first, int at_price) {
     }
     if (length < 1e-8) return is_met && gap <= LARGEST_GAP * size;
   }
-  return 0;
+  return off <= 1e-9 ? -1 : 0;
+}
+
+static int solve_quadratic(controller* m, const double* first, int at_price) {
+  const int found = try_quadratic(m, first, at_price, 1);
+  return (found < 0 ? try_quadratic(m, first, at_price, 0) : found) > 0;
 }
