@@ -36,9 +36,17 @@ WIDTH, COLOURS = 1100, 96
 GROUPS = {
     "First steps": ("first_mechanism", "slider_crank", "four_bar_output"),
     "Linkages from positions": ("straight_line", "wiper"),
-    "Machine elements": ("walking_leg", "planetary_train", "cam", "excavator", "dc_motor"),
+    "Machine elements": ("walking_leg", "planetary_train", "cam", "excavator", "elevator", "dc_motor"),
     "Statics, vibration, tolerances": ("buckling", "modes", "tolerances", "identify_friction"),
-    "Optimal control": ("cart_pole", "four_bar_torque", "least_time", "five_bar_robot", "parking", "shuffleboard"),
+    "Optimal control": (
+        "cart_pole",
+        "four_bar_torque",
+        "least_time",
+        "crane_servo",
+        "five_bar_robot",
+        "parking",
+        "shuffleboard",
+    ),
     "Design and control": ("periodic_linkage", "slider_crank_balance", "cart_pole_control"),
     "Motions in phases": (
         "rimless_wheel",

@@ -406,7 +406,10 @@ def _check_samples(value: Any, times: np.ndarray | None, what: str) -> np.ndarra
     if times is None:
         raise ModelError(f"{what}: samples need a time grid; give a number or an expression here")
     if samples.size != times.size:
-        raise ModelError(f"{what}: {samples.size} samples are given for {times.size} times")
+        raise ModelError(
+            f"{what}: {samples.size} samples are given for {times.size} times; samples at other times are "
+            "mbd.spline(mbd.t, times, samples)"
+        )
     if not np.all(np.isfinite(samples)):
         raise ModelError(f"{what}: sample {int(np.flatnonzero(~np.isfinite(samples))[0])} is not finite")
     return samples

@@ -67,9 +67,11 @@ def position_in(symbols: Iterable[Any], key: Any, argument: str, owner: str = "t
     place = place_of(key, known)
     if place is not None:
         return place
-    label = getattr(key, "label", repr(key))
+    label = getattr(key, "label", None)
     names = ", ".join(repr(s.label) for s in known) or "none"
-    raise ModelError(f"{argument} holds '{label}', which is not in {owner}; it has {names}")
+    other = ", another one of this name" if label in [s.label for s in known] else ""
+    shown = repr(key) if label is None else f"'{label}'"
+    raise ModelError(f"{argument} holds {shown}{other}, which is not in {owner}; it has {names}")
 
 
 def pairs_with(symbols: Iterable[Any], pairs: Iterable[tuple[Any, Any]]) -> list[tuple[Any, Any]]:

@@ -19,7 +19,7 @@ from ..kinematics.kinematics import check_driven, driven_motion, kinematic_traje
 from ..model.drivers import Driver
 from ..model.geometry.splines import expression_of, through_samples
 from ..model.mechanism import Mechanism
-from ..model.quantities import entries, yes_or_no
+from ..model.quantities import entries, refuse_twice, yes_or_no
 from ..model.symbols import Input, Numbers, place_of, positive
 from ..model.symbols import t as time
 from ..numerics.console import call_each, keyboard_interrupts
@@ -27,7 +27,7 @@ from ..numerics.tolerances import MET
 from ..results.state import Arrays
 from ..results.steps import Direct
 from ..results.trajectory import Statistics, Trajectory
-from ..results.validity import report_validity
+from ..results.validity import report_exceeded_limits, report_validity
 from ..simulation.simulate import simulate
 from .efforts import EffortProblem
 
@@ -71,7 +71,8 @@ def inverse_dynamics(
         Inputs to find, on which the forces depend linearly. If they are more
         than the degrees of freedom (two motors on one shaft, cables, muscles),
         at each time the sum of ``weight * effort**2`` is least, with all of
-        them within their limits.
+        them within their limits. As many as the degrees of freedom are found whatever
+        their limits; a warning names those beyond.
     weights : mapping of Input to float, optional
         Positive weights of efforts in that sum; 1 for those that are not named.
     inputs : mapping, optional
@@ -106,6 +107,7 @@ def inverse_dynamics(
     yes_or_no(progress, "inverse_dynamics", "progress")
     tolerance = positive(tolerance, "inverse_dynamics", "tolerance")
     efforts = entries(efforts, "efforts=")
+    refuse_twice(efforts, "efforts=")
     with keyboard_interrupts("inverse_dynamics"):
         began = clock.perf_counter()
         if isinstance(motion, Trajectory) and times is None and duration is None:
@@ -127,6 +129,8 @@ def inverse_dynamics(
             result = _of_motion(setup, _course(setup, motion, progress), unknown, shares, tolerance)
         result.statistics.method, result.statistics.formulation = "inverse dynamics", "Phi_q^T lam = Q - M a"
         result.statistics.seconds = clock.perf_counter() - began
+        if efforts:
+            report_exceeded_limits(result, "inverse_dynamics of as many efforts as degrees of freedom")
         report_validity(result)
         return result
 

@@ -29,6 +29,18 @@ def validity_conditions(mechanism: Mechanism) -> tuple[ValidityCondition, ...]:
     )
 
 
+def report_exceeded_limits(motion: Trajectory, analysis: str) -> None:
+    """Warn of inputs of a motion that are beyond their limits, which an analysis does not hold."""
+    for k, u in enumerate(motion.mechanism.inputs):
+        values = motion.inputs[:, k]
+        slack = 1e-6 * (1 + np.max(np.abs(values), initial=0.0))
+        if np.any(values < u.lower - slack) or np.any(values > u.upper + slack):
+            warn(
+                f"input '{u.label}' goes from {values.min():.6g} to {values.max():.6g}, beyond its limits "
+                f"{u.lower:.6g} … {u.upper:.6g}; {analysis} does not hold limits"
+            )
+
+
 def broken_at_pose(numeric: NumericEquations, t: float, q: np.ndarray) -> tuple[str, ...]:
     """Messages of the conditions that are broken at a pose, of those that depend on nothing else."""
     eom = numeric.eom

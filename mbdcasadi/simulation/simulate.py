@@ -11,7 +11,7 @@ import numpy as np
 from ..assembly.consistent_start import consistent_start
 from ..assembly.setup import Setup
 from ..equations.numeric import NumericEquations
-from ..errors import SimulationError, warn
+from ..errors import SimulationError
 from ..integrators import Integrator, as_integrator
 from ..model.events import Event
 from ..model.forces.contact.rigid import RigidContact
@@ -22,7 +22,7 @@ from ..model.symbols import Numbers
 from ..numerics.console import keyboard_interrupts
 from ..results.state import Conditions, State
 from ..results.trajectory import Trajectory
-from ..results.validity import report_validity
+from ..results.validity import report_exceeded_limits, report_validity
 from .changes.contact_modes import modes_of
 from .changes.events import read_events
 from .changes.modes import Modes, SingleMode
@@ -77,7 +77,8 @@ def simulate(
     duration : float, optional
         Instead of `times`: 201 outputs from 0 to the duration, s.
     initial : sequence of relations, or State
-        Conditions at the start (see :func:`assemble`), or a state.
+        Conditions at the start (see :func:`assemble`), or a state, whose parameters and inputs
+        hold in the run unless `parameters` and `inputs` give others.
     inputs : mapping or SampledController, optional
         Input to number, samples on the output grid (linear between), spline of SciPy in
         time, or expression in time and states; or a controller.
@@ -164,7 +165,7 @@ def _annotated(run: Run, motion: Trajectory, ranges: np.ndarray) -> Trajectory:
     """Add notes on accuracy to a motion, and warn of limits that it exceeds."""
     motion.statistics.notes += notes_on_range(motion, ranges, run.integrator.abstol)
     motion.statistics.notes += grown_error(motion)
-    _report_exceeded_limits(run.setup.mechanism, motion)
+    report_exceeded_limits(motion, "simulate")
     report_validity(motion, run.unresolved() + failed_plans(run.setup.signals.controller, motion.statistics))
     return motion
 
@@ -185,7 +186,7 @@ def _through_phases(
     for part in motion.phases:
         notes += [note for note in small_motions(part, ranges_of(part.q), run.integrator.abstol) if note not in notes]
     for part in motion.phases:
-        _report_exceeded_limits(part.mechanism, part)
+        report_exceeded_limits(part, "simulate")
         report_validity(part, found if part is motion.phases[0] else ())
         notes += [note for note in part.statistics.notes if note not in notes]
     return motion
@@ -309,14 +310,3 @@ def suited_to_friction(integrator: Integrator, numeric: NumericEquations) -> Int
     """The integrator with an absolute tolerance that resolves smoothed friction."""
     abstol = absolute_tolerance(numeric, integrator.abstol)
     return integrator if abstol == integrator.abstol else integrator.replace(abstol=abstol)
-
-
-def _report_exceeded_limits(mechanism: Mechanism, motion: Trajectory) -> None:
-    for k, u in enumerate(mechanism.inputs):
-        values = motion.inputs[:, k]
-        slack = 1e-6 * (1 + np.max(np.abs(values), initial=0.0))
-        if np.any(values < u.lower - slack) or np.any(values > u.upper + slack):
-            warn(
-                f"input '{u.label}' goes from {values.min():.6g} to {values.max():.6g}, beyond its limits "
-                f"{u.lower:.6g} … {u.upper:.6g}; simulate does not hold limits"
-            )

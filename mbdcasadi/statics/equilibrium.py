@@ -30,6 +30,8 @@ from .statics import Statics, Stiffness
 
 #: Speed of a driver that counts as rest (m/s or rad/s).
 REST_TOLERANCE = 1e-9
+#: What is said of more unknowns than a pose needs.
+_LEAST_EFFORTS = "; the least of more inputs are found by inverse_dynamics(…, [0], motion={…}, efforts=[…])"
 #: Violation of an inequality that is rounding, in its own unit.
 CONDITION_TOLERANCE = 1e-8
 
@@ -178,6 +180,8 @@ def equilibrium_of(setup: Setup, wanted: tuple[Any, ...] = (), prefer: str = "st
         raise ConditionError(
             f"equilibrium: {len(wanted)} unknowns ({', '.join(w.label for w in wanted)}) need as many equalities "
             f"among the conditions, and there are {len(equalities)}"
+            + _LEAST_EFFORTS
+            * (0 < len(equalities) < len(wanted))
         )
     start = start_of(setup, rows, bool(wanted))
     # the state may come from another mechanism on the same bodies

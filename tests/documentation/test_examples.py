@@ -322,6 +322,32 @@ def test_shuffleboard(found):
     assert fine_[found["cue"].x].max() <= found["LINE"] - found["RADIUS"] + 1e-4
 
 
+@pytest.mark.slow
+def test_elevator(found):
+    """Ways, tensions and the least brake by hand."""
+    assert found["least"] == pytest.approx(300 * 9.81 * 0.3, rel=1e-9)
+    pull, inertia = 300 * 9.81, 1500 + 50.0
+    for couple, run in zip((1500.0, 2000.0, 3000.0), found["runs"].values(), strict=True):
+        speed, slowing = 0.4 * pull / inertia, (couple / 0.3 - pull) / inertia
+        (stop,) = run.events
+        assert stop.t == pytest.approx(0.4 + speed / slowing, abs=1e-9)
+        assert -1 - run.final[found["car"].y] == pytest.approx(speed * 0.2 + speed**2 / 2 / slowing, abs=1e-9)
+        while_slips = [900 * (9.81 + slowing), 600 * (9.81 - slowing)]
+        np.testing.assert_allclose(run.at([0.45])[found["rope"].tensions][0], while_slips, rtol=1e-9)
+        np.testing.assert_allclose(run.final[found["rope"].tensions], [900 * 9.81, 600 * 9.81], rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_crane_servo(found):
+    """Limits hold, the load hangs still at the end, and no servo is faster without a load."""
+    solution, values = found["fastest"], {z: fine(found["fastest"], found[z]) for z in ("speed", "acceleration")}
+    assert largest_error(solution) < 1e-7
+    assert np.max(np.abs(values["speed"])) < 1.5 * 1.001 and np.max(np.abs(values["acceleration"])) < 1.0001
+    assert 5 / 1.5 + 1.5 / 1 + 1 / 6 < solution.duration < 5.1  # the first is the trolley alone, by hand
+    final = solution.verify().trajectory.final
+    assert final[found["load"].x] == pytest.approx(5, abs=1e-7) and abs(final[found["load"].vx]) < 1e-7
+
+
 def test_what_examples_write_is_not_in_the_repository():
     """The folder is there, and git ignores what is in it."""
     done = subprocess.run(

@@ -134,3 +134,27 @@ def test_refuses_friction_by_reactions():
     model = mbd.Mechanism([block], [guide], forces=[mbd.Gravity(), rubs, *pushes], inputs=[one, two])
     with pytest.raises(mbd.MechanismError, match="'one', 'two' are more than .*friction.*inputs="):
         mbd.inverse_dynamics(model, TIMES, motion={guide.displacement: mbd.t}, efforts=[one, two])
+
+
+def test_as_many_efforts_as_freedoms_are_beyond_their_limits_with_a_warning():
+    """A cable that would have to push is not passed over in silence."""
+    pull = mbd.Input("pull", lower=0, upper=10)
+    block = mbd.Body("block", 2.0, 1.0)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), block.at(0, 0))
+    model = mbd.Mechanism([block], [rail], forces=[mbd.Force("cable", block.at(0, 0), (pull, 0))], inputs=[pull])
+    course = {block.x: -3 * mbd.t**2}
+    with pytest.warns(
+        mbd.MechanismWarning, match="'pull' goes from -12 to -12, beyond its limits 0 … 10; inverse_dynamics"
+    ):
+        found = mbd.inverse_dynamics(model, [0, 1], motion=course, efforts=[pull])
+    np.testing.assert_allclose(found[pull], -12)
+    with pytest.raises(mbd.ModelError, match="efforts= contains 'pull' twice"):
+        mbd.inverse_dynamics(model, [0, 1], motion=course, efforts=[pull, pull])
+    with pytest.raises(mbd.ModelError, match="efforts= holds 'pull', another one of this name, which is not in the"):
+        mbd.inverse_dynamics(model, [0, 1], motion=course, efforts=[mbd.Input("pull")])
+    with pytest.raises(mbd.ModelError, match="efforts= holds 'cable', which is not in the mechanism; it has 'pull'"):
+        mbd.inverse_dynamics(model, [0, 1], motion=course, efforts=["cable"])
+    with pytest.raises(mbd.ConditionError, match="2 unknowns.*there are 1; the least of more inputs.*inverse_dynamics"):
+        other = mbd.Input("other")
+        twice = model.replace(inputs=[pull, other], forces=[*model.forces, mbd.Force("o", block.at(0, 0), (other, 0))])
+        mbd.equilibrium(twice, [block.x == 0], unknowns=[pull, other])
