@@ -101,6 +101,22 @@ def gear() -> mbd.Mechanism:
 
 
 @scene
+def backlash() -> mbd.Mechanism:
+    a, b = disc("a", 0.3, (0, 0, 0)), disc("b", 0.18, (0.48, 0, 0.12))
+    pins = [mbd.Revolute(f"pin {x.name}", mbd.ground.at(c, 0), x.at(0, 0)) for x, c in ((a, 0.0), (b, 0.48))]
+    mesh = mbd.Gear("mesh", a.at(0, 0), b.at(0, 0), 0.3, 0.18)
+    teeth = mbd.Backlash("teeth", mesh, 0.04, mbd.HuntCrossley(1e6, exponent=1))
+    return mbd.Mechanism(bodies=[a, b], joints=pins, forces=[teeth])
+
+
+@scene
+def clearance() -> mbd.Mechanism:
+    rod = bar("rod", 0.5, (0.358, -0.076, -0.1), 0.12)
+    pin, bore = mbd.Circle(rod.at(-0.36, 0), 0.12), mbd.HollowCircle(mbd.ground.at(0, 0), 0.16)
+    return mbd.Mechanism([rod], forces=[mbd.Contact("bearing", pin, bore, mbd.HuntCrossley(1e6))])
+
+
+@scene
 def rack() -> mbd.Mechanism:
     pinion, bar_ = disc("pinion", 0.25, (0, 0.25, 0)), mbd.Body("rack", 1.0, 0.1, pose=(0.1, 0, 0))
     joints = [

@@ -40,6 +40,7 @@ from .model.element import ConstraintElement, Element, Reaction
 from .model.events import Event
 from .model.expressions import *  # noqa: F403  (elementary functions, safe on symbols)
 from .model.forces.applied import Force, GeneralizedForce, Torque
+from .model.forces.backlash import Backlash
 from .model.forces.contact.contact import Contact
 from .model.forces.contact.outlines import Circle, HalfPlane, HollowCircle, Point, PolygonEdges, Segment
 from .model.forces.contact.rigid import RigidContact
@@ -202,8 +203,9 @@ _PLACES = {name: module for module, names in _LATER.items() for name in names.sp
 #: All public names: type checkers, ``import *``, ``help`` and ``inspect`` go by these.
 __all__ = [
     "BDF", "DOP853", "IDAS", "RSDA", "STRATEGIES", "TSDA", "AbsoluteAngle", "AbsoluteDistance", "AbsoluteX",
-    "AbsoluteY", "Actuator", "Animation", "AssemblyError", "Belt", "Body", "Bushing", "Cable", "CamCam",
-    "CamFlatFollower", "CamOutline", "CamPointFollower", "Circle", "Clutch", "CollocationPoint", "ConditionError",
+    "AbsoluteY", "Actuator", "Animation", "AssemblyError", "Backlash", "Belt", "Body", "Bushing", "Cable",
+    "CamCam", "CamFlatFollower", "CamOutline", "CamPointFollower", "Circle", "Clutch", "CollocationPoint",
+    "ConditionError",
     "Constraint", "ConstraintElement", "Contact", "ControlPlan", "ControlStep", "ControlTiming", "Controller",
     "Coordinate", "CostFunction", "Coulomb", "Coupler", "Curve", "Cylinder", "DCMotor", "DataLaw", "Disc", "Distance",
     "Driver", "Drum", "DryFriction", "Element", "EndStop", "EnergyMeter", "Equations", "Equilibrium",

@@ -54,6 +54,13 @@ def planet():
     return machine([arm, wheel], joints, hub.angle, 2.0)
 
 
+def keyed():
+    """A shaft with an elastic key that has play."""
+    shaft, bearing = rotor()
+    key = mbd.Coupler("key", mbd.ground.at(0, 0), shaft.at(0, 0), 1.0)
+    return machine([shaft], [bearing], bearing.angle, 0.05, [mbd.Backlash("key", key, 0.04, mbd.HuntCrossley(20))])
+
+
 def rack():
     """Rack and pinion."""
     block, guide = slide()
@@ -188,6 +195,7 @@ MACHINES = {
     "Gear on a carrier": planet,
     "Belt": lambda: second_shaft(lambda a, b: mbd.Belt("belt", a, b, 0.1, 0.15)),
     "Coupler": lambda: second_shaft(lambda a, b: mbd.Coupler("gearbox", a, b, -3.0)),
+    "Backlash": keyed,
     "RackAndPinion": rack,
     "Rolling": rolling,
     "CamFlatFollower": lambda: cam(program=PROGRAM),

@@ -433,6 +433,9 @@ def simple_elements():
         mbd.Contact("x", mbd.Segment(a, 0.3, 0.05), mbd.Point(b), law),
         mbd.Contact("x", mbd.PolygonEdges(b, [(0, 0), (0.2, 0), (0, 0.2)]), mbd.HalfPlane(p.at(0, 0)), law),
         mbd.RigidContact("x", mbd.Circle(b, 0.1), mbd.HalfPlane(p.at(0, -2))),
+        mbd.Contact("x", mbd.Circle(b, 0.1), mbd.HollowCircle(p.at(0.2, 0), 0.5), law),
+        mbd.Contact("x", mbd.Circle(b, 0.1), mbd.HollowCircle(ground.at(0.2, 0), 0.5), law),
+        mbd.Backlash("x", mbd.Gear("x", a, b, 0.3, 0.2), 0.01, law),
     ]
     return [p, q], [(e, True) for e in found] + [(e, False) for e in forces]
 

@@ -160,12 +160,16 @@ def rubbing():
 
 
 def between_stops():
-    """A block that goes to and fro between two elastic stops."""
+    """A block that goes to and fro between two elastic stops, and a shaft whose key has play."""
     block = mbd.Body("block", mass=1.0, inertia=0.1)
     guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
     law = mbd.HuntCrossley(1e4, damping=0.5)
     stops = [mbd.EndStop("right", 0.3 - block.x, law), mbd.EndStop("left", 0.3 + block.x, law)]
-    return mbd.Mechanism([block], joints=[guide], forces=stops), [block.vx == 1]
+    shaft = mbd.Body("shaft", mass=1.0, inertia=0.1, pose=(0, 1, 0))
+    bearing = mbd.Revolute("bearing", mbd.ground.at(0, 1), shaft.at(0, 0))
+    key = mbd.Coupler("key", mbd.ground.at(0, 1), shaft.at(0, 0), 1.0)
+    forces = [*stops, mbd.Backlash("play", key, 0.4, mbd.HuntCrossley(50, damping=0.5))]
+    return mbd.Mechanism([block, shaft], joints=[guide, bearing], forces=forces), [block.vx == 1, shaft.omega == 2]
 
 
 def roped():

@@ -46,13 +46,15 @@ class OneSided(Element):
 
     @cached_property
     def smoothings(self) -> tuple[Smoothing, ...]:  # type: ignore[override]
-        """Quantities that change within a short time: the force."""
-        subject = f"{self.description}: its {self._effort}"
-        courses = [
-            continuous_force(law, gap, force, self.description)
-            for (law, gap, _), force in zip(self._each(), ca.vertsplit(self.force), strict=True)
-        ]
-        return tuple(Smoothing(course, 1.0, subject, "or soften the law", course) for course in courses)
+        """Quantities that change within a short time: the sum of the forces, none of which pulls."""
+        course = sum(
+            (
+                continuous_force(law, gap, force, self.description)
+                for (law, gap, _), force in zip(self._each(), ca.vertsplit(self.force), strict=True)
+            ),
+            ca.SX(0),
+        )
+        return (Smoothing(course, 1.0, f"{self.description}: its {self._effort}", "or soften the law", course),)
 
     @cached_property
     def potential(self) -> ca.SX:

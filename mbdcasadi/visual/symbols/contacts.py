@@ -9,9 +9,9 @@ import casadi as ca
 import numpy as np
 
 from ...model.forces.contact.contact import Contact
-from ...model.forces.contact.outlines import Circle, HalfPlane, Point, PolygonEdges, Segment
+from ...model.forces.contact.outlines import Circle, HalfPlane, HollowCircle, Point, PolygonEdges, Segment
 from ...model.forces.contact.rigid import RigidContact
-from ..drawing import lines
+from ..drawing import lines, scene
 from ..drawing.loads import Load
 from ..drawing.pen import Pen
 from .base import Glyph
@@ -60,6 +60,18 @@ def _point(outline: Point, pen: Pen) -> None:
 @edge.register
 def _circle(outline: Circle, pen: Pen) -> None:
     disc(pen, outline.marker, pen.number(outline.radius))
+
+
+@edge.register
+def _hollow_circle(outline: HollowCircle, pen: Pen) -> None:
+    frame, radius, u = pen.on(outline.marker), pen.number(outline.radius), pen.unit
+    inside = lines.circle((0, 0), radius, 96)
+    if frame.body is None:
+        frame.draw("ground line", inside, closed=True, layer=scene.GROUND)
+        frame.draw("hatch", *lines.hatching(inside, 0.62 * u, 0.75 * u), layer=scene.GROUND)
+    else:
+        frame.area(frame.solid, lines.circle((0, 0), radius + u, 96), inside[::-1])
+        pen.replaces(outline.marker.body, radius + u)
 
 
 @edge.register

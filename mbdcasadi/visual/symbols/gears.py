@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from ...model.bodies import Marker
+from ...model.forces.backlash import Backlash
 from ...model.joints.clutches import ShaftClutch
 from ...model.joints.gears import Belt, Coupler, Gear, RackAndPinion, Rolling
 from ..drawing import lines, scene
@@ -50,7 +51,9 @@ def _count(pen: Pen, wheel: Wheel) -> int:
     A gear that meshes with three others or more (a sun with its planets) has a
     multiple of their number, so that planets at equal angles mesh with sun and ring.
     """
-    gears = [joint for joint in pen.sample.mechanism.joints if isinstance(joint, Gear)]
+    mechanism = pen.sample.mechanism
+    loose = [force.transmission for force in mechanism.forces if isinstance(force, Backlash)]
+    gears = [joint for joint in (*mechanism.joints, *loose) if isinstance(joint, Gear)]
     wheels = [w.key(pen) for joint in gears for w in _wheels(pen, joint)]
     radii = np.array([key[-2] for key in dict.fromkeys(wheels)])
     meshes = np.array([max(1, n) if (n := wheels.count(key)) > 2 else 1 for key in dict.fromkeys(wheels)])
@@ -179,6 +182,12 @@ def belt(joint: Belt, pen: Pen) -> None:
 def coupler(joint: Coupler, pen: Pen) -> None:
     """A dashed line between the shafts."""
     tie(pen, joint.a.position, joint.b.position)
+
+
+@glyph.register
+def backlash(element: Backlash, pen: Pen) -> None:
+    """The gears or shafts whose teeth have play."""
+    glyph(element.transmission, pen)
 
 
 @glyph.register
