@@ -40,6 +40,25 @@ def test_stop_takes_the_speed():
     assert np.all(solution.trajectory[wall.normal_force] > -1e-6)
 
 
+@pytest.mark.slow
+def test_stop_is_left_at_once():
+    """A stop that takes the speed and is left in the same instant costs ``3 d²/T³`` there and ``12 d²/T³`` back."""
+    force = mbd.Input("force", lower=-20, upper=20)
+    block, rail = on_rail("block")
+    wall = mbd.RigidContact("wall", mbd.Point(block.at(0, 0)), mbd.HalfPlane(mbd.ground.at(1, 0, angle=np.pi / 2)))
+    push = mbd.Force("push", block.at(0, 0), (force, 0))
+    model = mbd.Mechanism([block], [rail], forces=[push, wall], inputs=[force])
+    rest = [block.x == 0, block.vx == 0]
+    solution = mbd.optimize(
+        mbd.OptimalControlProblem(
+            model, 2.0, running_cost=force**2, initial=rest, waypoints=[mbd.Waypoint(1.0, [block.x == 1])], final=rest
+        )
+    )
+    assert solution.cost == pytest.approx(15, rel=2e-5)
+    assert [s.name for s in solution.switches] == ["wall touches", "wall opens"]
+    assert solution.verify().final_error < 1e-8
+
+
 def juggler(on_stop):
     """A pad that throws a ball and returns within a second; it may stand on a stop."""
     force, up = mbd.Input("force", lower=-100, upper=100), np.pi / 2
@@ -92,7 +111,7 @@ def test_thrown_ball():
 def test_two_contacts():
     """On a stop the pad waits without effort, and falls back on it at last: its speed there costs nothing."""
     solution = mbd.optimize(juggler(on_stop=True))
-    end = 1 - 1e-3  # the shortest phase
+    end = 1 - 1e-6  # the shortest phase with a touch
 
     def cost(values):
         begin, time, speed = values
@@ -152,6 +171,28 @@ def test_hopper_without_given_phases():
     assert solution.cost == pytest.approx(12238.758, rel=1e-3)
     assert [s.name for s in solution.switches] == ["sole opens"]
     assert solution.verify().final_error < 1e-5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ground", [0.0, -1.0])
+def test_contact_that_stays_as_it_is(ground):
+    """A ball that lies all the time, or that never comes down, needs the least effort of a mass: ``12 m² d²/T³``."""
+    force = mbd.Input("force", lower=-50, upper=50)
+    ball = mbd.Body("ball", mass=1, inertia=0.01, pose=(0, 0.1, 0))
+    floor = mbd.RigidContact("floor", mbd.Circle(ball.at(0, 0), 0.1), mbd.HalfPlane(mbd.ground.at(0, ground)))
+    push = mbd.Force("push", ball.at(0, 0), (force, 0))
+    loads, initial = [push], [ball.x == 0, ball.vx == 0, ball.y == 0.1, ball.vy == 0]
+    initial += [ball.phi == 0, ball.omega == 0]
+    joints = []
+    if ground == 0:
+        loads += [mbd.Gravity(), floor]
+    else:
+        joints += [floor]  # which is taken among joints, too
+    model = mbd.Mechanism([ball], joints, forces=loads, inputs=[force])
+    final = [ball.x == 0.5, ball.vx == 0]
+    solution = mbd.optimize(mbd.OptimalControlProblem(model, 1.0, running_cost=force**2, initial=initial, final=final))
+    assert solution.cost == pytest.approx(3, rel=1e-8) and not solution.switches
+    assert solution.verify().final_error < 1e-8
 
 
 def test_what_is_refused():

@@ -86,7 +86,8 @@ def _senses(part: PhaseSolution, relaxation: Relaxation, forces: bool) -> list[l
 def _is_open(part: PhaseSolution, site: Site, relaxation: Relaxation, forces: bool) -> np.ndarray:
     """Intervals in which a place is open: its gap is a larger share of the largest one than its force of the mean.
 
-    Of several places of a contact, the mean of that which bears most counts.
+    Of several places of a contact, the mean of that which bears most counts. Of one that never closes, what is left of
+    the force is no mean to compare with: a typical force stands below.
     """
     gap = np.max(np.abs(_sampled(part, gap_of(site))), axis=1)
     largest = max(float(np.max(gap)), CREEP * float(part.program.sizes.of_changes([gap_of(site)])[0]))
@@ -94,8 +95,9 @@ def _is_open(part: PhaseSolution, site: Site, relaxation: Relaxation, forces: bo
     if forces:
         lengths, normal = np.diff(part.mesh_times), relaxation.replaced.normal
         courses = {s: _sampled(part, f).mean(axis=1) for s, f in normal.items() if s.element is site.element}
-        mean = max(float(force @ lengths) / float(np.sum(lengths)) for force in courses.values())
-        pressed = np.maximum(courses[site] / max(mean, np.finfo(float).tiny), CREEP)
+        means = [float(force @ lengths) / float(np.sum(lengths)) for force in courses.values()]
+        typical = float(part.program.sizes.of_changes([normal[site]])[0])
+        pressed = np.maximum(courses[site] / max(*means, CREEP * typical), CREEP)
     is_open: np.ndarray = gap / largest > pressed
     return is_open
 
@@ -154,6 +156,21 @@ def _at_rest(mode: str, beside: str | None, *, still: bool, touches: bool, stick
         return "sticks" if sticky and still else mode if sticky else "closed"
     turns = {mode, beside} == {"forth", "back"}
     return "sticks" if mode in ("forth", "back") and (still or turns) else mode
+
+
+def without_flights(pieces: Sequence[Piece], relaxation: Relaxation) -> list[Piece]:
+    """Return the pieces with each contact closed from its first force to its last.
+
+    What is open between has the mode before it.
+    """
+    columns = []
+    for site, modes in zip(relaxation.sites, zip(*[piece.senses for piece in pieces], strict=True), strict=True):
+        column = list(modes)
+        closed = [k for k, mode in enumerate(column) if mode != "open"] if site.place is not None else []
+        for k in range(closed[0] + 1, closed[-1]) if closed else ():
+            column[k] = column[k - 1] if column[k] == "open" else column[k]
+        columns.append(column)
+    return joined([replace(piece, senses=tuple(modes)) for piece, *modes in zip(pieces, *columns, strict=True)], 0.0)
 
 
 def joined(pieces: Sequence[Piece], least: float, durations: Sequence[float] | None = None) -> list[Piece]:

@@ -27,6 +27,9 @@ from ..statement.state_conditions import independent_state_conditions
 from ..statement.time_span import between
 from .pattern import SHORTEST, Piece
 
+#: Shortest phase that begins where a contact closes, or ends where one opens, as a share of the duration: what touches
+#: and leaves at one instant costs as large a share more.
+INSTANT = 1e-6
 #: Rest of a unit row below which a condition on velocities follows from what is closed or sticks.
 IMPLIED = 1e-6
 
@@ -134,7 +137,9 @@ class PhaseMaker:
             if not isinstance(initial, State):
                 initial, at_start = self._independent(held, piece.begin, initial)
         low, high = self.problem.duration
-        span = (low, high) if len(pieces) == 1 else (SHORTEST * high, high)
+        touches = any(one is not None and self._closing(one, piece) for one in (before, after))
+        least = (INSTANT if touches else SHORTEST) * high
+        span = (low, high) if len(pieces) == 1 else (least, high)
         duration = span[0] if span[0] == span[1] else between(*span, guess=float(np.clip(piece.duration, *span)))
         name = f"{k + 1}: {', '.join(f'{site.name} {_words(mode)}' for site, mode in self._modes(piece).items())}"
         phase = Phase(name, of.mechanism, duration, initial, final, path, of.of(self._given["running_cost"]))

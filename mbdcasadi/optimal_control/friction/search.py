@@ -23,7 +23,7 @@ from ..solve.best_so_far import BestSoFar
 from ..solve.problem_solver import ProblemSolver
 from ..statement.sites import Relaxation
 from ..transcription.mesh import Mesh
-from .pattern import Piece, joined, order_of, pattern_of, with_rests
+from .pattern import Piece, joined, order_of, pattern_of, with_rests, without_flights
 from .phases import PhasedFriction, PhaseMaker
 from .switched_solution import SwitchedSolution
 
@@ -84,6 +84,8 @@ class FrictionSearch:
                 if share <= (TOUCH_READ_OFF if relaxation.touches else READ_OFF):
                     maker = PhaseMaker(self.problem, relaxation, motion)
                     found = orders.solve(maker, lasting)
+                    if found is None:  # forces of impacts throw what cannot jump
+                        orders.solve(maker, without_flights(lasting, relaxation))
                     if found is None or found.cost > motion.cost + BRIEF * abs(motion.cost):
                         orders.solve(maker, pieces)
                     orders.solve(maker, with_rests(lasting, motion, relaxation))

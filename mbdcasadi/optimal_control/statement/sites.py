@@ -164,10 +164,10 @@ def replaced(
             (site,) = own
             sticks = (site, "friction") in held
             elements[element] = element.in_mode("sticks") if sticks else SlidingFriction(element, friction[site])
-    parts = [elements.get(f, f) for f in mechanism.forces]
+    joints, parts = ([elements.get(f, f) for f in listed] for listed in (mechanism.joints, mechanism.forces))
     holding = [f for f in parts if f.rows.numel()]
     variant = mechanism.replace(
-        joints=[*mechanism.joints, *holding],
+        joints=[*joints, *holding],
         forces=[f for f in parts if f not in holding],
         inputs=[*mechanism.inputs, *inputs],
         parameters=[*mechanism.parameters, *more],
