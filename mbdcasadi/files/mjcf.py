@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import combinations
 from pathlib import Path
 
 import casadi as ca
@@ -10,11 +11,10 @@ import numpy as np
 
 from ..model.joints.constraints import Constraint
 from ..model.mechanism import Mechanism
-from ..model.symbols import Input
 from .markup import XmlElement, read_xml
-from .mjcf_actuators import as_general, gains_of
+from .mjcf_actuators import FREE, Actuator, as_general, gains_of
 from .mjcf_format import ACTUATORS, OTHER_ACTUATORS, refuse_unread, turned_off
-from .mjcf_solids import size_along, solid
+from .mjcf_solids import NEEDED, size_along, solid
 from .planar import PlanarBuilder
 from .robots import (
     Coordinate,
@@ -23,6 +23,7 @@ from .robots import (
     Loop,
     Mass,
     Robot,
+    Solid,
     SpatialJoint,
     actuator_law,
     rotation_about,
@@ -38,9 +39,11 @@ DENSITY = 1000.0
 _STIFF = {"solref": np.array([0.02, 1]), "solimp": np.array([0.9, 0.95, 0.001, 0.5, 2])}
 #: Geoms that have no mass.
 _MASSLESS = ("plane", "hfield")
+#: Numbers of geoms that decide what they touch, by default.
+_BITS = {"priority": "0", "contype": "1", "conaffinity": "1"}
 
 
-def read_mjcf(path: str | Path) -> Mechanism:
+def read_mjcf(path: str | Path, *, contacts: bool = True) -> Mechanism:
     """Read a model whose motion is planar.
 
     All hinges must be parallel, and slides lie in the plane across them; bodies without joints become
@@ -53,10 +56,24 @@ def read_mjcf(path: str | Path) -> Mechanism:
     ``armature`` of a joint is a rotor, a body beside the others that turns with the coordinate. ``include`` is
     read; sensors, keyframes and what is only seen change no motion and are not.
 
+    Geoms that MuJoCo lets touch are a :class:`Contact` ``one on other``: planes, spheres, capsules, cylinders and
+    boxes that lie along the plane or across it. A ``range`` of a joint is two of :class:`EndStop`, ``joint lower
+    stop`` and ``joint upper stop``, ``frictionloss`` a :class:`LoadIndependentFriction` ``joint friction``. The ranges
+    of the forces of an actuator limit its input, or, of a servo, the force itself. Softness (``solref``, ``solimp``)
+    has no length in a file; the laws are these instead, with the weight W of all bodies and the size h, which is half
+    of the least width of the smaller geom, or the radius of gyration of what the joint carries:
+
+    - Contacts and stops are :class:`HuntCrossley` with the exponent 1, ``k = W/δ`` and ``χ = 2/√(g δ)``,
+      ``δ = 0.01 h`` (of a hinge ``k h²`` and ``χ h``): they yield by 1 % of the size under the weight of all bodies,
+      and do not bounce.
+    - Friction is :class:`Coulomb` with the velocity tolerance ``0.01 √(g h)``.
+
     Parameters
     ----------
     path : str or Path
         The file.
+    contacts : bool, default True
+        False leaves out contacts, limits and dry friction of joints, with a warning: equations without jumps.
 
     Returns
     -------
@@ -71,8 +88,7 @@ def read_mjcf(path: str | Path) -> Mechanism:
     Warns
     -----
     MechanismWarning
-        For what is left out: contacts, limits and dry friction of joints, ranges of forces, the softness of equalities,
-        fluids.
+        For what is left out: contacts of other geoms, margins, rolling friction, the softness of equalities, fluids.
 
     References
     ----------
@@ -80,7 +96,7 @@ def read_mjcf(path: str | Path) -> Mechanism:
     """
     root = read_xml(path, "mujoco")
     _include(root, Path(path).parent)
-    return PlanarBuilder(_Reader(root, Path(path).stem).robot()).mechanism()
+    return PlanarBuilder(_Reader(root, Path(path).stem, contacts).robot()).mechanism()
 
 
 def _include(root: XmlElement, folder: Path) -> None:
@@ -132,12 +148,17 @@ def _joined(root: XmlElement, tag: str) -> XmlElement:
     return together
 
 
+def _friction(element: XmlElement) -> float:
+    """Coefficient of the friction of a geom or a pair along a surface."""
+    return 0.0 if element.get("condim", "3") == "1" else float(element.numbers("friction", "1 0.005 0.0001")[0])
+
+
 class _Reader:
     """One file."""
 
-    def __init__(self, root: XmlElement, stem: str):
+    def __init__(self, root: XmlElement, stem: str, contacts: bool):
         refuse_unread(root)
-        self.root = root
+        self.root, self.contacts = root, contacts
         self._read_compiler(_joined(root, "compiler"))
         option = _joined(root, "option")
         self.off = turned_off(option.all("flag"))
@@ -153,7 +174,8 @@ class _Reader:
                 defaults = self.classes[name] = _extended(above, element)
                 waiting += [(child.get("class"), defaults, child) for child in element.all("default")]
         self._sites: dict[str, tuple[XmlElement, Link]] = {}
-        self._has_contacts = False
+        self._joint_ranges: dict[str, tuple[float, float]] = {}
+        self._actuators: list[Actuator] = []
         self._count = 0
 
     def _read_compiler(self, element: XmlElement) -> None:
@@ -207,13 +229,33 @@ class _Reader:
         for actuators in self.root.all("actuator"):
             for element in actuators.children:
                 self._read_actuator(element)
+        self._limit_forces()
+        self._read_contacts()
+        return robot
+
+    def _read_contacts(self) -> None:
+        """Pairs of geoms that touch in any case, and bodies that do not."""
+        robot = self._robot
         pairs = [pair for contact in self.root.all("contact") for pair in contact.all("pair")]
         for contact in self.root.all("contact"):
             refuse_unread(contact)
-        if "contact" not in self.off:
-            robot.left_out += ["the contacts of geoms (Contact has them)"] if self._has_contacts else []
+            robot.apart |= {frozenset((e.get("body1"), e.get("body2"))) for e in contact.all("exclude")}
+        robot.neighbours_touch = "filterparent" in self.off
+        if "contact" in self.off:
+            robot.solids.clear()
+        elif self.contacts:
+            robot.pairs += [self._pair(self._filled(pair, "main")) for pair in pairs]
+        else:
+            if any(a.meets(b) for a, b in combinations(robot.solids, 2)):
+                robot.left_out.append("the contacts of geoms (Contact has them)")
+            robot.solids.clear()
             robot.left_out += [f"the contact pair of '{p.get('geom1')}' and '{p.get('geom2')}'" for p in pairs]
-        return robot
+
+    def _pair(self, element: XmlElement) -> tuple[Solid, Solid, float | None]:
+        """Two geoms that touch whatever they are, with their friction."""
+        a, b = (self._robot.solid(element.get(key), element) for key in ("geom1", "geom2"))
+        given = element.has("friction") or element.has("condim")
+        return a, b, _friction(element) if given else None
 
     def _scale_masses(self, masses: Sequence[Mass]) -> None:
         """Scale all masses to the total that the compiler is to set."""
@@ -294,12 +336,18 @@ class _Reader:
         place = frame.position + frame.rotation @ element.numbers("pos", "0 0 0", (3,))
         robot = self._robot
         turns = self._angle if kind == "hinge" else float
+        limits = None
         if "limit" not in self.off and self._is_limited(element, "limited", "range"):
-            robot.left_out.append(f"the range of joint '{name}' (EndStop holds it)")
-        if "frictionloss" not in self.off and element.number("frictionloss", "0", least=0.0) > 0:
+            limits = self._range(element, "range", turns)
+            if not self.contacts:
+                robot.left_out.append(f"the range of joint '{name}' (EndStop holds it)")
+            elif element.number("margin", "0") != 0:
+                robot.left_out.append(f"the margin of the range of joint '{name}'")
+        friction = 0.0 if "frictionloss" in self.off else element.number("frictionloss", "0", least=0.0)
+        if friction > 0 and not self.contacts:
             robot.left_out.append(f"the dry friction of joint '{name}' (LoadIndependentFriction has it)")
         if self._is_limited(element, "actuatorfrclimited", "actuatorfrcrange"):
-            robot.left_out.append(f"the range of the forces of actuators on joint '{name}'")
+            self._joint_ranges[name] = self._range(element, "actuatorfrcrange")
         damping, stiffness = element.number("damping", "0", least=0.0), element.number("stiffness", "0", least=0.0)
         return SpatialJoint(
             element,
@@ -312,7 +360,17 @@ class _Reader:
             0.0 if "spring" in self.off else stiffness,
             turns(element.number("springref", "0")),
             element.number("armature", "0", least=0.0),
+            limits if self.contacts else None,
+            friction if self.contacts else 0.0,
         )
+
+    @staticmethod
+    def _range(element: XmlElement, name: str, turns: Callable[[float], float] = float) -> tuple[float, float]:
+        """Two limits, the lower one first."""
+        lower, upper = (turns(float(x)) for x in element.numbers(name, None, (2,)))
+        if lower >= upper:
+            raise element.refuse(f"has {name} = '{element.get(name)}', of which the first must be below the second")
+        return lower, upper
 
     # --- masses ---------------------------------------------------------------------------
     def _read_masses(self, link: Link, parts: Sequence[tuple[XmlElement, Link]]) -> None:
@@ -323,9 +381,7 @@ class _Reader:
             refuse_unread(element)
         if len(inertials) > 1:
             raise inertials[1].refuse("is the second one; at most one is allowed")
-        self._has_contacts |= any(
-            geom.get("contype", "1") != "0" or geom.get("conaffinity", "1") != "0" for geom, _ in geoms
-        )
+        self._robot.solids += [self._solid(geom, frame, link) for geom, frame in geoms]
         if link.parent is None:
             return
         if inertials and self.from_geoms != "true":
@@ -344,11 +400,25 @@ class _Reader:
         center = element.numbers("pos", None, (3,))
         return Mass(element.number("mass", least=0.0), center, rotation @ tensor @ rotation.T)
 
-    def _geom(self, element: XmlElement) -> Mass | None:
-        """Mass of a geom, homogeneous."""
+    def _solid(self, element: XmlElement, frame: Link, link: Link) -> Solid:
+        """A geom that others may touch."""
+        kind, center, rotation, size = self._shape(element)
+        self._count += 1
+        name = element.get("name", f"{link.name} geom {self._count}")
+        for lost in ("margin", "gap"):
+            if self.contacts and element.number(lost, "0") != 0:
+                self._robot.left_out.append(f"the {lost} of geom '{name}'")
+        if self.contacts and element.get("condim", "3") == "6":
+            self._robot.left_out.append(f"the rolling friction of geom '{name}'")
+        if kind in NEEDED and (size.size < NEEDED[kind] or np.any(size[: NEEDED[kind]] <= 0)):
+            raise element.refuse(f"needs {NEEDED[kind]} positive numbers in size, as a {kind}")
+        numbers = {key: int(element.number(key, default)) for key, default in _BITS.items()}
+        return Solid(element, name, frame, link.name, kind, size, rotation, center, _friction(element),
+                     numbers["priority"], numbers["contype"], numbers["conaffinity"])  # fmt: skip
+
+    def _shape(self, element: XmlElement) -> tuple[str, np.ndarray, np.ndarray, np.ndarray]:
+        """Kind of a geom, its centre (3,) and rotation (3, 3) in its frame, and its size."""
         kind = element.get("type", "sphere")
-        if element.has("mass") and element.number("mass", least=0.0) == 0:
-            return None
         center, rotation = element.numbers("pos", "0 0 0", (3,)), self._rotation(element)
         size = np.zeros(0) if not element.has("size") else element.numbers("size")
         if element.has("fromto"):
@@ -356,6 +426,13 @@ class _Reader:
             center, span = (ends[:3] + ends[3:]) / 2, ends[3:] - ends[:3]
             rotation = rotation_to_z(unit_vector(element, "fromto", span))
             size = size_along(kind, size, float(np.linalg.norm(span)) / 2)
+        return kind, center, rotation, size
+
+    def _geom(self, element: XmlElement) -> Mass | None:
+        """Mass of a geom, homogeneous."""
+        if element.has("mass") and element.number("mass", least=0.0) == 0:
+            return None
+        kind, center, rotation, size = self._shape(element)
         volume, moments = solid(element, kind, size)
         mass = element.number("mass") if element.has("mass") else element.number("density", str(DENSITY)) * volume
         return Mass(mass, center, rotation @ np.diag(mass * moments) @ rotation.T) if mass > 0 else None
@@ -423,17 +500,31 @@ class _Reader:
         joint = element.get("joint")
         robot.joint(joint, element)
         usual = f"{joint} {element.tag}"
-        alike = sum(drive.label.startswith(usual) for drive in robot.inputs)
+        alike = sum(actuator.name.startswith(usual) for actuator in self._actuators)
         name = element.get("name", f"{usual} {alike + 1}" if alike else usual)
-        limits = [-np.inf, np.inf]
+        limits = FREE
         if "clampctrl" not in self.off and self._is_limited(element, "ctrllimited", "ctrlrange"):
-            limits = [float(x) for x in element.numbers("ctrlrange", None, (2,))]
-        if self._is_limited(element, "forcelimited", "forcerange"):
-            robot.left_out.append(f"the range of the force of actuator '{name}'")
-        drive = Input(name, lower=limits[0], upper=limits[1])
+            limits = self._range(element, "ctrlrange")
+        is_limited = self._is_limited(element, "forcelimited", "forcerange")
+        force = self._range(element, "forcerange") if is_limited else FREE
         gear = float(element.numbers("gear", "1")[0])
-        robot.inputs.append(drive)
-        robot.forces.append(((joint,), actuator_law(self._name(element, name), drive, gear, gains_of(element))))
+        self._actuators.append(Actuator(element, name, joint, gear, gains_of(element), limits, force))
+
+    def _limit_forces(self) -> None:
+        """Make inputs and forces of the actuators, within the ranges of theirs and of their joints."""
+        robot = self._robot
+        for actuator in self._actuators:
+            shared = sum(other.joint == actuator.joint for other in self._actuators) > 1
+            if actuator.joint in self._joint_ranges and not shared and actuator.gear != 0:
+                whole = [limit / actuator.gear for limit in self._joint_ranges[actuator.joint]]
+                actuator.within(min(whole), max(whole))
+            drive, force = actuator.drive()
+            robot.inputs.append(drive)
+            law = actuator_law(self._name(actuator.source, actuator.name), drive, actuator.gear, actuator.gains, force)
+            robot.forces.append(((actuator.joint,), law))
+        for name in self._joint_ranges:
+            if sum(actuator.joint == name for actuator in self._actuators) > 1:
+                robot.left_out.append(f"the range of the sum of the forces of actuators on joint '{name}'")
 
     def _name(self, element: XmlElement, default: str) -> str:
         """Name of an equality or actuator; its kind is added if a joint has the name too."""

@@ -8,7 +8,11 @@ general actuator has given them.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
+import numpy as np
+
+from ..model.symbols import Input
 from .markup import XmlElement
 from .mjcf_format import OTHER_ACTUATORS
 
@@ -65,3 +69,37 @@ def gains_of(actuator: XmlElement) -> tuple[float, float, float, float]:
             f"has the damping ratio {damping:g} in biasprm, which is not read; give the damping itself, as kv"
         )
     return gain, stiffness, damping, constant
+
+
+#: Limits of what has none.
+FREE = (-np.inf, np.inf)
+
+
+@dataclass(eq=False)
+class Actuator:
+    """An actuator on a joint: ``f = k u + k_x gear x + k_v gear v + k_0``, and ``gear f`` along the coordinate."""
+
+    source: XmlElement
+    name: str
+    joint: str
+    gear: float
+    #: k, k_x, k_v, k_0
+    gains: tuple[float, float, float, float]
+    #: limits of u, and of f
+    inputs: tuple[float, float] = FREE
+    force: tuple[float, float] = FREE
+
+    def within(self, lower: float, upper: float) -> None:
+        """Limit the force further."""
+        self.force = max(self.force[0], lower), min(self.force[1], upper)
+
+    def drive(self) -> tuple[Input, tuple[float, float]]:
+        """Return the input, and the limits of the force that those of the input do not hold: those of servos."""
+        gain, *servo, constant = self.gains
+        if any(servo) or gain == 0 or self.force == FREE:
+            return Input(self.name, lower=self.inputs[0], upper=self.inputs[1]), self.force
+        ends = sorted((limit - constant) / gain for limit in self.force)
+        lower, upper = max(self.inputs[0], ends[0]), min(self.inputs[1], ends[1])
+        if lower > upper:
+            raise self.source.refuse("has ranges of its input and its force that have nothing in common")
+        return Input(self.name, lower=lower, upper=upper), FREE

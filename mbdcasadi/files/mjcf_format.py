@@ -92,10 +92,11 @@ MESH_ADVICE = "give the body an inertial, or " + _SAVED.format("masses")
 #: What flags turn off, several things by some, and flags that change nothing else.
 _PARTS_OF_FLAGS = {"passive": {"spring", "damper"}, "constraint": {"equality", "contact", "limit", "frictionloss"}}
 FLAGS = (
-    "gravity", "spring", "damper", "contact", "limit", "frictionloss", "equality", "clampctrl", *_PARTS_OF_FLAGS,
+    "gravity", "spring", "damper", "contact", "limit", "frictionloss", "equality", "clampctrl", "filterparent",
+    *_PARTS_OF_FLAGS,
 )  # fmt: skip
 _HARMLESS_FLAGS = (
-    "warmstart", "filterparent", "refsafe", "sensor", "midphase", "nativeccd", "eulerdamp", "autoreset", "island",
+    "warmstart", "refsafe", "sensor", "midphase", "nativeccd", "eulerdamp", "autoreset", "island",
     "multiccd", "override", "energy", "fwdinv", "invdiscrete", "sleep",
 )  # fmt: skip
 

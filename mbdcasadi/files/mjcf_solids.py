@@ -8,7 +8,7 @@ from .markup import XmlElement
 from .mjcf_format import MESH_ADVICE
 
 #: Numbers of size that a solid needs.
-_NEEDED = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3}
+NEEDED = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3}
 
 
 def size_along(kind: str, size: np.ndarray, half: float) -> np.ndarray:
@@ -18,10 +18,10 @@ def size_along(kind: str, size: np.ndarray, half: float) -> np.ndarray:
 
 def solid(element: XmlElement, kind: str, size: np.ndarray) -> tuple[float, np.ndarray]:
     """Volume of a solid, and its moments of inertia by its mass in its own axes."""
-    if kind not in _NEEDED:
+    if kind not in NEEDED:
         raise element.refuse(f"is of the type '{kind}', whose mass is not computed; {MESH_ADVICE}")
-    if size.size < _NEEDED[kind] or np.any(size[: _NEEDED[kind]] <= 0):
-        raise element.refuse(f"needs {_NEEDED[kind]} positive numbers in size, as a {kind}")
+    if size.size < NEEDED[kind] or np.any(size[: NEEDED[kind]] <= 0):
+        raise element.refuse(f"needs {NEEDED[kind]} positive numbers in size, as a {kind}")
     if kind == "sphere":
         r = size[0]
         return 4 / 3 * np.pi * r**3, np.full(3, 0.4 * r**2)

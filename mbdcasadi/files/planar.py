@@ -17,6 +17,8 @@ from ..model.bodies import Body, Marker, ground
 from ..model.element import Element
 from ..model.forces.applied import GeneralizedForce
 from ..model.forces.field import Gravity
+from ..model.forces.friction.joint_friction import LoadIndependentFriction
+from ..model.forces.stops import EndStop
 from ..model.joints.base import AlongLine, Joint
 from ..model.joints.constraints import Constraint
 from ..model.joints.coordinates import RelativeAngle
@@ -24,6 +26,7 @@ from ..model.joints.lower_pairs import PointOnLine, Revolute, Translational, Wel
 from ..model.mechanism import Mechanism
 from ..model.rates import time_derivative
 from ..numerics.lazy import cached_property
+from .robot_contacts import RobotContacts, Yielding
 from .robots import Coordinate, Link, Loop, Robot, SpatialJoint
 
 #: Angle by which axes that are meant to be parallel may differ, rad: files give angles to a few digits.
@@ -163,6 +166,10 @@ class PlanarBuilder:
         for link in robot.links:
             self.moving[link] = link if link.joints or link.parent is None else self.moving[link.parent]
             self.fixed.setdefault(self.moving[link], []).append(link)
+        down = self.plane.axes[:2] @ robot.gravity
+        self._down = np.where(np.abs(down) > 1e-12, np.round(down, 12), 0.0)
+        mass = sum(part.mass for link in robot.links if self.moving[link].parent for part in link.masses)
+        self.laws = Yielding(mass, float(np.hypot(*self._down)))
         self.bodies: dict[Link, Body] = {}
         self.rotors: list[Body] = []
         self.joints: list[Element] = []
@@ -181,8 +188,8 @@ class PlanarBuilder:
                 self._connect(link)
         for loop in robot.loops:
             self._close(loop)
-        down = self.plane.axes[:2] @ robot.gravity
-        weight = [Gravity(tuple(float(x) for x in np.round(down, 12)))] if np.any(np.abs(down) > 1e-12) else []
+        weight = [Gravity(tuple(float(x) for x in self._down))] if np.any(self._down) else []
+        contacts = RobotContacts(robot, self.plane.axes, self.moving, self._at, self.laws).elements()
         if robot.left_out:
             warn(f"{robot.source.file}: left out {'; '.join(robot.left_out)}")
         try:
@@ -194,7 +201,7 @@ class PlanarBuilder:
             return Mechanism(
                 bodies=[*self.bodies.values(), *self.rotors],
                 joints=self.joints,
-                forces=[*weight, *self.forces],
+                forces=[*weight, *self.forces, *contacts],
                 inputs=robot.inputs,
                 name=robot.name,
             )
@@ -249,7 +256,7 @@ class PlanarBuilder:
             # at the zero of the file the point is at the origin of the guide
             guide = self._at(link.parent, point - slides[0].reference * axis, angle)
             kind = PointOnLine if hinges else Translational
-            self._keep(slides[0], kind(slides[0].name, guide, self._at(link, point, angle)))
+            self._keep(slides[0], link, kind(slides[0].name, guide, self._at(link, point, angle)))
         if hinges:
             self._turn(link, hinges[0], point, FreeHinge if slides else Revolute)
         elif len(slides) == 2:
@@ -263,7 +270,7 @@ class PlanarBuilder:
         if (link.rotation @ hinge.axis) @ self.plane.normal < 0:
             # the angle of the second marker relative to the first grows against the turn of the link
             base, moved = self._at(link, point), self._at(link.parent, point, hinge.reference)
-        self._keep(hinge, kind(hinge.name, base, moved))
+        self._keep(hinge, link, kind(hinge.name, base, moved))
 
     def _slide_in_plane(self, link: Link, slides: Sequence[SpatialJoint], point: np.ndarray) -> None:
         """Add two slides, which together constrain no place."""
@@ -275,12 +282,12 @@ class PlanarBuilder:
         for slide, dual in zip(slides, np.linalg.inv(directions).T, strict=True):
             origin = point - slide.reference / (dual @ dual) * (dual @ self.plane.axes[:2])
             ends = self._at(link.parent, origin), self._at(link, point)
-            self._keep(slide, FreeSlide(slide.name, *ends, dual))
+            self._keep(slide, link, FreeSlide(slide.name, *ends, dual))
 
     def _keep(
-        self, joint: SpatialJoint, element: FreeSlide | FreeHinge | PointOnLine | Revolute | Translational
+        self, joint: SpatialJoint, link: Link, element: FreeSlide | FreeHinge | PointOnLine | Revolute | Translational
     ) -> None:
-        """Add a joint with its coordinate, spring, damper and rotor."""
+        """Add a joint with its coordinate, spring, damper, stops, dry friction and rotor."""
         if joint.name in self.coordinates:
             raise joint.source.refuse("has the name of another joint")
         self.joints.append(element)
@@ -292,8 +299,52 @@ class PlanarBuilder:
         force = -joint.damping * along.rate - joint.stiffness * (along.value - joint.rest)
         if joint.damping or joint.stiffness:
             self.forces.append(GeneralizedForce(f"{joint.name} spring and damper", [(along.value, force)]))
+        self._limit(joint, link, along)
+        self._rub(joint, link, element)
         if joint.armature:
             self._add_rotor(joint, along.value)
+
+    def _limit(self, joint: SpatialJoint, link: Link, along: Coordinate) -> None:
+        """Add stops at the limits of a coordinate."""
+        size = self._radius_of_gyration(link, joint) if joint.limits else 0.0
+        if joint.limits and size == 0:
+            self.robot.left_out.append(f"the limits of joint '{joint.name}', which carries nothing of a size")
+        elif joint.limits:
+            law = self.laws.law(size, size if joint.kind == "hinge" else 1.0)
+            lower, upper = joint.limits
+            self.forces.append(EndStop(f"{joint.name} lower stop", along.value - lower, law))
+            self.forces.append(EndStop(f"{joint.name} upper stop", upper - along.value, law))
+
+    def _rub(
+        self, joint: SpatialJoint, link: Link, element: FreeSlide | FreeHinge | PointOnLine | Revolute | Translational
+    ) -> None:
+        """Add the dry friction of a joint."""
+        size = self._radius_of_gyration(link, joint) if joint.dry_friction else 0.0
+        if joint.dry_friction and (size == 0 or isinstance(element, FreeSlide | FreeHinge)):
+            self.robot.left_out.append(f"the dry friction of joint '{joint.name}', which holds no place")
+        elif joint.dry_friction and not isinstance(element, FreeSlide | FreeHinge):
+            is_pin = isinstance(element, Revolute)
+            load, radius = (joint.dry_friction / size, size) if is_pin else (joint.dry_friction, None)
+            law = self.laws.friction(1.0, size)
+            self.forces.append(LoadIndependentFriction(f"{joint.name} friction", element, law, load, radius))
+
+    def _radius_of_gyration(self, link: Link, joint: SpatialJoint) -> float:
+        """Radius of gyration of what a joint carries, about its hinge, or the centre of mass if it slides, m."""
+        carried = {link}
+        for other in self.robot.links:  # parents come first
+            if other.parent in carried:
+                carried.add(other)
+        parts = [(other, part) for other in self.robot.links if other in carried for part in other.masses]
+        masses = np.array([part.mass for _, part in parts])
+        if not np.sum(masses) > 0:
+            return 0.0
+        places = np.array([self.plane.place(other.position + other.rotation @ part.center) for other, part in parts])
+        about = self.plane.place(link.position + link.rotation @ joint.point)
+        about = about if joint.kind == "hinge" else masses @ places / np.sum(masses)
+        axes = [other.rotation.T @ self.plane.normal for other, _ in parts]
+        inertia = sum(axis @ part.inertia @ axis for axis, (_, part) in zip(axes, parts, strict=True))
+        inertia += masses @ np.sum((places - about) ** 2, axis=1)
+        return float(np.sqrt(inertia / np.sum(masses)))
 
     def _add_rotor(self, joint: SpatialJoint, value: ca.SX) -> None:
         """Add a body that turns with a coordinate on a pin at the origin, where its mass moves nothing."""

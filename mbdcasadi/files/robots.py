@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ..model.element import Element
+from ..model.expressions import fmax, fmin
 from ..model.forces.applied import GeneralizedForce
 from ..model.symbols import Input
 from .markup import XmlElement
@@ -54,6 +55,10 @@ class SpatialJoint(RobotPart):
     rest: float = 0.0
     #: inertia of its rotor: kg m², or kg of a slide
     armature: float = 0.0
+    #: limits of its coordinate
+    limits: tuple[float, float] | None = None
+    #: dry friction, N m, or N of a slide
+    dry_friction: float = 0.0
 
 
 @dataclass(eq=False)
@@ -68,6 +73,44 @@ class Link(RobotPart):
     masses: list[Mass] = field(default_factory=list)
     #: joints by which it moves, the first one next to the parent; none if it is fixed
     joints: list[SpatialJoint] = field(default_factory=list)
+
+
+@dataclass(eq=False)
+class Solid(RobotPart):
+    """A solid of a link that others may touch."""
+
+    link: Link
+    #: name of the body of the file
+    body: str
+    #: "plane", "sphere", "capsule", "cylinder", "box"; others have no outline
+    kind: str
+    #: half widths, m, as MuJoCo gives them
+    size: np.ndarray
+    #: pose in the frame of the link (3, 3), (3,)
+    rotation: np.ndarray
+    center: np.ndarray
+    #: coefficient of friction
+    friction: float
+    #: that of the greater priority holds, else the greater one
+    priority: int = 0
+    #: bits of what it is, and of what it meets
+    kinds: int = 1
+    partners: int = 1
+
+    @property
+    def place(self) -> np.ndarray:
+        """Its centre in the world (3,), m."""
+        return self.link.position + self.link.rotation @ self.center
+
+    def meets(self, other: Solid) -> bool:
+        """Return True if the bits of the two allow a contact."""
+        return bool(self.kinds & other.partners or other.kinds & self.partners)
+
+    def friction_with(self, other: Solid) -> float:
+        """Coefficient of friction of the two."""
+        if self.priority != other.priority:
+            return max(self, other, key=lambda solid: solid.priority).friction
+        return max(self.friction, other.friction)
 
 
 @dataclass(eq=False)
@@ -94,13 +137,19 @@ class Coordinate:
 
 
 def actuator_law(
-    name: str, drive: Input, gear: float = 1.0, gains: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    name: str,
+    drive: Input,
+    gear: float = 1.0,
+    gains: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0),
+    limits: tuple[float, float] = (-np.inf, np.inf),
 ) -> Law:
-    """Force ``gear (k u + k_x gear x + k_v gear v + k_0)`` along a coordinate."""
+    """Force ``gear f`` along a coordinate, ``f = k u + k_x gear x + k_v gear v + k_0`` within its limits."""
 
     def law(coordinates: Sequence[Coordinate]) -> GeneralizedForce:
         along = coordinates[0]
         force = gains[0] * drive + gear * (gains[1] * along.value + gains[2] * along.rate) + gains[3]
+        force = force if limits[0] == -np.inf else fmax(force, limits[0])
+        force = force if limits[1] == np.inf else fmin(force, limits[1])
         return GeneralizedForce(name, [(along.value, gear * force)])
 
     return law
@@ -119,6 +168,13 @@ class Robot(RobotPart):
     forces: list[tuple[tuple[str, ...], Law]] = field(default_factory=list)
     constraints: list[tuple[tuple[str, ...], Law]] = field(default_factory=list)
     inputs: list[Input] = field(default_factory=list)
+    #: solids whose contacts are elements, and pairs that touch in any case with their friction (None: by the solids)
+    solids: list[Solid] = field(default_factory=list)
+    pairs: list[tuple[Solid, Solid, float | None]] = field(default_factory=list)
+    #: names of bodies that do not touch each other
+    apart: set[frozenset[str]] = field(default_factory=set)
+    #: True if a body touches the one that carries it
+    neighbours_touch: bool = False
     #: contents of the file that no element represents
     left_out: list[str] = field(default_factory=list)
 
@@ -129,6 +185,10 @@ class Robot(RobotPart):
     def link(self, name: str, source: XmlElement) -> Link:
         """Return a link by its name, or raise for the element that names it."""
         return _named(self.links, "body", name, source)
+
+    def solid(self, name: str, source: XmlElement) -> Solid:
+        """Return a solid by its name, or raise for the element that names it."""
+        return _named(self.solids, "geom", name, source)
 
 
 def _named(parts: Sequence[_SomePart], kind: str, name: str, source: XmlElement) -> _SomePart:
