@@ -115,11 +115,20 @@ def searched(
         if coarse is None:
             chosen = np.flatnonzero(value < MET)
             return y[chosen], p[chosen], value[chosen]
-        p = p[np.argsort(value)[: max(1, int(NEAREST * count))]]
+        p = p[np.argsort(nearness(first, p, value))[: max(1, int(NEAREST * count))]]
         y, p, value = descend(residuals, posed(residuals, within, p, random), p, end)
         value = _counted(residuals, p, value)
     chosen = np.flatnonzero(np.isfinite(value))
     return y[chosen], p[chosen], value[chosen]
+
+
+def nearness(residuals: Residuals, p: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """Sums of squares with distances as shares of the shortest bar (starts,).
+
+    A gap that is as long as a bar lets it point anywhere: by the sums alone, linkages of which a bar vanishes look
+    nearest, and miss everything once their joints are closed.
+    """
+    return value / residuals.shortest(p) ** 2
 
 
 def _counted(residuals: Residuals, p: np.ndarray, value: np.ndarray) -> np.ndarray:

@@ -88,10 +88,14 @@ class Residuals:
 
     def degenerate(self, p: np.ndarray) -> np.ndarray:
         """True where joints of a body coincide (starts,)."""
+        return ~(self.shortest(p) > COINCIDENT)
+
+    def shortest(self, p: np.ndarray) -> np.ndarray:
+        """Least distance of two joints of a body, as a share of the largest one (starts,)."""
         if self._spans is None:
-            return np.zeros(len(p), bool)
+            return np.ones(len(p))
         spans = self._spans(p[:, None])[1][:, 0]
-        return ~(np.min(spans, axis=1) > COINCIDENT * np.max(spans, axis=1))
+        return np.min(spans, axis=1) / np.max(spans, axis=1)
 
     def _called(
         self, function: str, block: Block, y: np.ndarray, p: np.ndarray, damping: np.ndarray

@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import ModelError
 from ..model.quantities import is_list
 from ..model.symbols import Parameter, number
-from .descent import MET, Range, descend, posed, searched
+from .descent import MET, Range, descend, nearness, posed, searched
 from .exchanges import exchanges
 from .positions import Positions
 from .residuals import Residuals
@@ -131,11 +131,12 @@ class SynthesisSearch:
         near: list[tuple[float, np.ndarray, np.ndarray]] = []
         for y, p, value, count in ends:
             self.starts += count
+            missed = nearness(self.residuals, p, value)
             for k in range(len(p)):
                 if value[k] < MET and (clock.monotonic() < end or not self.found):
                     self._take(y[k], p[k])
                 elif value[k] >= MET:
-                    near.append((float(value[k]), y[k], p[k]))
+                    near.append((float(missed[k]), y[k], p[k]))
             near = sorted(near, key=lambda one: one[0])[:MOST]
             if clock.monotonic() > end or self._is_complete():
                 break
