@@ -308,7 +308,7 @@ class Controller(SampledController):
         Raises
         ------
         ModelError
-            If the samples of the two differ.
+            If the samples of the two differ, or a seed is no whole number.
         """
         return FedController(self, estimator, covariance, initial, seed)
 

@@ -15,7 +15,7 @@ from ..errors import ModelError, SimulationError
 from ..linear.tree_model import TreeModel
 from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
-from ..model.quantities import entries, refuse_twice
+from ..model.quantities import entries, no_relation, refuse_twice
 from ..model.symbols import Parameter, as_expression, number, positive
 from ..numerics.real import real_array
 from ..results.state import State
@@ -118,7 +118,8 @@ class Estimator:
         if isinstance(horizon, bool) or not isinstance(horizon, int | np.integer) or horizon < 1:
             raise ModelError(f"Estimator: horizon must be a whole number of samples above zero, got {horizon!r}")
         self.horizon = int(horizon)
-        rows = [as_expression(x, "measured=") for x in entries(measured, "measured=")]
+        given = [as_expression(x, "measured=") for x in entries(measured, "measured=")]
+        rows = [no_relation(x, "Estimator", "what is measured") for x in given]
         self.noise = np.array([positive(x, "Estimator", "noise") for x in entries(noise, "noise=")])
         outputs = ca.vertcat(ca.SX(0, 1), *rows)
         if not rows or outputs.numel() != self.noise.size:

@@ -10,6 +10,7 @@ from ..arguments.inputs import SampledController
 from ..arguments.values import pairs_with
 from ..errors import ModelError
 from ..model.mechanism import Mechanism
+from ..model.quantities import whole
 from ..results.state import State
 from .estimator import Estimator
 
@@ -55,6 +56,8 @@ class FedController(SampledController):
                 f"Controller.fed_by: the estimator takes samples every {estimator.sample:g} s, the controller every "
                 f"{controller.period:g} s; give both the same"
             )
+        if seed is not None:
+            seed = whole(seed, "Controller.fed_by", "seed", 0)
         super().__init__(self._answer, controller.period)
         self.controller, self.estimator = controller, estimator
         self._covariance, self._initial, self._seed = covariance, initial, seed

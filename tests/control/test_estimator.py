@@ -135,6 +135,7 @@ def test_state_that_is_known_stays_known():
         ({"unknown": [mbd.Parameter("length", 1.0)]}, "unknown= holds 'length', which is not in the mechanism"),
         ({"disturbance": {mbd.Input("wind"): 1.0}}, "disturbance= holds 'wind', which is not in the mechanism"),
         ({"measured": [mbd.Input("other")]}, "contains input 'other'"),
+        ({"measured": [mbd.Input("other") == 0]}, "what is measured is the relation"),
     ],
 )
 def test_bad_statement_is_refused(options, message):
@@ -212,6 +213,8 @@ def test_controller_is_fed_by_estimates():
         controller.fed_by(other, np.eye(4))
     with pytest.raises(mbd.ModelError, match="takes an Estimator"):
         controller.fed_by(controller, np.eye(4))
+    with pytest.raises(mbd.ModelError, match="seed must be a whole number of at least 0, got 1.5"):
+        controller.fed_by(estimator, np.eye(4), seed=1.5)
 
 
 @pytest.mark.slow

@@ -83,6 +83,17 @@ def test_what_has_no_feedback_is_refused(cart):
         solution.feedback({body.x: -1.0, force: 1.0})
     with pytest.raises(mbd.ModelError, match=r"state= holds 2 expressions"):
         solution.feedback(state=[body.x, body.y])
+    stranger = mbd.Body("stranger", mass=1.0, inertia=1.0)
+    for weights, final, message in (
+        ({stranger.x: 1.0, force: 1.0}, None, "stranger"),
+        ({force: 1.0}, {stranger.x: 1.0}, "stranger"),
+        ({force: 1.0}, {force: 1.0}, "it contains input 'force', which is not known there"),
+        ([(body.x == 0, 1.0), (force, 1.0)], None, "is the relation"),
+    ):
+        with pytest.raises(mbd.MechanismError, match=message):
+            solution.feedback(weights, final)
+    with pytest.raises(mbd.ModelError, match="takes a time or a list of times in s, got 'now'"):
+        solution.feedback({force: 1.0}).gains("now")
 
 
 @pytest.mark.slow

@@ -14,8 +14,10 @@ from ...arguments.values import pairs_of, position_in
 from ...errors import ModelError, SingularityError
 from ...linear.curvature import curvature
 from ...linear.tree_model import TreeModel
+from ...model.quantities import no_relation
 from ...model.symbols import as_expression, number, place_of
 from ...numerics.collocation import gauss, lagrange_coefficients
+from ...numerics.real import real_array
 from ..statement.end_cost import end_cost, integrated_cost
 from .phase_solution import PhaseSolution
 
@@ -44,7 +46,12 @@ class LinearFeedback:
 
     def gains(self, times: Any) -> np.ndarray:
         """Return K at times (n_t, n_u, n_x); at one time (n_u, n_x)."""
-        at = np.atleast_1d(np.asarray(times, float))
+        try:
+            at = np.atleast_1d(real_array(times))
+        except (TypeError, ValueError):
+            at = np.full(1, np.nan)
+        if at.ndim > 1 or not np.isfinite(at).all():
+            raise ModelError(f"LinearFeedback.gains: takes a time or a list of times in s, got {times!r}")
         gains = np.stack([-course(at)[:, 1:] for course in self._fed_back], axis=1)
         return gains[0] if np.ndim(times) == 0 else gains
 
@@ -56,7 +63,7 @@ def weighted_squares(weights: Any, argument: str) -> ca.SX:
     """Return the sum of squares of expressions with their weights."""
     total = ca.SX(0)
     for expression, weight in pairs_of(weights, argument):
-        value = as_expression(expression, argument)
+        value = no_relation(as_expression(expression, argument), "Solution.feedback", argument.rstrip("="))
         size = number(weight, "Solution.feedback", argument.rstrip("="))
         if value.numel() != 1 or size < 0:
             raise ModelError(f"{argument} takes scalars with weights that are not negative, got {{{value}: {size:g}}}")
@@ -98,6 +105,9 @@ class FeedbackLaw:
         results = [state, ca.densify(ca.jacobian(rate, moving)), bend]
         self._along = model.function("feedback", model.at, results)
         ends = [eom.t, model.q, model.v, eom.z, eom.p]
+        # squares of what is not of the mechanism, or not of the end, have no curvature and would go without a word
+        for name, known, cost in (("weights", model.at, running), ("final", ends, end)):
+            model.function(name, known, [model.along(cost)])
         self._end = model.function("end", ends, [curvature(model.along(end), s)])
 
     def _at(self, k: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, ...]:
