@@ -69,9 +69,9 @@ def position_in(symbols: Iterable[Any], key: Any, argument: str, owner: str = "t
         return place
     label = getattr(key, "label", None)
     names = ", ".join(repr(s.label) for s in known) or "none"
-    other = ", another one of this name" if label in [s.label for s in known] else ""
+    other = " (another symbol of this name)" if label in [s.label for s in known] else ""
     shown = repr(key) if label is None else f"'{label}'"
-    raise ModelError(f"{argument} holds {shown}{other}, which is not in {owner}; it has {names}")
+    raise ModelError(f"{argument} holds {shown}, which is not in {owner}; it has {names}{other}")
 
 
 def pairs_with(symbols: Iterable[Any], pairs: Iterable[tuple[Any, Any]]) -> list[tuple[Any, Any]]:

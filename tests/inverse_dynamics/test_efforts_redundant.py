@@ -150,7 +150,7 @@ def test_as_many_efforts_as_freedoms_are_beyond_their_limits_with_a_warning():
     np.testing.assert_allclose(found[pull], -12)
     with pytest.raises(mbd.ModelError, match="efforts= contains 'pull' twice"):
         mbd.inverse_dynamics(model, [0, 1], motion=course, efforts=[pull, pull])
-    with pytest.raises(mbd.ModelError, match="efforts= holds 'pull', another one of this name, which is not in the"):
+    with pytest.raises(mbd.ModelError, match="efforts= holds 'pull', which.*has 'pull' .another symbol of"):
         mbd.inverse_dynamics(model, [0, 1], motion=course, efforts=[mbd.Input("pull")])
     with pytest.raises(mbd.ModelError, match="efforts= holds 'cable', which is not in the mechanism; it has 'pull'"):
         mbd.inverse_dynamics(model, [0, 1], motion=course, efforts=["cable"])
