@@ -23,6 +23,7 @@ from ..errors import EquilibriumError, SingularityError
 from ..model.forces.contact.rigid import RigidContact
 from ..model.forces.friction.modes import held_at, switching, variant_in, without_exact_friction
 from ..model.quantities import known_value
+from ..numerics.lazy import cached_property
 from ..numerics.least_squares import largest
 from ..numerics.rank import analyse_rank
 from ..numerics.tolerances import MET, NEGLIGIBLE
@@ -210,8 +211,14 @@ class HoldingProgram:
         self._forces = statics.function(ca.vertcat(none, *[law.needed for law in laws], *limits))
 
     def _unit(self, x: np.ndarray) -> float:
-        """Force that is typical of the reactions and the limits of friction, N."""
-        return max(largest(self._forces(x)[0]), largest(self._statics.split(x)[2])) or 1.0
+        """Force that is typical of the reactions, the limits of friction and the load, N."""
+        statics = self._statics
+        _, _, reactions, load = statics.split(x)
+        forces = [largest(self._forces(x)[0]), largest(reactions)]
+        if load.size and not self._limits_bend:  # what is left where it lifts off
+            slopes = statics.rows(x)[1][: statics.n, -1]
+            forces.append(largest(statics.numeric.column_scale * slopes * load[-1]))
+        return max(forces) or 1.0
 
     def holds(self, x: np.ndarray) -> bool:
         """True if all laws are met, but for rounding."""
@@ -253,7 +260,7 @@ class HoldingProgram:
                 break
         return x
 
-    @property
+    @cached_property
     def _limits_bend(self) -> bool:
         """True if a slack is not linear in the reactions."""
         lam = self._statics.eom.lam

@@ -182,6 +182,17 @@ def test_a_wedge_that_jams_holds_any_load():
     assert found.least == pytest.approx(-2 * G)
 
 
+def test_a_block_that_is_lifted_holds_up_to_its_weight():
+    """No force is left where it lifts off; pressed down it holds whatever the load."""
+    block, lift = mbd.Body("block", mass=2, inertia=0.02, pose=(0, 0.05, 0)), mbd.Input("lift")
+    outline = mbd.PolygonEdges(block.at(0, 0), [(-0.1, -0.05), (0.1, -0.05), (0.1, 0.05), (-0.1, 0.05)])
+    floor = mbd.RigidContact("floor", outline, mbd.HalfPlane(mbd.ground.at(0, 0)), friction=mbd.DryFriction(0.3))
+    up = mbd.Force("up", block.at(0, 0), (0, lift))
+    found = mbd.holding_range(mbd.Mechanism([block], forces=[mbd.Gravity(), floor, up], inputs=[lift]), lift)
+    assert found.least == -np.inf and found.greatest == pytest.approx(2 * 9.81, rel=1e-9)
+    assert all("opens" in one for one in found.gives_at_greatest)
+
+
 def test_a_contact_would_have_to_pull():
     ball = mbd.Body("ball", mass=1, inertia=0.1, pose=(0, -0.1, 0))
     ceiling = mbd.HalfPlane(mbd.ground.at(0, 0, angle=np.pi))
