@@ -117,6 +117,19 @@ def clearance() -> mbd.Mechanism:
 
 
 @scene
+def elastic_belt() -> mbd.Mechanism:
+    arm, wheel = bar("arm", 0.8, (0.4, -0.06, -0.15)), disc("wheel", 0.2, (0.79, -0.12, 0.4))
+    joints = [
+        mbd.Revolute("pivot", mbd.ground.at(0, 0), arm.at(-0.4, 0)),
+        mbd.Revolute("axle", arm.at(0.4, 0), wheel.at(0, 0)),
+    ]
+    sprocket = disc("sprocket", 0.08, (0.12, 0.1, 0))
+    joints.append(mbd.Revolute("shaft", mbd.ground.at(0.12, 0.1), sprocket.at(0, 0)))
+    chain = mbd.ElasticBelt("chain", sprocket.at(0, 0), wheel.at(0, 0), 0.08, 0.2, 1e5, carrier=arm)
+    return mbd.Mechanism([arm, wheel, sprocket], joints, forces=[chain])
+
+
+@scene
 def rack() -> mbd.Mechanism:
     pinion, bar_ = disc("pinion", 0.25, (0, 0.25, 0)), mbd.Body("rack", 1.0, 0.1, pose=(0.1, 0, 0))
     joints = [

@@ -77,6 +77,7 @@ from .model.joints.lower_pairs import Distance, PointOnLine, Revolute, Translati
 from .model.joints.rolling_on_curve import RollingOnCurve
 from .model.mechanism import Mechanism
 from .model.rates import time_derivative
+from .model.ropes.belt import ElasticBelt
 from .model.ropes.cable import Cable
 from .model.ropes.pulleys import Drum, Pulley
 from .model.ropes.rope import Rope
@@ -208,7 +209,7 @@ __all__ = [
     "ConditionError",
     "Constraint", "ConstraintElement", "Contact", "ControlPlan", "ControlStep", "ControlTiming", "Controller",
     "Coordinate", "CostFunction", "Coulomb", "Coupler", "Curve", "Cylinder", "DCMotor", "DataLaw", "Disc", "Distance",
-    "Driver", "Drum", "DryFriction", "Element", "EndStop", "EnergyMeter", "Equations", "Equilibrium",
+    "Driver", "Drum", "DryFriction", "ElasticBelt", "Element", "EndStop", "EnergyMeter", "Equations", "Equilibrium",
     "EquilibriumError", "EquilibriumPath", "Estimator", "Event", "Experiment", "ExpressionError",
     "FedController", "FieldForce", "FileError", "FirstOrderLag", "Fit", "Force", "FrictionLaw", "GasSpring",
     "GaussLegendre", "Gear", "GeneralizedForce", "Glyph", "Gravity", "HalfPlane", "HermiteSimpson", "HoldingRange",

@@ -54,11 +54,16 @@ def planet():
     return machine([arm, wheel], joints, hub.angle, 2.0)
 
 
+def on_shaft(force_of):
+    """A shaft with a force from the ground."""
+    shaft, bearing = rotor()
+    return machine([shaft], [bearing], bearing.angle, 0.2, [force_of(shaft.at(0, 0))])
+
+
 def keyed():
     """A shaft with an elastic key that has play."""
-    shaft, bearing = rotor()
-    key = mbd.Coupler("key", mbd.ground.at(0, 0), shaft.at(0, 0), 1.0)
-    return machine([shaft], [bearing], bearing.angle, 0.05, [mbd.Backlash("key", key, 0.04, mbd.HuntCrossley(20))])
+    law = mbd.HuntCrossley(20)
+    return on_shaft(lambda a: mbd.Backlash("key", mbd.Coupler("key", GROUND.at(0, 0), a, 1.0), 0.1, law))
 
 
 def rack():
@@ -194,6 +199,9 @@ MACHINES = {
     "internal Gear": lambda: second_shaft(lambda a, b: mbd.Gear("mesh", a, b, 0.4, 0.1, internal=True)),
     "Gear on a carrier": planet,
     "Belt": lambda: second_shaft(lambda a, b: mbd.Belt("belt", a, b, 0.1, 0.15)),
+    "ElasticBelt": lambda: on_shaft(
+        lambda a: mbd.ElasticBelt("belt", GROUND.at(0.5, 0), a, 0.1, 0.15, 500.0, pretension=50.0, damping=5.0)
+    ),
     "Coupler": lambda: second_shaft(lambda a, b: mbd.Coupler("gearbox", a, b, -3.0)),
     "Backlash": keyed,
     "RackAndPinion": rack,

@@ -435,6 +435,7 @@ def simple_elements():
         mbd.RigidContact("x", mbd.Circle(b, 0.1), mbd.HalfPlane(p.at(0, -2))),
         mbd.Contact("x", mbd.Circle(b, 0.1), mbd.HollowCircle(p.at(0.2, 0), 0.5), law),
         mbd.Contact("x", mbd.Circle(b, 0.1), mbd.HollowCircle(ground.at(0.2, 0), 0.5), law),
+        mbd.ElasticBelt("x", a, b, 0.1, 0.2, 1e3),
         mbd.Backlash("x", mbd.Gear("x", a, b, 0.3, 0.2), 0.01, law),
     ]
     return [p, q], [(e, True) for e in found] + [(e, False) for e in forces]

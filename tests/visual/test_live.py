@@ -173,7 +173,7 @@ def between_stops():
 
 
 def roped():
-    """A cable turns a wheel, on whose hub an elastic rope winds up."""
+    """A cable turns a wheel, on whose hub an elastic rope winds up, and which an elastic belt holds back."""
     wheel = mbd.Body("wheel", 1.0, 0.01)
     axle = mbd.Revolute("axle", mbd.ground.at(0, 0), wheel.at(0, 0))
     loads = [
@@ -186,7 +186,8 @@ def roped():
     a, b, c = (load.at(0, 0) for load in loads)
     cable = mbd.Cable("cable", a, b, over=[mbd.Pulley(wheel.at(0, 0), 0.1, "clockwise", grips=True)])
     rope = mbd.Rope("rope", mbd.Drum(wheel.at(0, 0), 0.05, "clockwise"), c, 1.0, 1e3, 5.0)
-    return mbd.Mechanism([wheel, *loads], joints=[axle, *guides, cable], forces=[mbd.Gravity(), rope]), []
+    belt = mbd.ElasticBelt("belt", mbd.ground.at(0.5, 0), wheel.at(0, 0), 0.05, 0.08, 200.0, 10.0, 2.0)
+    return mbd.Mechanism([wheel, *loads], joints=[axle, *guides, cable], forces=[mbd.Gravity(), rope, belt]), []
 
 
 def valley():

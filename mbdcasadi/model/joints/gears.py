@@ -263,8 +263,8 @@ class Belt(Joint):
 
     ``Phi = R_a (phi_a - phi_c) - R_b (phi_b - phi_c) - C0`` (1 row, m); + for a
     crossed belt. C0 is the value of the expression at the estimated poses. The belt
-    transmits couples; the load of its tension on the bearings depends on the
-    preload, which is not part of the model: add it as a force if it matters.
+    transmits couples; an :class:`ElasticBelt` loads the bearings with both strands and
+    its pretension.
 
     Parameters
     ----------

@@ -11,6 +11,7 @@ from ...model.bodies import Marker
 from ...model.forces.backlash import Backlash
 from ...model.joints.clutches import ShaftClutch
 from ...model.joints.gears import Belt, Coupler, Gear, RackAndPinion, Rolling
+from ...model.ropes.belt import ElasticBelt
 from ..drawing import lines, scene
 from ..drawing.pen import Pen
 from .base import glyph, tie
@@ -156,7 +157,7 @@ def disc(pen: Pen, marker: Marker, radius: float) -> None:
 
 
 @glyph.register
-def belt(joint: Belt, pen: Pen) -> None:
+def belt(joint: Belt | ElasticBelt, pen: Pen) -> None:
     """Two pulleys and the belt about them."""
     ra, rb = pen.number(joint.radius_a), pen.number(joint.radius_b)
     for marker, radius in ((joint.a, ra), (joint.b, rb)):

@@ -6,12 +6,14 @@ import casadi as ca
 
 from ...model.bodies import Marker
 from ...model.geometry.shapes import Disc
+from ...model.ropes.belt import ElasticBelt
 from ...model.ropes.cable import Cable
 from ...model.ropes.pulleys import Drum
 from ...model.ropes.rope import Rope
 from ..drawing import lines, scene
 from ..drawing.loads import Load
 from .base import Glyph
+from .gears import belt
 from .springs import anchors
 
 
@@ -71,3 +73,26 @@ class RopeGlyph(Glyph, of=(Rope, Cable)):
     def _known(self) -> bool:
         """True if the tensions are known: those of a cable are multipliers."""
         return isinstance(self.element, Rope) or self.pen.sample.has_multipliers
+
+
+class ElasticBeltGlyph(Glyph, of=ElasticBelt):
+    """Two pulleys and the belt about them."""
+
+    def draw(self) -> None:
+        """Draw it as a belt that does not stretch."""
+        belt(self.element, self.pen)
+
+    def loads(self) -> list[Load]:
+        """Return the pull of each strand on what is not the ground."""
+        element, loads = self.element, []
+        a, b = element.a.body, element.b.body
+        strands = zip(element.strands, ca.vertsplit(element.tensions), ((a, b), (b, a)), strict=True)
+        for strand, tension, (first, last) in strands:
+            ends = ((first, strand.start, tension), (last, strand.end, -tension))
+            loads += [Load(at, pull * strand.direction, "force") for body, at, pull in ends if not body.is_ground]
+        return loads
+
+    def tooltip(self) -> dict[str, ca.SX]:
+        """Return the tension of each strand."""
+        first, second = ca.vertsplit(self.element.tensions)
+        return {"tension from a to b, N": first, "tension from b to a, N": second}
