@@ -127,11 +127,13 @@ def test_five_link_biped(found):
 
 @pytest.mark.slow
 def test_hopper(found):
-    """The cost of collocation in minimal coordinates, and a foot that is pressed onto the ground."""
+    """The cost of collocation in minimal coordinates, which is given its phases, and a foot that is pressed down."""
     assert found["solution"].cost == pytest.approx(3696.471396, abs=5e-3)
-    assert found["pressed"].min() > 0 and found["check"].time_error < 1e-5
-    impulse = found["landing"].after[found["stands"].impulse_on(found["foot"]).force]
-    assert impulse[1] == pytest.approx(-found["FOOT"] * found["landing"].state[found["foot"].vy], abs=1e-6)
+    assert found["fine"][found["sole"].normal_force].min() > -1e-6 and found["check"].time_error < 1e-5
+    strike = found["strike"]
+    assert strike.name == "sole touches"
+    impulse = -found["FOOT"] * strike.state[found["foot"].vy]
+    assert strike.after[found["sole"].impulse] == pytest.approx(impulse, abs=1e-6)
 
 
 @pytest.mark.slow
@@ -306,6 +308,17 @@ def test_parking(found):
     assert final[sledge.y] == pytest.approx(0.4, abs=1e-7)
     assert solution.verify().final_error < 1e-5
     assert np.max(np.abs(found["run"][found["across"]])) < 1e-12
+
+
+@pytest.mark.slow
+def test_stick_slip(found):
+    """Slides as long as is best by hand, or all the time if that is not allowed; simulate finds the same switches."""
+    for duration, solution in found["solutions"].items():
+        cost, slides = found["by_hand"](duration)
+        assert solution.cost == pytest.approx(cost, rel=1e-7)
+        times = [0.0, *(switch.t for switch in solution.switches), duration]
+        assert max(np.diff(times)) == pytest.approx(slides, abs=1e-4)
+        assert solution.verify().time_error < 1e-6
 
 
 @pytest.mark.slow
