@@ -25,6 +25,7 @@ from .robots import (
     Robot,
     Solid,
     SpatialJoint,
+    Tendon,
     actuator_law,
     rotation_about,
     rotation_around,
@@ -51,7 +52,8 @@ def read_mjcf(path: str | Path, *, contacts: bool = True) -> Mechanism:
     the right; the pose of the file has ``phi = 0`` for all bodies. The coordinate of each joint has the sense and the
     zero of the file: ``mechanism.joint(name).angle`` of a hinge, ``.displacement`` of a slide, also of those by which
     a body is free in the plane. ``connect`` and ``weld`` under ``equality``
-    close loops, and hold exactly; ``joint`` couples coordinates; actuators (``motor``, ``position``,
+    close loops, and hold exactly; ``joint`` and ``tendon`` couple coordinates and sums of them (``fixed`` tendons);
+    actuators (``motor``, ``position``,
     ``velocity``, ``general`` with a force that is linear) become inputs of their names. The
     ``armature`` of a joint is a rotor, a body beside the others that turns with the coordinate. ``include`` is
     read; sensors, keyframes and what is only seen change no motion and are not.
@@ -223,6 +225,10 @@ class _Reader:
                     robot.left_out.append(f"the motion of body '{link.name}' by a program (mocap)")
             waiting += reversed(self._read_children(element, link, childclass))
         self._scale_masses([mass for link in robot.links for mass in link.masses])
+        for tendons in self.root.all("tendon"):
+            refuse_unread(tendons)
+            for element in tendons.children:
+                self._read_tendon(self._filled(element, "main", "tendon"))
         for equality in self.root.all("equality"):
             for element in equality.children:
                 self._read_equality(element)
@@ -298,7 +304,8 @@ class _Reader:
         self._count += 1
         name = element.get("name", f"body {self._count}") if element.tag == "body" else f"frame {self._count}"
         position = parent.position + parent.rotation @ element.numbers("pos", "0 0 0", (3,))
-        link = Link(element, name, parent, parent.rotation @ self._rotation(element), position)
+        carried = element.number("gravcomp", "0") if element.tag == "body" else parent.carried
+        link = Link(element, name, parent, parent.rotation @ self._rotation(element), position, carried=carried)
         self._robot.links.append(link)
         return link
 
@@ -445,14 +452,15 @@ class _Reader:
             return
         self._count += 1
         name = self._name(element, f"{element.tag} {self._count}")
-        if element.tag not in ("connect", "weld", "joint"):
-            raise element.refuse("is not supported; connect, weld and joint are")
-        refuse_unread(element, "equality joint" if element.tag == "joint" else None)
+        if element.tag not in ("connect", "weld", "joint", "tendon"):
+            raise element.refuse("is not supported; connect, weld, joint and tendon are")
+        is_coupling = element.tag in ("joint", "tendon")
+        refuse_unread(element, f"equality {element.tag}" if is_coupling else None)
         given = {name: element.numbers(name) for name in _STIFF if element.has(name)}
         soft = [name for name, own in given.items() if np.any(own != _STIFF[name][: own.size])]
         if soft:
             robot.left_out.append(f"the softness ({', '.join(soft)}) of {element.tag} '{name}', which holds exactly")
-        if element.tag == "joint":
+        if is_coupling:
             self._read_coupling(element, name)
             return
         if element.has("site1"):
@@ -479,10 +487,42 @@ class _Reader:
         point = link.position + link.rotation @ site.numbers("pos", "0 0 0", (3,))
         return link, point, link.rotation @ self._rotation(site)
 
+    def _read_tendon(self, element: XmlElement) -> None:
+        """A sum of coordinates, which springs, actuators and couplings may use."""
+        refuse_unread(element)
+        robot, name = self._robot, element.get("name", f"{len(self._robot.tendons) + 1}")
+        parts = []
+        for child in element.children:
+            refuse_unread(child, "fixed joint")
+            parts.append((robot.joint(child.get("joint"), child), child.number("coef")))
+        if "limit" not in self.off and self._is_limited(element, "limited", "range"):
+            robot.left_out.append(f"the range of tendon '{name}' (EndStop holds it)")
+        if "frictionloss" not in self.off and element.number("frictionloss", "0", least=0.0) > 0:
+            robot.left_out.append(f"the dry friction of tendon '{name}'")
+        reference = sum(factor * joint.reference for joint, factor in parts)
+        rest = element.number("springlength", "-1")
+        tendon = Tendon(
+            element,
+            name,
+            [(joint.name, factor) for joint, factor in parts],
+            reference,
+            0.0 if "damper" in self.off else element.number("damping", "0", least=0.0),
+            0.0 if "spring" in self.off else element.number("stiffness", "0", least=0.0),
+            reference if rest == -1 else rest,
+        )
+        robot.tendons.append(tendon)
+        if self._is_limited(element, "actuatorfrclimited", "actuatorfrcrange"):
+            self._joint_ranges[tendon.key] = self._range(element, "actuatorfrcrange")
+
     def _read_coupling(self, element: XmlElement, name: str) -> None:
         robot = self._robot
-        names = [element.get(key) for key in ("joint1", "joint2") if key == "joint1" or element.has(key)]
-        references = [robot.joint(joint, element).reference for joint in names]
+        keys = [f"{element.tag}{k}" for k in (1, 2) if k == 1 or element.has(f"{element.tag}{k}")]
+        if element.tag == "joint":
+            joints = [robot.joint(element.get(key), element) for key in keys]
+            names, references = [joint.name for joint in joints], [joint.reference for joint in joints]
+        else:
+            tendons = [robot.tendon(element.get(key), element) for key in keys]
+            names, references = [tendon.key for tendon in tendons], [tendon.reference for tendon in tendons]
         polynomial = [float(x) for x in element.numbers("polycoef", "0 1 0 0 0")]
         robot.constraints.append((tuple(names), _coupling(name, references, polynomial)))
 
@@ -494,11 +534,13 @@ class _Reader:
             element.file, element.tag, element.line, as_general(element, self._defaults(element, "main", "general"))
         )
         robot = self._robot
-        if not element.has("joint"):
-            raise element.refuse("does not act on a joint, as motors do here")
+        if not element.has("joint") and not element.has("tendon"):
+            raise element.refuse("does not act on a joint or a tendon, as motors do here")
         refuse_unread(element, "general")
-        joint = element.get("joint")
-        robot.joint(joint, element)
+        if element.has("joint"):
+            joint = robot.joint(element.get("joint"), element).name
+        else:
+            joint = robot.tendon(element.get("tendon"), element).key
         usual = f"{joint} {element.tag}"
         alike = sum(actuator.name.startswith(usual) for actuator in self._actuators)
         name = element.get("name", f"{usual} {alike + 1}" if alike else usual)

@@ -8,7 +8,7 @@ from .markup import XmlElement
 
 _FRAME = "pos quat axisangle xyaxes zaxis euler"
 _CONSTRAINT = "name class active solref solimp"
-_ACTUATOR = "name class group user joint gear ctrllimited ctrlrange forcelimited forcerange lengthrange"
+_ACTUATOR = "name class group user joint tendon gear ctrllimited ctrlrange forcelimited forcerange lengthrange"
 #: Attributes by element, and by section for those whose names occur in several.
 _ATTRIBUTES = {
     "compiler": "angle eulerseq inertiafromgeom autolimits settotalmass coordinate strippath meshdir texturedir "
@@ -17,7 +17,7 @@ _ATTRIBUTES = {
     "tolerance ls_iterations ls_tolerance noslip_iterations noslip_tolerance mpr_iterations mpr_tolerance "
     "ccd_iterations ccd_tolerance sdf_iterations sdf_initpoints impratio o_margin o_solref o_solimp o_friction "
     "sleep_tolerance collision",
-    "body": f"name childclass mocap user sleep {_FRAME}",
+    "body": f"name childclass mocap user sleep gravcomp {_FRAME}",
     "frame": f"name childclass {_FRAME}",
     "inertial": f"mass diaginertia fullinertia {_FRAME}",
     "joint": "name class type group user pos axis ref damping stiffness springref armature limited range frictionloss "
@@ -29,6 +29,10 @@ _ATTRIBUTES = {
     "connect": f"{_CONSTRAINT} body1 body2 anchor site1 site2",
     "weld": f"{_CONSTRAINT} body1 body2 anchor site1 site2 torquescale",
     "equality joint": f"{_CONSTRAINT} joint1 joint2 polycoef",
+    "equality tendon": f"{_CONSTRAINT} tendon1 tendon2 polycoef",
+    "fixed": "name class group user limited range stiffness damping springlength frictionloss margin solreflimit "
+    "solimplimit solreffriction solimpfriction actuatorfrclimited actuatorfrcrange width material rgba",
+    "fixed joint": "joint coef",
     "motor": _ACTUATOR,
     "position": f"{_ACTUATOR} kp kv",
     "velocity": f"{_ACTUATOR} kv",
@@ -37,7 +41,6 @@ _ATTRIBUTES = {
 _READ = {tag: frozenset(names.split()) for tag, names in _ATTRIBUTES.items()}
 #: Values with which other attributes change nothing.
 _NEUTRAL = {
-    "gravcomp": ("0",),
     "shellinertia": ("false",),
     "balanceinertia": ("false",),
     "boundmass": ("0",),
@@ -63,11 +66,13 @@ _DEFAULTS = (
 )  # fmt: skip
 #: Elements inside others that are read or change nothing; an element that is not listed has none.
 _CHILDREN = {
-    "mujoco": ("compiler", "option", "default", "worldbody", "equality", "actuator", "contact", *IGNORED),
+    "mujoco": ("compiler", "option", "default", "worldbody", "equality", "tendon", "actuator", "contact", *IGNORED),
     "default": _DEFAULTS,
     "compiler": ("lengthrange",),
     "option": ("flag",),
     "contact": ("pair", "exclude"),
+    "tendon": ("fixed",),
+    "fixed": ("joint",),
     **dict.fromkeys(
         ("worldbody", "body", "frame"),
         ("body", "frame", "joint", "freejoint", "geom", "site", "inertial", "light", "camera"),
@@ -86,7 +91,7 @@ _ADVICE = {
     ),
     **dict.fromkeys(("springdamper", "dampratio"), _SAVED.format("stiffness and damping")),
     "inheritrange": _SAVED.format("range"),
-    "tendon": "leave it out, and add its force to the mechanism (Rope, TSDA)",
+    "spatial": "leave it out, and add its force to the mechanism (Rope, TSDA)",
 }
 MESH_ADVICE = "give the body an inertial, or " + _SAVED.format("masses")
 #: What flags turn off, several things by some, and flags that change nothing else.

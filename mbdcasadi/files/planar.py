@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import FileError, MechanismError, warn
 from ..model.bodies import Body, Marker, ground
 from ..model.element import Element
-from ..model.forces.applied import GeneralizedForce
+from ..model.forces.applied import Force, GeneralizedForce
 from ..model.forces.field import Gravity
 from ..model.forces.friction.joint_friction import LoadIndependentFriction
 from ..model.forces.stops import EndStop
@@ -27,7 +27,7 @@ from ..model.mechanism import Mechanism
 from ..model.rates import time_derivative
 from ..numerics.lazy import cached_property
 from .robot_contacts import RobotContacts, Yielding
-from .robots import Coordinate, Link, Loop, Robot, SpatialJoint
+from .robots import Coordinate, Link, Loop, Robot, SpatialJoint, Tendon
 
 #: Angle by which axes that are meant to be parallel may differ, rad: files give angles to a few digits.
 PARALLEL = 1e-3
@@ -188,6 +188,10 @@ class PlanarBuilder:
                 self._connect(link)
         for loop in robot.loops:
             self._close(loop)
+        for tendon in robot.tendons:
+            self._pull(tendon)
+        for link in robot.links:
+            self._carry(link)
         weight = [Gravity(tuple(float(x) for x in self._down))] if np.any(self._down) else []
         contacts = RobotContacts(robot, self.plane.axes, self.moving, self._at, self.laws).elements()
         if robot.left_out:
@@ -345,6 +349,27 @@ class PlanarBuilder:
         inertia = sum(axis @ part.inertia @ axis for axis, (_, part) in zip(axes, parts, strict=True))
         inertia += masses @ np.sum((places - about) ** 2, axis=1)
         return float(np.sqrt(inertia / np.sum(masses)))
+
+    def _pull(self, tendon: Tendon) -> None:
+        """Add the coordinate of a tendon with its spring and damper."""
+        parts = [(self.coordinates[name], factor) for name, factor in tendon.parts]
+        value, rate = (
+            sum((factor * each for each, factor in rows), ca.SX(0))
+            for rows in ([(c.value, k) for c, k in parts], [(c.rate, k) for c, k in parts])
+        )
+        self.coordinates[tendon.key] = Coordinate(value, rate)
+        if tendon.damping or tendon.stiffness:
+            force = -tendon.damping * rate - tendon.stiffness * (value - tendon.rest)
+            self.forces.append(GeneralizedForce(f"{tendon.key} spring and damper", [(value, force)]))
+
+    def _carry(self, link: Link) -> None:
+        """Add the force that carries a share of the weight of a link, at its centre of mass."""
+        mass = sum(part.mass for part in link.masses)
+        if link.carried and mass > 0 and self.moving[link].parent is not None and np.any(self._down):
+            center = np.sum([part.mass * part.center for part in link.masses], axis=0) / mass
+            at = self._at(link, link.position + link.rotation @ center)
+            x, y = -link.carried * mass * self._down
+            self.forces.append(Force(f"{link.name} gravity compensation", at, (float(x), float(y))))
 
     def _add_rotor(self, joint: SpatialJoint, value: ca.SX) -> None:
         """Add a body that turns with a coordinate on a pin at the origin, where its mass moves nothing."""

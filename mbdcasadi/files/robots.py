@@ -73,6 +73,27 @@ class Link(RobotPart):
     masses: list[Mass] = field(default_factory=list)
     #: joints by which it moves, the first one next to the parent; none if it is fixed
     joints: list[SpatialJoint] = field(default_factory=list)
+    #: share of its weight that something else carries
+    carried: float = 0.0
+
+
+@dataclass(eq=False)
+class Tendon(RobotPart):
+    """A coordinate that is a sum of those of joints."""
+
+    #: names of joints, and their factors
+    parts: list[tuple[str, float]]
+    #: its value in the pose of the file
+    reference: float
+    damping: float
+    stiffness: float
+    #: value at which the spring is free
+    rest: float
+
+    @property
+    def key(self) -> str:
+        """Name among the coordinates, beside joints of the same name."""
+        return f"tendon {self.name}"
 
 
 @dataclass(eq=False)
@@ -164,7 +185,8 @@ class Robot(RobotPart):
     #: parents first; the world is the first one
     links: list[Link] = field(default_factory=list)
     loops: list[Loop] = field(default_factory=list)
-    #: names of joints, and what makes an element of their coordinates
+    tendons: list[Tendon] = field(default_factory=list)
+    #: names of joints or keys of tendons, and what makes an element of their coordinates
     forces: list[tuple[tuple[str, ...], Law]] = field(default_factory=list)
     constraints: list[tuple[tuple[str, ...], Law]] = field(default_factory=list)
     inputs: list[Input] = field(default_factory=list)
@@ -185,6 +207,10 @@ class Robot(RobotPart):
     def link(self, name: str, source: XmlElement) -> Link:
         """Return a link by its name, or raise for the element that names it."""
         return _named(self.links, "body", name, source)
+
+    def tendon(self, name: str, source: XmlElement) -> Tendon:
+        """Return a tendon by its name, or raise for the element that names it."""
+        return _named(self.tendons, "tendon", name, source)
 
     def solid(self, name: str, source: XmlElement) -> Solid:
         """Return a solid by its name, or raise for the element that names it."""

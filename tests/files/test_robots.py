@@ -189,8 +189,9 @@ MJCF = """<mujoco>
         ('<geom type="box" size="1 2"/>', "", "needs 3 positive numbers in size"),
         ('<geom size="big"/>', "", "has size = 'big', which are not finite numbers"),
         ('<geom class="x" size="1"/>', "", "is of the class 'x', which does not exist"),
-        ("", '<tendon><fixed name="t"/></tendon>', "line 9: tendon is not read"),
-        ("", '<equality><tendon tendon1="t"/></equality>', "tendon is not supported; connect, weld and joint are"),
+        ("", '<tendon><spatial name="t"/></tendon>', "line 9: spatial 't' is not read in tendon; leave it out"),
+        ("", '<equality><tendon tendon1="t"/></equality>', "tendon names the tendon 't', which does not exist"),
+        ("", '<equality><flex flex="t"/></equality>', "flex is not supported; connect, weld, joint and tendon are"),
         ("", '<equality><connect body1="arm" body2="no" anchor="0 0 0"/></equality>', "names the body 'no'"),
         ("", '<equality><connect body1="arm" body2="arm" anchor="0 0 0"/></equality>', "connects a body with itself"),
         (
@@ -201,7 +202,6 @@ MJCF = """<mujoco>
         ("", '<actuator><motor joint="no"/></actuator>', "motor names the joint 'no', which does not exist"),
         ("", '<actuator><general joint="j" dyntype="filter"/></actuator>', "has the dyntype 'filter'; it must be none"),
         ("", '<compiler boundmass="0.1"/>', "has boundmass = '0.1', which is not read; load the model in MuJoCo"),
-        ('<body name="c" gravcomp="1"/>', "", "body 'c' has gravcomp = '1', which is not read"),
         ('<geom size="0.1" shellinertia="true"/>', "", "geom has shellinertia = 'true', which is not read"),
         ("", '<option><flag actuation="disable"/></option>', "flag has actuation = 'disable', which is not read"),
         ("", '<actuator><position joint="j" timeconst="1"/></actuator>', "position has timeconst = '1', which is not"),
@@ -550,3 +550,37 @@ def test_from_the_command_line(capsys):
     assert main(["check", str(DATA / "arm.urdf")]) == 0
     said = capsys.readouterr().out
     assert "degrees of freedom  3" in said and "note: arm.urdf: left out the limits of joint 'rail'" in said
+
+
+TENDON = """<mujoco><compiler angle="radian"/><worldbody>
+  <body name="a"><joint name="ja" axis="0 -1 0" ref="0.2"/><geom size="0.1" mass="2" pos="0.5 0 0"/></body>
+  <body name="b" pos="0 0 3" gravcomp="0.75"><joint name="jb" axis="0 1 0"/><geom size="0.1" mass="1" pos="1 0 0"/>
+  </body></worldbody><tendon><fixed name="ja" stiffness="20" damping="0.3"{}>
+  <joint joint="ja" coef="0.5"/><joint joint="jb" coef="-2"/></fixed></tendon>{}</mujoco>"""
+
+
+def test_tendons_and_carried_weights(tmp_path):
+    """The moment on each joint is its factor times the force of the tendon; a share of a weight is carried."""
+    motor = '<actuator><motor name="u" tendon="ja" gear="3"/></actuator>'
+    machine = read(tmp_path / "m.xml", TENDON.format(' springlength="0.4"', motor))
+    (drive,), (a, b) = machine.inputs, (machine.joint(name) for name in ("ja", "jb"))
+    at = [a.angle == 0.6, b.angle == -0.1, a.angular_velocity == 0.7, b.angular_velocity == 1.5]
+    state = mbd.assemble(machine, at, inputs={drive: 0.8})
+    pull = 3 * 0.8 - 20 * (0.5 * 0.6 + 2 * 0.1 - 0.4) - 0.3 * (0.5 * 0.7 - 2 * 1.5)
+    rates = [state[mbd.time_derivative(each.angular_velocity)] for each in (a, b)]
+    inertia = 0.4 * 0.1**2
+    assert rates[0] == pytest.approx((0.5 * pull - 2 * 9.81 * 0.5 * np.cos(0.4)) / (2 * (0.25 + inertia)), rel=1e-9)
+    assert rates[1] == pytest.approx((-2 * pull + 0.25 * 9.81 * np.cos(0.1)) / (1 + inertia), rel=1e-9)
+    free = mbd.assemble(
+        read(tmp_path / "m.xml", TENDON.format("", "")), []
+    )  # the spring is free in the pose of the file
+    assert sum(abs(free[force]) for _, force in free.mechanism.force("tendon ja spring and damper").virtual_work) == 0
+
+
+def test_tendons_that_are_coupled(tmp_path):
+    """A sum of coordinates stays what it is in the pose of the file; ranges and dry friction are named."""
+    equality = '<equality><tendon tendon1="ja" polycoef="0.3 0 0 0 0"/></equality>'
+    with pytest.warns(mbd.MechanismWarning, match="left out the range of tendon 'ja'.*the dry friction of tendon 'ja'"):
+        machine = read(tmp_path / "m.xml", TENDON.format(' range="0 1" frictionloss="1"', equality))
+    a, b = (machine.joint(name) for name in ("ja", "jb"))
+    assert mbd.assemble(machine, [a.angle == 0.4])[b.angle] == pytest.approx((0.5 * (0.4 - 0.2) - 0.3) / 2, rel=1e-9)
