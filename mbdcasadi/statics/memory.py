@@ -10,6 +10,7 @@ which is exact whatever the way and its speed if the rates are those of a functi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from itertools import pairwise
 
@@ -18,6 +19,7 @@ import numpy as np
 
 from ..arguments.inputs import Signals
 from ..equations.numeric import NumericEquations
+from ..model.symbols import Input, Parameter, place_of
 from ..numerics.least_squares import largest
 from ..numerics.newton import solve
 from ..numerics.tolerances import MET
@@ -41,6 +43,8 @@ class Memory:
         Time, s.
     q, z : numpy.ndarray
         Pose and states at the start of the way (n,), (k,).
+    unknowns : sequence of Input or Parameter
+        What is looked for: a rate that vanishes by its value at the start alone is not one that always does.
 
     Attributes
     ----------
@@ -48,16 +52,24 @@ class Memory:
         W, with orthonormal columns (k, c); no columns if nothing is remembered.
     """
 
-    def __init__(self, numeric: NumericEquations, signals: Signals, t: float, q: np.ndarray, z: np.ndarray):
+    def __init__(
+        self,
+        numeric: NumericEquations,
+        signals: Signals,
+        t: float,
+        q: np.ndarray,
+        z: np.ndarray,
+        unknowns: Sequence[Input | Parameter] = (),
+    ):
         self._numeric, self._t, self._q, self._z = numeric, t, q, z
         eom = numeric.eom
-        rate = ca.substitute(ca.vertcat(ca.SX(0, 1), eom.z_rate), eom.u, ca.SX(signals.at_time(t)))
-        rate = ca.substitute(rate, eom.a, ca.SX.zeros(eom.a.numel()))
+        any_rate = ca.substitute(ca.vertcat(ca.SX(0, 1), eom.z_rate), eom.a, ca.SX.zeros(eom.a.numel()))
+        rate = ca.substitute(any_rate, eom.u, ca.SX(signals.at_time(t)))
         arguments = [eom.t, eom.q, eom.v, eom.z, eom.lam, eom.p]
         self._rates = ca.Function("rates", arguments, [ca.densify(rate)])
         self._by_state = ca.Function("by_state", arguments, [ca.densify(ca.jacobian(rate, eom.z))])
         self._by_velocity = ca.Function("by_velocity", arguments, [ca.densify(ca.jacobian(rate, eom.v))])
-        self.directions = self._at_rest()
+        self.directions = self._at_rest(any_rate, ca.SX(signals.at_time(t)), unknowns)
         self._points = (1 - np.cos(np.pi * np.arange(POSES) / (POSES - 1))) / 2
         powers = np.polynomial.chebyshev.chebvander(2 * self._points - 1, POSES - 1)
         basis = np.linalg.inv(powers)  # of Lagrange, by the polynomials of Chebyshev
@@ -66,16 +78,29 @@ class Memory:
         at = np.polynomial.chebyshev.chebvander(2 * self._points - 1, POSES)
         self._slope, self._sum = at[:, : POSES - 1] @ slopes, at @ sums
 
-    def _at_rest(self) -> np.ndarray:
-        """Combinations of states whose rates vanish at rest, found in random poses."""
-        numeric, k = self._numeric, self._z.size
+    def _at_rest(self, rate: ca.SX, inputs: ca.SX, unknowns: Sequence[Input | Parameter]) -> np.ndarray:
+        """Combinations of states whose rates vanish at rest, found in random poses and for random unknowns."""
+        numeric, k, eom = self._numeric, self._z.size, self._numeric.eom
         if not k:
             return np.zeros((0, 0))
+        for place, symbol in enumerate(eom.mechanism.inputs):
+            if place_of(symbol, unknowns) is not None:
+                inputs[place] = symbol
+        y = ca.vertcat(ca.SX(0, 1), *unknowns)
+        free = [place_of(symbol, unknowns) is not None for symbol in eom.mechanism.parameters]
+        known = [j for j, is_free in enumerate(free) if not is_free]
+        rates_of = ca.Function(
+            "rates_at_rest",
+            [eom.t, eom.q, eom.v, eom.z, eom.lam, eom.p[known], y],
+            [ca.densify(ca.substitute(rate, eom.u, inputs))],
+        )
         generator, values = np.random.default_rng(0), []
         for _ in range(SAMPLES + 2 * k):
             q, z, lam = (generator.standard_normal(size) for size in (self._q.size, k, numeric.eom.lam.numel()))
             here = self._q + 0.3 * numeric.scale.coordinates * q, self._z + (1 + np.abs(self._z)) * z
-            values.append(self._rates(self._t, here[0], np.zeros(q.size), here[1], lam, numeric.p).full().ravel())
+            loads = generator.standard_normal(y.numel())
+            at = self._t, here[0], np.zeros(q.size), here[1], lam, numeric.p[known], loads
+            values.append(rates_of(*at).full().ravel())
         rates = np.array([row for row in values if np.all(np.isfinite(row))]).reshape(-1, k)
         size = np.max(np.abs(rates), axis=0, initial=0.0)
         scaled = rates / np.where(size > 0, size, 1.0)

@@ -173,7 +173,7 @@ class Statics:
         first = self.n + eom.Phi.numel()
         #: rows of the rates of first-order states
         self.rates = slice(first, first + self.k)
-        self.memory = Memory(numeric, signals, t, *start)
+        self.memory = Memory(numeric, signals, t, *start, unknowns)
 
     # --- the unknowns ----------------------------------------------------------------
     def join(self, q: np.ndarray, z: np.ndarray, lam: np.ndarray, y: np.ndarray | Sequence[float] = ()) -> np.ndarray:

@@ -591,3 +591,19 @@ def test_points_of_a_smooth_path_do_not_grow_with_the_number_of_bodies(links):
 
     tip = length * np.sum(np.sin(fsolve(moments, np.linspace(-0.5, -1, links), xtol=1e-13)))
     assert path[ends[-1].y][-1] == pytest.approx(tip, abs=1e-6) and 20 <= len(path) <= 40
+
+
+def test_rates_that_hold_an_unknown_must_vanish():
+    """A tank that empties at the rate of the input that is looked for is not at rest; one that a servo follows is."""
+    level, push = mbd.StateVariable("level", 1.0), mbd.Input("push")
+    block = mbd.Body("block", 1.0, 1.0)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), block.at(0, 0))
+    force = mbd.Force("force", block.at(0, 0), (push - 9.81, 0))
+    tank = mbd.Mechanism([block], [rail], forces=[force], inputs=[push], states={level: -push})
+    with pytest.raises(mbd.EquilibriumError, match="no state at rest was found"):
+        mbd.equilibrium(tank, [block.x == 0], unknowns=[push])
+    place, speed = mbd.StateVariable("place", 0.3), mbd.StateVariable("speed")
+    drive = mbd.Driver("servo", block.x, place)
+    servo = mbd.Mechanism([block], [rail], [drive], inputs=[push], states={place: speed, speed: push})
+    rest = mbd.equilibrium(servo, [block.x == 0.5], unknowns=[push])
+    assert (rest[place], rest[speed], rest[push]) == pytest.approx((0.5, 0, 0), abs=1e-12)
