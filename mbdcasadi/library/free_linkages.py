@@ -72,6 +72,10 @@ def free_linkage(
     0.1
     """
     what = "free_linkage"
+    given = {"points": points, "bodies": bodies, "guides=": guides or {}, "motors=": motors or {}}
+    for where, mapping in given.items():
+        if not isinstance(mapping, Mapping):
+            raise ModelError(f"{what}: {where} takes a dictionary, got {mapping!r}")
     drawn = {key: np.array(pair_of_numbers(place, what, f"point {key}")) for key, place in points.items()}
     of_point = _owners(drawn, bodies, what)
     moving = [body for body in bodies if body != "ground"]
@@ -111,7 +115,11 @@ def _owners(points: Mapping[str, np.ndarray], bodies: Mapping[str, Sequence[str]
     """Bodies that have each point."""
     owners: dict[str, list[str]] = {key: [] for key in points}
     for body, names in bodies.items():
+        if not isinstance(names, Sequence):
+            raise ModelError(f"{what}: {body} takes a sequence of names of points, got {names!r}")
         for key in names:
+            if list(names).count(key) > 1:
+                raise ModelError(f"{what}: {body} has the point {key!r} twice")
             if key not in points:
                 raise ModelError(f"{what}: {body} has the point {key!r}, which is not among points")
             owners[key].append(body)

@@ -149,10 +149,16 @@ class Linkages(Sequence[Linkage]):
         places = np.ravel(figure.subplots(rows, columns, squeeze=False))
         for k, place in enumerate(places):
             if k < len(shown):
-                shown[k].draw(place, **options)
                 place.set_title(str(k), fontsize="small")
             else:
                 place.set_axis_off()
+        layout = figure.get_layout_engine()
+        assert layout is not None
+        layout.execute(figure)
+        figure.set_layout_engine("none")  # each picture would lay out all others
+        for linkage, place in zip(shown, places, strict=False):
+            linkage.draw(place, **options)
+        figure.set_layout_engine(layout)
         return figure
 
     def save(self, path: str | Path) -> None:

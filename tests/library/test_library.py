@@ -216,7 +216,11 @@ def test_a_free_slider_crank_is_the_slider_crank():
     moved = np.diff(np.column_stack([motion[free.slider.x], motion[free.slider.y]]), axis=0)
     assert np.allclose(np.arctan(moved[:, 1] / moved[:, 0]), 0.2) and np.allclose(motion[free.slider.phi], 0)
     assert motion[free.slider.mass][0] == 2.0 and motion[free.crank.mass][0] == pytest.approx(0.4 * 0.12)
-    for match, options in (("has 'x', which is not among", {"x": 0}), ("angle of the guide of b must", {"b": "no"})):
+    for match, options in (
+        ("has 'x', which is not among", {"x": 0}),
+        ("angle of the guide of b must", {"b": "no"}),
+        ("guides= takes a dictionary, got", ["b"]),
+    ):
         with pytest.raises(mbd.ModelError, match=match):
             mbd.library.free_linkage({"A": (0, 0), "B": (1, 0)}, {"ground": "A", "b": "AB"}, guides=options)
     with pytest.raises(mbd.ModelError, match="masses must not be negative"):
@@ -248,6 +252,9 @@ def test_a_free_linkage_is_pinned_where_bodies_have_points_in_common():
         (bodies | {"output": "GX"}, "output has the point 'X', which is not among points"),
         ({"ground": "AD", "crank": "AB"}, "point 'C' belongs to no body"),
         ({name: given for name, given in bodies.items() if name != "ground"}, "no body is pinned to the ground"),
+        (bodies | {"output": "GFG"}, "output has the point 'G' twice"),
+        (bodies | {"output": 3}, "output takes a sequence of names of points, got 3"),
+        (list(bodies), "bodies takes a dictionary, got"),
     ):
         with pytest.raises(mbd.ModelError, match=match):
             mbd.library.free_linkage(places, wrong)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 import mbdcasadi as mbd
 
@@ -102,15 +103,18 @@ def test_the_transmission_angle_is_least_where_the_crank_lies_along_the_base(fiv
 
 
 @pytest.mark.slow
-def test_lists_are_chosen_sorted_shown_and_drawn(five_points):
+def test_lists_are_chosen_sorted_shown_and_drawn(five_points, monkeypatch):
+    """Pictures are laid out once, not once for each of them."""
     model, found = five_points
     assert len(found.where(lambda x: x.found > 1)) <= len(found)
     ranked = found.sorted(lambda x: x[model.unknowns["Bx"]])
     assert [x[model.unknowns["Bx"]] for x in ranked] == sorted(x[model.unknowns["Bx"]] for x in found)
     assert type(found[:3]) is mbd.Linkages and len(found[:3]) == 3
     assert "through 5 positions, each found" in repr(found) and "<td" in found._repr_html_()
+    layouts, execute = [], ConstrainedLayoutEngine.execute
+    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", lambda *given: (layouts.append(1), execute(*given)))
     figure = found[:3].draw(columns=2)
-    assert len(figure.axes) == 4
+    assert len(figure.axes) == 4 and len(layouts) == 1 and type(figure.get_layout_engine()) is ConstrainedLayoutEngine
     turning = found.where(crank_turns=True)[0]
     assert turning.draw(trace=[model.point]).lines is not None
     transmission = [x.transmission_angle for x in found.sorted(lambda x: x.transmission_angle)]
