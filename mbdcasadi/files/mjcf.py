@@ -388,7 +388,8 @@ class _Reader:
             refuse_unread(element)
         if len(inertials) > 1:
             raise inertials[1].refuse("is the second one; at most one is allowed")
-        self._robot.solids += [self._solid(geom, frame, link) for geom, frame in geoms]
+        named = [(geom.get("name", f"{link.name} geom {k}"), geom, frame) for k, (geom, frame) in enumerate(geoms, 1)]
+        self._robot.solids += [self._solid(name, geom, frame, link) for name, geom, frame in named]
         if link.parent is None:
             return
         if inertials and self.from_geoms != "true":
@@ -407,11 +408,9 @@ class _Reader:
         center = element.numbers("pos", None, (3,))
         return Mass(element.number("mass", least=0.0), center, rotation @ tensor @ rotation.T)
 
-    def _solid(self, element: XmlElement, frame: Link, link: Link) -> Solid:
+    def _solid(self, name: str, element: XmlElement, frame: Link, link: Link) -> Solid:
         """A geom that others may touch."""
         kind, center, rotation, size = self._shape(element)
-        self._count += 1
-        name = element.get("name", f"{link.name} geom {self._count}")
         for lost in ("margin", "gap"):
             if self.contacts and element.number(lost, "0") != 0:
                 self._robot.left_out.append(f"the {lost} of geom '{name}'")

@@ -13,7 +13,7 @@ from ..model.mechanism import Mechanism
 from ..model.quantities import triple
 from ..model.symbols import Input
 from .markup import XmlElement, read_xml
-from .planar import PlanarBuilder
+from .planar import PARALLEL, PlanarBuilder
 from .robots import (
     Law,
     Link,
@@ -40,7 +40,8 @@ def read_urdf(path: str | Path, *, gravity: Sequence[float] = (0.0, 0.0, -9.81))
     The outermost link is the ground, also a link ``world`` that the file does not describe; links that are fixed to
     others become one body with them. All hinges must be parallel, and slides lie across them. A ``planar`` joint
     ``base`` is the slides ``base/x`` and ``base/y`` and the hinge ``base/theta``, along the x and y axes of its
-    frame, after the shortest turn that brings the z axis to the axis of the joint, and about that. The
+    frame, after the shortest turn that brings the z axis to the axis of the joint, and about that; of a ``floating``
+    joint those of the three axes of its frame that lie in the plane of the hinges, and the turn about the third. The
     plane is seen so that gravity points down and the axes of the world to the right; the pose of the file,
     with all joints at zero, has ``phi = 0`` for all bodies. The coordinate of each joint has the sense and the zero of
     the file: ``mechanism.joint(name).angle`` of a hinge, ``.displacement`` of a slide. An actuated joint of a
@@ -70,7 +71,8 @@ def read_urdf(path: str | Path, *, gravity: Sequence[float] = (0.0, 0.0, -9.81))
     Warns
     -----
     MechanismWarning
-        For what is left out: limits and dry friction of joints, elements and attributes that are not known.
+        For what is left out: limits and dry friction of joints, motions out of the plane, elements and attributes
+        that are not known.
     """
     root = read_xml(path, "robot")
     direction = triple(gravity, "read_urdf", "gravity", "(gx, gy, gz)")
@@ -98,6 +100,7 @@ def read_urdf(path: str | Path, *, gravity: Sequence[float] = (0.0, 0.0, -9.81))
     world = Link(links[tops[0]], tops[0], None, np.eye(3), np.zeros(3))
     robot.links.append(world)
     _add_children(robot, world, links, joints)
+    _lay_into_plane(robot)
     if len(robot.links) < len(links):
         lost = next(element for name, element in links.items() if name not in {link.name for link in robot.links})
         raise lost.refuse("belongs to a ring of joints without an outermost link")
@@ -174,10 +177,10 @@ def _joints(joint: XmlElement, robot: Robot) -> list[SpatialJoint]:
     name = joint.get("name")
     if kind == "fixed":
         return []
-    if kind not in (*_KINDS, "planar"):
+    if kind not in (*_KINDS, "planar", "floating"):
         raise joint.refuse(
             f"is of the type '{kind}'; planar are revolute, continuous and prismatic joints, fixed ones, and those of "
-            "the type 'planar' whose plane is that of the others"
+            "the types 'planar' and 'floating' whose plane is that of the others"
         )
     axis_element = joint.one("axis")
     axis = np.array([1.0, 0.0, 0.0]) if axis_element is None else axis_element.numbers("xyz", None, (3,))
@@ -192,9 +195,30 @@ def _joints(joint: XmlElement, robot: Robot) -> list[SpatialJoint]:
     if kind == "planar":
         x, y, z = rotation_to_z(axis).T
         parts = {f"{name}/x": ("slide", x), f"{name}/y": ("slide", y), f"{name}/theta": ("hinge", z)}
+    elif kind == "floating":
+        parts = {f"{name}/{letter}": ("slide", row) for letter, row in zip("xyz", np.eye(3), strict=True)}
     return [
         SpatialJoint(joint, part, shape, along, np.zeros(3), damping=damping) for part, (shape, along) in parts.items()
     ]
+
+
+def _lay_into_plane(robot: Robot) -> None:
+    """Make joints by which links float planar: two slides of the three, and a hinge about the other axis.
+
+    The axis is that of the frame along which the hinges of the robot point.
+    """
+    hinges = [link.rotation @ joint.axis for link in robot.links for joint in link.joints if joint.kind == "hinge"]
+    for link in robot.links:
+        if len(link.joints) != 3 or any(joint.kind != "slide" for joint in link.joints):
+            continue
+        source, name = link.joints[0].source, link.joints[0].source.get("name")
+        across = np.abs(link.rotation.T @ hinges[0]) if hinges else np.zeros(3)
+        if np.max(across) < np.cos(PARALLEL):
+            raise source.refuse("floats, and no hinge of the robot points along an axis of its frame: it has no plane")
+        axis = np.eye(3)[np.argmax(across)]
+        kept = [joint for joint in link.joints if abs(joint.axis @ axis) < 0.5]
+        link.joints = [*kept, SpatialJoint(source, f"{name}/theta", "hinge", axis, np.zeros(3))]
+        robot.left_out.append(f"the motion of joint '{name}' out of the plane")
 
 
 def _read_mimics(robot: Robot, joints: Sequence[XmlElement]) -> None:

@@ -159,6 +159,12 @@ def test_walls_and_geoms_that_are_not_known(tmp_path):
         read(tmp_path, BALL.replace('size="1 1 1"', 'size="1 1 1" zaxis="0 1 1"').format("", ""))
 
 
+def test_geoms_without_names(tmp_path):
+    """They are counted in each body, and do not change the names of others."""
+    text = BALL.replace(' name="g"', "").replace(' name="floor"', "").format('<body><geom size="0.01"/></body>', "")
+    assert contacts_of(read(tmp_path, text)) == ["ball geom 1 on world geom 1", "ball geom 1 on body 2 geom 1"]
+
+
 def test_neighbours_and_priorities(tmp_path):
     """A body does not touch the one that carries it, unless a flag says so; the greater priority has the friction."""
     child = '<body name="c" pos="0 0 0.15"><joint axis="0 1 0"/><geom name="h" size="0.1" priority="1" friction="0.2"/>'

@@ -425,7 +425,7 @@ def test_flags_and_shared_defaults(tmp_path):
     ("change", "words"),
     [
         (('axis xyz="0 0 1"', 'axis xyz="0 1 0"'), "joint 'elbow' turns about the axis"),
-        (('type="continuous"', 'type="floating"'), "joint 'shoulder' is of the type 'floating'; planar are"),
+        (('type="continuous"', 'type="ball"'), "joint 'shoulder' is of the type 'ball'; planar are"),
         (('<child link="lower"/>', '<child link="arm"/>'), "line 47: joint 'elbow' names the link 'arm'"),
         (('<child link="lower"/>', '<child link="upper"/>'), "moves the link 'upper', which another joint moves"),
         (('<parent link="world"/>', '<parent link="tool"/>'), "belongs to a ring of joints"),
@@ -480,6 +480,21 @@ def test_planar_joints_of_urdf(tmp_path):
         mbd.FileError, match=r"'wrist' turns about the axis \(1, 0, 0\), and 'j/theta' about \(0, 1, 0\)"
     ):
         robot(tmp_path, kind="planar", beside=hand)
+
+
+def test_floating_joints_of_urdf(tmp_path):
+    """A base that is free in space moves in the plane of the hinges of its robot, and falls freely."""
+    hand = LINK.format("hand") + ARM.format(kind="continuous", parent="arm", axis="0 -1 0", more="")
+    hand = hand.replace('child link="arm"', 'child link="hand"').replace('name="j"', 'name="wrist"')
+    with pytest.warns(mbd.MechanismWarning, match="left out the motion of joint 'j' out of the plane"):
+        machine = robot(tmp_path, kind="floating", beside=hand)
+    x, z, theta = (machine.joint(f"j/{name}") for name in ("x", "z", "theta"))
+    assert mbd.check(machine).degrees_of_freedom == 4
+    state = mbd.assemble(machine, [x.displacement == 0.3, z.displacement == 0.2, theta.angle == 0.1])
+    assert state[machine.bodies[0].position] == pytest.approx([0.3 + 0.5 * np.cos(0.1), 0.2 - 0.5 * np.sin(0.1)])
+    assert state[machine.bodies[1].ay] == pytest.approx(-9.81, rel=1e-9)
+    with pytest.raises(mbd.FileError, match="joint 'j' floats, and no hinge of the robot points along an axis"):
+        robot(tmp_path, kind="floating")
 
 
 @pytest.mark.parametrize(
