@@ -284,6 +284,8 @@ def _rigid_motions(a: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, set[i
     A rigid-body motion is a double eigenvalue zero with one vector, which rounding splits into two of the size of its
     square root. It is a single one if something slows the motion: no state moves towards that vector then.
     """
+    # entries that are nothing but rounding would make sizes of them
+    a = np.where(np.abs(a) > np.finfo(float).eps ** 2 * np.max(np.abs(a), initial=0.0), a, 0.0)
     balanced, (sizes, _) = matrix_balance(a, permute=False, separate=True)
     # rates of stiff and of soft parts differ in size
     largest = np.max(np.abs(balanced), axis=1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from linkages import G, four_bar, pendulum, welded_beams
@@ -434,3 +436,17 @@ def test_reactions_that_are_not_unique_change_as_those_of_states_do(light, size)
     by_speed, by_push = (at(y, 1, 1) - at(y, -1, 1)) / 2, (at(y, 0, 2) - at(y, 0, 0)) / 2
     assert model.C == pytest.approx(np.column_stack([by_place, by_speed]), abs=2e-5 * np.max(np.abs(by_place)))
     assert model.D.ravel() == pytest.approx(by_push, abs=1e-6)
+
+
+def test_entries_of_rounding_do_not_disturb_the_modes():
+    """A wheel on its tyre: slopes of 1e-40 of the road beside stiffnesses of 1e4."""
+    wheel = mbd.Body("wheel", 20.0, 0.5, pose=(0, 0.3, 0))
+    law, rubber = mbd.HuntCrossley(2e5, exponent=1), mbd.Coulomb(0.8, 1e-3)
+    road = mbd.Wheel(
+        "t", wheel.at(0, 0), mbd.ground.at(0, 0), lambda x: 0.03 * mbd.exp(-(((x - 2) / 0.2) ** 2)), 0.3, law, rubber
+    )
+    model = mbd.Mechanism([wheel], forces=[mbd.Gravity(), road])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        modes = mbd.linearize(model, mbd.equilibrium(model, [wheel.x == 0])).modes()
+    assert min(abs(mode.frequency - np.sqrt(1e4) / 2 / np.pi) for mode in modes) < 1e-6
