@@ -128,7 +128,8 @@ def nearness(residuals: Residuals, p: np.ndarray, value: np.ndarray) -> np.ndarr
     A gap that is as long as a bar lets it point anywhere: by the sums alone, linkages of which a bar vanishes look
     nearest, and miss everything once their joints are closed.
     """
-    return value / residuals.shortest(p) ** 2
+    missed: np.ndarray = value / residuals.shortest(p) ** 2
+    return missed
 
 
 def _counted(residuals: Residuals, p: np.ndarray, value: np.ndarray) -> np.ndarray:

@@ -95,7 +95,8 @@ class Residuals:
         if self._spans is None:
             return np.ones(len(p))
         spans = self._spans(p[:, None])[1][:, 0]
-        return np.min(spans, axis=1) / np.max(spans, axis=1)
+        least: np.ndarray = np.min(spans, axis=1) / np.max(spans, axis=1)
+        return least
 
     def _called(
         self, function: str, block: Block, y: np.ndarray, p: np.ndarray, damping: np.ndarray
