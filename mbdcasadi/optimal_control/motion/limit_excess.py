@@ -149,11 +149,12 @@ def _with_sizes(part: PhaseSolution, values: np.ndarray, sides: np.ndarray) -> t
     """Values of limits, with their sizes by the larger sides (…, limits).
 
     Both sides of what defines an auxiliary input may vanish together, as those of a soft limit do where it holds: what
-    they are there is no size, and the typical one is the least.
+    they are there is no size, and the largest one on the way is the least.
     """
     limits = part.program.limits_at_points
     typical = np.array([part.program.condition_sizes[c] for c in limits])
-    least = np.where([c.definition for c in limits], typical, 0.0)
+    largest = np.max(_on_grid(part)[1], axis=(0, 1), initial=0.0)
+    least = np.where([c.definition for c in limits], largest, 0.0)
     return values, np.where(sides > 0, np.maximum(sides, least), typical)
 
 
