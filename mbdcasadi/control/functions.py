@@ -12,6 +12,7 @@ from ..errors import ExpressionError, ModelError
 from ..linear.curvature import curvature
 from ..linear.tree_model import TreeModel
 from ..model.conditions import Condition, stacked
+from ..model.forces.friction.modes import switching
 from ..model.texts import text_of
 from ..optimal_control.problem import OptimalControlProblem
 from ..optimal_control.statement.end_cost import end_cost, end_values, integrated_cost
@@ -131,9 +132,10 @@ def _refuse(problem: Any) -> None:
         raise ModelError(f"Controller: takes an OptimalControlProblem, got {problem!r}")
     if problem.is_phased:
         raise ModelError("Controller: takes a problem of one mechanism, without phases=; give each phase a controller")
-    if problem.relaxed is not None:
+    for element in switching(problem.given["mechanism"]):
         raise ModelError(
-            "Controller: DryFriction switches between sticking and sliding; take Coulomb or Stribeck for it"
+            f"Controller: {element.description} switches between sticking and sliding, or contact and flight; take a "
+            "smooth law, as Coulomb, Stribeck or a Contact"
         )
     phase = problem.phases[0]
     if phase.span[0] != phase.span[1]:
