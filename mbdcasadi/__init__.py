@@ -52,6 +52,7 @@ from .model.forces.friction.laws import Coulomb, DryFriction, FrictionLaw, LuGre
 from .model.forces.laws import HuntCrossley, hertz_stiffness
 from .model.forces.mass_flow import MassFlow
 from .model.forces.motors import DCMotor
+from .model.forces.orifice import orifice_flow
 from .model.forces.springs import RSDA, TSDA, Bushing, DataLaw
 from .model.forces.stops import EndStop
 from .model.forces.wheel import Wheel
@@ -229,10 +230,10 @@ __all__ = [
     "assemble", "at_end", "at_start", "between", "bounded", "check", "cost_function", "draw", "dwell", "equations",
     "equilibrium", "equilibrium_path", "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness",
     "holding_range", "identify", "impact", "integral", "inverse_dynamics", "kinematics", "latin_hypercube", "library",
-    "linearize", "optimize", "plot", "plot_energy", "plot_modes", "plot_path", "plot_phase", "plot_residuals",
-    "plot_solution", "positive_part", "reachable", "read_acf", "read_adm", "read_linkages", "read_mjcf",
-    "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities", "shaking_force", "simulate", "soft",
-    "stability", "sweep", "synthesize", "t", "time_derivative",
+    "linearize", "optimize", "orifice_flow", "plot", "plot_energy", "plot_modes", "plot_path", "plot_phase",
+    "plot_residuals", "plot_solution", "positive_part", "reachable", "read_acf", "read_adm", "read_linkages",
+    "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities", "shaking_force",
+    "simulate", "soft", "stability", "sweep", "synthesize", "t", "time_derivative",
 ]  # fmt: skip
 __all__ += _expressions.__all__
 
