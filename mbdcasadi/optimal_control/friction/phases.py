@@ -25,7 +25,7 @@ from ..statement.phase import BEYOND_STATES, Phase
 from ..statement.sites import SENSE, Relaxation, Replaced, gap_of, replaced
 from ..statement.state_conditions import independent_state_conditions
 from ..statement.time_span import between
-from .pattern import SHORTEST, Piece
+from .pattern import CREEP, SHORTEST, Piece, joined
 
 #: Shortest phase that begins where a contact closes, or ends where one opens, as a share of the duration: what touches
 #: and leaves at one instant costs as large a share more.
@@ -120,6 +120,36 @@ class PhaseMaker:
         values = [self.motion.parameters.get(p, p.value) for p in whole.free_parameters]
         guess = Guess(tuple(motions), np.array(values), "laws as forces")
         return PhasedFriction(whole, pieces, guess, made)
+
+    def possible(self, pieces: Sequence[Piece]) -> list[Piece]:
+        """Return the pieces without those in which something slides though what is closed or sticks holds it.
+
+        Such a piece, as of a block that stands still and another one that touches it and slides away into it, becomes
+        part of the one before or after it. All are returned if none is possible.
+        """
+        durations = [0.0 if self._holds_what_slides(piece) else piece.duration for piece in pieces]
+        return joined(pieces, 0.0, durations) or list(pieces)
+
+    def _holds_what_slides(self, piece: Piece) -> bool:
+        """Whether a sliding speed follows from the speeds that are zero in a piece, and is not in its sense."""
+        sliding = {site.sliding_speed: SENSE[mode] for site, mode in self._modes(piece).items() if mode in SENSE}
+        held = list(self._held(piece).values())
+        if not held or not sliding:
+            return False
+        at = self._state((piece.begin + piece.end) / 2)
+        rows = ca.vertcat(*held, *sliding)
+        velocity, column = at.equations.v, self._part.numeric.column_scale
+        slopes = np.reshape(at[ca.vec(ca.jacobian(rows, velocity))], (rows.numel(), -1), order="F") * column
+        joints = self._part.numeric.jacobian(at.t, at.q) * column
+        known, speeds = np.vstack([joints, slopes[: len(held)]]), np.ravel(at[rows])
+        stops = np.linalg.lstsq(known, np.concatenate([np.zeros(len(joints)), -speeds[: len(held)]]))[0]
+        typical = self._part.program.sizes.of_changes(list(sliding))
+        of_sliding = zip(slopes[len(held) :], speeds[len(held) :], sliding.values(), typical, strict=True)
+        for slope, speed, sense, size in of_sliding:
+            follows = len(known) in dependent_rows(unit_rows(np.vstack([known, slope])), IMPLIED)
+            if follows and sense * (speed + slope @ stops) <= CREEP * size:
+                return True
+        return False
 
     # --- one phase --------------------------------------------------------------------------------
     def _phase(self, k: int, pieces: Sequence[Piece]) -> _Made:

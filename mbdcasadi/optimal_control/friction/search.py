@@ -189,6 +189,7 @@ class _Orders:
 
         None if it has none.
         """
+        pieces = maker.possible(pieces)
         order = order_of(pieces)
         if order not in self._found:
             try:
