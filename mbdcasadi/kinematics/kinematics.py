@@ -206,7 +206,8 @@ class DrivenAgain(Continuation):
         rates = eom.function(eom.z_rate[eom.followed_states])
         lam, u = (np.tile(x[:, None], places.t.size) for x in (np.zeros(eom.lam.numel()), eom.input_values))
         state = motion.q.T, motion.v.T, motion.a.T, motion.z.T, lam, u
-        return motion.a, rates(places.t[None], *state, self._numeric.p).full().T
+        followed = rates(places.t[None], *state, self._numeric.p).full().T
+        return motion.a, followed.reshape(places.t.size, len(eom.followed_states))  # also of none
 
     def complete(self, places: Places, states: States) -> Arrays:
         motion, eom = self._corrected(places, states), self._numeric.eom

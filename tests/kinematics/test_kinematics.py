@@ -431,3 +431,13 @@ def test_corners_of_a_driven_angle_are_passed_wherever_outputs_lie(name, count):
     motion = mbd.kinematics(mbd.Mechanism([arm], [hinge], drivers=[mbd.Driver("angle", arm.phi, wanted)]), times)
     assert motion[arm.phi] == pytest.approx(values(times), abs=1e-9)
     assert motion[arm.x] == pytest.approx(0.5 * np.cos(values(times)), abs=1e-9)
+
+
+def test_between_outputs_of_a_motor_whose_current_is_not_known():
+    """A driver turns it: the current follows from nothing, and the pose is known at any instant."""
+    wheel = mbd.Body("wheel", 1, 0.1)
+    bearing = mbd.Revolute("bearing", mbd.ground.at(0, 0), wheel.at(0, 0))
+    motor = mbd.DCMotor("motor", wheel, 6.0, 0.4, 1.5, inductance=0.01)
+    turn = mbd.Driver("turn", bearing.angle, mbd.sin(mbd.t))
+    motion = mbd.kinematics(mbd.Mechanism([wheel], [bearing], [turn], forces=[motor]), np.linspace(0, 1, 11))
+    assert motion.at([0.55])[wheel.phi][0] == pytest.approx(np.sin(0.55), abs=1e-9)
