@@ -394,7 +394,7 @@ class PhaseProgram:
         if self.scheme.inputs.joined:
             groups += self._conditions(self._limits_of_inputs["u"], at, unknowns, 0.0)
         if self.initial is not None and not self.follows:
-            groups += self.scheme.constraint_rows(at.q, at.v, at.z, at.t, interval.p, 0.0, self.reduced_scales)
+            groups += self.scheme.constraint_rows(at.q, at.v, at.t, interval.p, 0.0, self.reduced_scales, at.z)
             groups += self._conditions(self.initial, at, unknowns, 0.0, INITIAL)
         return [(unknowns, groups, 0)] if groups else []
 

@@ -17,6 +17,7 @@ from typing import Any, ClassVar, TypeVar
 import casadi as ca
 import numpy as np
 
+from ...equations import equations
 from ...equations.reduced import ReducedEquations
 from ...errors import ModelError
 from ...numerics.collocation import gauss
@@ -387,20 +388,28 @@ class Transcription(ABC):
         ]
 
     def constraint_rows(
-        self, q: ca.SX, v: ca.SX, z: ca.SX, t: ca.SX, p: ca.SX, tau: float, scales: Scales
+        self, q: ca.SX, v: ca.SX, t: ca.SX, p: ca.SX, tau: float, scales: Scales, z: ca.SX | None = None
     ) -> list[Rows]:
-        """``Phi = 0`` and ``Phi_q v - nu = 0`` at a mesh point."""
-        constraints = self.constraints
+        """``Phi = 0`` and ``Phi_q v - nu = 0`` at a mesh point; with states z, which drivers may follow."""
+        constraints, z = self.constraints, self._states(z)
         positions = constraints.position_rows(q, z, t, p, tau, scales)
         return [*positions, constraints.velocity_rows(q, v, z, t, p, tau, scales)]
 
     def corrections(
-        self, t: ca.SX, q: ca.SX, z: ca.SX, p: ca.SX, mu_1: ca.SX, mu_2: ca.SX | None = None
+        self, t: ca.SX, q: ca.SX, p: ca.SX, mu_1: ca.SX, mu_2: ca.SX | None = None, z: ca.SX | None = None
     ) -> tuple[ca.SX, ca.SX | None]:
-        """``W⁻¹ Phi_q^T mu_1`` of the position rows and ``W⁻¹ Phi_q^T mu_2`` of all rows, at a pose and states."""
-        _, position_jacobian, jacobian, _ = self.constraints.function(t, q, z, p)
+        """``W⁻¹ Phi_q^T mu_1`` of the position rows and ``W⁻¹ Phi_q^T mu_2`` of all rows, at a pose and states z."""
+        _, position_jacobian, jacobian, _ = self.constraints.function(t, q, self._states(z), p)
         inverse = ca.diag(ca.DM(1 / self.weights))
         return inverse @ (position_jacobian.T @ mu_1), None if mu_2 is None else inverse @ (jacobian.T @ mu_2)
+
+    def _states(self, z: ca.SX | None) -> ca.SX:
+        """First-order states at a point; of a transcription that gives none, if no driver follows one."""
+        if z is None and equations(self.eom.mechanism).followed_states:
+            raise ModelError(
+                f"transcription '{self.name}': drivers follow states; give z= to constraint_rows and corrections"
+            )
+        return ca.SX(self.eom.z.numel(), 1) if z is None else z
 
     def continuity_rows(self, residual: ca.SX, scales: Scales, *, velocities: bool = False) -> Rows:
         """Rows that carry the coordinates, or their rates, over to the next mesh point."""

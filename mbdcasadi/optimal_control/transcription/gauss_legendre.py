@@ -97,11 +97,11 @@ class GaussLegendre(Transcription):
             groups.append(self.state_rate_rows(inner["rate"][:, j] - self.state_rates(at, p), tau, scales))
         end, last = self.at(interval, 1.0), self.split_point(interval.last)
         q, v, z = last["q"], last["v"], last["z"]
-        dq, dv = self.corrections(end.t, q, z, p, inner["mu_1"], inner["mu_2"])
+        dq, dv = self.corrections(end.t, q, p, inner["mu_1"], inner["mu_2"], z)
         return [
             *groups,
             self.continuity_rows(q - end.q - dq, scales),
             self.continuity_rows(v - end.v - dv, scales, velocities=True),
             self.state_continuity_rows(z - end.z, 1.0, scales),
-            *self.constraint_rows(q, v, z, end.t, p, 1.0, scales),
+            *self.constraint_rows(q, v, end.t, p, 1.0, scales, z),
         ]

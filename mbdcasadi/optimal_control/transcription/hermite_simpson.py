@@ -98,7 +98,7 @@ class HermiteSimpson(Transcription):
         first, last = self.split_point(interval.first), self.split_point(interval.last)
         begin, middle, end = self.points(interval)
         slack = self.split_interval(interval.inner)["mu_1"]
-        correction, _ = self.corrections(middle.t, middle.q, middle.z, p, slack)
+        correction, _ = self.corrections(middle.t, middle.q, p, slack, z=middle.z)
         slope = _cubic_slope(first["q"], last["q"], h * first["v"], h * last["v"], 0.5)
         f = self._rates(interval)
         slope_z = _cubic_slope(first["z"], last["z"], h * f[0], h * f[1], 0.5)
@@ -111,7 +111,7 @@ class HermiteSimpson(Transcription):
             *self.motion_rows(end, p, 1.0, scales),
             self.continuity_rows(slope - h * (middle.v + correction), scales),
             self.state_continuity_rows(slope_z - h * self.state_rates(middle, p), 0.5, scales),
-            *self.constraint_rows(last["q"], last["v"], last["z"], end.t, p, 1.0, scales),
+            *self.constraint_rows(last["q"], last["v"], end.t, p, 1.0, scales, last["z"]),
         ]
 
     def start_rows(self, interval: Interval, scales: Scales) -> list[Rows]:
