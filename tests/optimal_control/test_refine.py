@@ -511,6 +511,7 @@ def test_a_peak_of_a_voltage_does_not_hide_that_the_rest_gets_better():
     assert mbd.optimize(problem, tolerance=1e-5).cost == pytest.approx(0.6878057, rel=1e-6)
 
 
+@pytest.mark.nightly  # a quarter of an hour: programs that lead to no motion are solved on finer and finer meshes
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:the motion is unstable")
 def test_a_tolerance_begins_at_a_solution_that_is_a_motion():
