@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import combinations
 from pathlib import Path
 
 import casadi as ca
@@ -249,13 +248,10 @@ class _Reader:
         robot.neighbours_touch = "filterparent" in self.off
         if "contact" in self.off:
             robot.solids.clear()
-        elif self.contacts:
-            robot.pairs += [self._pair(self._filled(pair, "main")) for pair in pairs]
         else:
-            if any(a.meets(b) for a, b in combinations(robot.solids, 2)):
-                robot.left_out.append("the contacts of geoms (Contact has them)")
-            robot.solids.clear()
-            robot.left_out += [f"the contact pair of '{p.get('geom1')}' and '{p.get('geom2')}'" for p in pairs]
+            robot.pairs += [self._pair(self._filled(pair, "main")) for pair in pairs]
+        if not self.contacts:
+            robot.leave_out_contacts()
 
     def _pair(self, element: XmlElement) -> tuple[Solid, Solid, float | None]:
         """Two geoms that touch whatever they are, with their friction."""
@@ -346,13 +342,9 @@ class _Reader:
         limits = None
         if "limit" not in self.off and self._is_limited(element, "limited", "range"):
             limits = self._range(element, "range", turns)
-            if not self.contacts:
-                robot.left_out.append(f"the range of joint '{name}' (EndStop holds it)")
-            elif element.number("margin", "0") != 0:
+            if self.contacts and element.number("margin", "0") != 0:
                 robot.left_out.append(f"the margin of the range of joint '{name}'")
         friction = 0.0 if "frictionloss" in self.off else element.number("frictionloss", "0", least=0.0)
-        if friction > 0 and not self.contacts:
-            robot.left_out.append(f"the dry friction of joint '{name}' (LoadIndependentFriction has it)")
         if self._is_limited(element, "actuatorfrclimited", "actuatorfrcrange"):
             self._joint_ranges[name] = self._range(element, "actuatorfrcrange")
         damping, stiffness = element.number("damping", "0", least=0.0), element.number("stiffness", "0", least=0.0)
@@ -367,8 +359,8 @@ class _Reader:
             0.0 if "spring" in self.off else stiffness,
             turns(element.number("springref", "0")),
             element.number("armature", "0", least=0.0),
-            limits if self.contacts else None,
-            friction if self.contacts else 0.0,
+            limits,
+            friction,
         )
 
     @staticmethod

@@ -40,7 +40,7 @@ class Plane:
     """
 
     def __init__(self, robot: Robot):
-        moving = [(link, joint) for link in robot.links for joint in link.joints]
+        moving = robot.joints
         hinges = [(joint, link.rotation @ joint.axis) for link, joint in moving if joint.kind == "hinge"]
         slides = [(joint, link.rotation @ joint.axis) for link, joint in moving if joint.kind == "slide"]
         if not moving:
@@ -184,8 +184,8 @@ class PlanarBuilder:
             if link.joints:
                 self.bodies[link] = self._body(link)
         for link in robot.links:
-            if link.joints:
-                self._connect(link)
+            if link.parent is not None and link.joints:
+                self._connect(link.parent, link, link.joints)
         for loop in robot.loops:
             self._close(loop)
         for tendon in robot.tendons:
@@ -241,51 +241,50 @@ class PlanarBuilder:
         return body.at(float(place[0] - center[0]), float(place[1] - center[1]), angle)
 
     # --- joints ----------------------------------------------------------------------------
-    def _connect(self, link: Link) -> None:
-        """Joints between a link and its parent, by what moves between them, with the coordinates of the file."""
-        hinges = [joint for joint in link.joints if joint.kind == "hinge"]
-        slides = [joint for joint in link.joints if joint.kind == "slide"]
-        assert link.parent is not None
+    def _connect(self, parent: Link, link: Link, joints: Sequence[SpatialJoint]) -> None:
+        """Joints between two links, by what moves between them, with the coordinates of the file."""
+        hinges = [joint for joint in joints if joint.kind == "hinge"]
+        slides = [joint for joint in joints if joint.kind == "slide"]
         if len(hinges) > 1 or len(slides) > 2:
             extra = (hinges[1:] or slides[2:])[0]
             raise extra.source.refuse("is one joint too many between two bodies: one hinge and two slides are planar")
-        if slides and hinges and link.joints[0].kind == "hinge":
+        if slides and hinges and joints[0].kind == "hinge":
             raise slides[0].source.refuse("slides on a body that turns first; give the hinge last, or a body between")
         point = link.position + link.rotation @ (hinges or slides)[0].point
         if len(slides) == 2:
-            self._slide_in_plane(link, slides, point)
+            self._slide_in_plane(parent, link, slides, point)
         elif slides:
             axis = link.rotation @ slides[0].axis
             angle = float(np.arctan2(*(self.plane.axes[:2] @ axis)[::-1]))
             # at the zero of the file the point is at the origin of the guide
-            guide = self._at(link.parent, point - slides[0].reference * axis, angle)
+            guide = self._at(parent, point - slides[0].reference * axis, angle)
             kind = PointOnLine if hinges else Translational
             self._keep(slides[0], link, kind(slides[0].name, guide, self._at(link, point, angle)))
         if hinges:
-            self._turn(link, hinges[0], point, FreeHinge if slides else Revolute)
+            self._turn(parent, link, hinges[0], point, FreeHinge if slides else Revolute)
         elif len(slides) == 2:
-            ends = self._at(link.parent, point), self._at(link, point)
+            ends = self._at(parent, point), self._at(link, point)
             self.joints.append(RelativeAngle(f"{link.name} angle", *ends, 0.0))
 
-    def _turn(self, link: Link, hinge: SpatialJoint, point: np.ndarray, kind: type[FreeHinge | Revolute]) -> None:
+    def _turn(
+        self, parent: Link, link: Link, hinge: SpatialJoint, point: np.ndarray, kind: type[FreeHinge | Revolute]
+    ) -> None:
         """Add a joint whose angle has the sense and the zero of the file."""
-        assert link.parent is not None
-        base, moved = self._at(link.parent, point), self._at(link, point, hinge.reference)
+        base, moved = self._at(parent, point), self._at(link, point, hinge.reference)
         if (link.rotation @ hinge.axis) @ self.plane.normal < 0:
             # the angle of the second marker relative to the first grows against the turn of the link
-            base, moved = self._at(link, point), self._at(link.parent, point, hinge.reference)
+            base, moved = self._at(link, point), self._at(parent, point, hinge.reference)
         self._keep(hinge, link, kind(hinge.name, base, moved))
 
-    def _slide_in_plane(self, link: Link, slides: Sequence[SpatialJoint], point: np.ndarray) -> None:
+    def _slide_in_plane(self, parent: Link, link: Link, slides: Sequence[SpatialJoint], point: np.ndarray) -> None:
         """Add two slides, which together constrain no place."""
-        assert link.parent is not None
         directions = np.array([self.plane.axes[:2] @ (link.rotation @ slide.axis) for slide in slides])
         if abs(np.linalg.det(directions)) < PARALLEL:
             raise slides[1].source.refuse("slides along the axis of the other slide")
         # a place is the sum of the slides times their directions: each slide is measured along the dual direction
         for slide, dual in zip(slides, np.linalg.inv(directions).T, strict=True):
             origin = point - slide.reference / (dual @ dual) * (dual @ self.plane.axes[:2])
-            ends = self._at(link.parent, origin), self._at(link, point)
+            ends = self._at(parent, origin), self._at(link, point)
             self._keep(slide, link, FreeSlide(slide.name, *ends, dual))
 
     def _keep(
@@ -316,8 +315,9 @@ class PlanarBuilder:
         elif joint.limits:
             law = self.laws.law(size, size if joint.kind == "hinge" else 1.0)
             lower, upper = joint.limits
-            self.forces.append(EndStop(f"{joint.name} lower stop", along.value - lower, law))
-            self.forces.append(EndStop(f"{joint.name} upper stop", upper - along.value, law))
+            for side, limit, gap in (("lower", lower, along.value - lower), ("upper", upper, upper - along.value)):
+                if np.isfinite(limit):
+                    self.forces.append(EndStop(f"{joint.name} {side} stop", gap, law))
 
     def _rub(
         self, joint: SpatialJoint, link: Link, element: FreeSlide | FreeHinge | PointOnLine | Revolute | Translational
@@ -379,7 +379,10 @@ class PlanarBuilder:
         self.joints.append(Constraint(f"{joint.name} armature", rotor.phi - (value - joint.reference)))
 
     def _close(self, loop: Loop) -> None:
-        kind = Weld if loop.fixed else Revolute
         if self.moving[loop.a] is self.moving[loop.b]:
             raise loop.source.refuse("connects a body with itself")
+        if loop.joints:
+            self._connect(loop.a, loop.b, loop.joints)
+            return
+        kind = Weld if loop.fixed else Revolute
         self.joints.append(kind(loop.name, self._at(loop.a, loop.point), self._at(loop.b, loop.point)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import TypeVar
 
 import casadi as ca
@@ -127,21 +128,19 @@ class Solid(RobotPart):
         """Return True if the bits of the two allow a contact."""
         return bool(self.kinds & other.partners or other.kinds & self.partners)
 
-    def friction_with(self, other: Solid) -> float:
-        """Coefficient of friction of the two."""
-        if self.priority != other.priority:
-            return max(self, other, key=lambda solid: solid.priority).friction
-        return max(self.friction, other.friction)
-
 
 @dataclass(eq=False)
 class Loop(RobotPart):
-    """A point (or a pose, if `fixed`) that two links share, given in the world in the pose of the file."""
+    """A point (or a pose, if `fixed`) that two links share, given in the world in the pose of the file.
+
+    Instead of a point, joints by which b moves relative to a, as links have them.
+    """
 
     a: Link
     b: Link
     point: np.ndarray
     fixed: bool = False
+    joints: list[SpatialJoint] = field(default_factory=list)
 
 
 _SomePart = TypeVar("_SomePart", bound=RobotPart)
@@ -195,14 +194,42 @@ class Robot(RobotPart):
     pairs: list[tuple[Solid, Solid, float | None]] = field(default_factory=list)
     #: names of bodies that do not touch each other
     apart: set[frozenset[str]] = field(default_factory=set)
-    #: True if a body touches the one that carries it
+    #: True if a body touches the one that carries it, and if one that a joint holds to the ground touches the ground
     neighbours_touch: bool = False
+    grounded_touch: bool = True
+    #: the coefficient of friction of two solids of the same priority, from theirs
+    friction_of_two: Callable[[float, float], float] = max
     #: contents of the file that no element represents
     left_out: list[str] = field(default_factory=list)
 
+    @property
+    def joints(self) -> list[tuple[Link, SpatialJoint]]:
+        """Joints, those that close loops among them, with the links that they move."""
+        carried = [(link, joint) for link in self.links for joint in link.joints]
+        return carried + [(loop.b, joint) for loop in self.loops for joint in loop.joints]
+
     def joint(self, name: str, source: XmlElement) -> SpatialJoint:
         """Return a joint by its name, or raise for the element that names it."""
-        return _named([joint for link in self.links for joint in link.joints], "joint", name, source)
+        return _named([joint for _, joint in self.joints], "joint", name, source)
+
+    def friction(self, a: Solid, b: Solid) -> float:
+        """Coefficient of friction of two solids."""
+        if a.priority != b.priority:
+            return max(a, b, key=lambda solid: solid.priority).friction
+        return self.friction_of_two(a.friction, b.friction)
+
+    def leave_out_contacts(self) -> None:
+        """Leave out contacts, and the limits and dry friction of joints, and name them."""
+        for _, joint in self.joints:
+            if joint.limits:
+                self.left_out.append(f"the range of joint '{joint.name}' (EndStop holds it)")
+            if joint.dry_friction:
+                self.left_out.append(f"the dry friction of joint '{joint.name}' (LoadIndependentFriction has it)")
+            joint.limits, joint.dry_friction = None, 0.0
+        if any(a.meets(b) for a, b in combinations(self.solids, 2)):
+            self.left_out.append(f"the contacts of {self.solids[0].source.tag}s (Contact has them)")
+        self.left_out += [f"the contact pair of '{a.name}' and '{b.name}'" for a, b, _ in self.pairs]
+        self.solids, self.pairs = [], []
 
     def link(self, name: str, source: XmlElement) -> Link:
         """Return a link by its name, or raise for the element that names it."""

@@ -363,7 +363,8 @@ def test_sites_that_are_connected(tmp_path):
 def test_what_is_left_out_of_mjcf_is_named(tmp_path):
     """Contact pairs without contacts of their geoms, bodies that programs move; nothing that a flag turns off."""
     text = MJCF.format(
-        '<body name="hand" mocap="true"/><geom name="g" size="1" mass="0" contype="0" conaffinity="0"/>',
+        '<body name="hand" mocap="true"><geom name="h" size="1" mass="0" contype="0" conaffinity="0"/></body>'
+        '<geom name="g" size="1" mass="0" contype="0" conaffinity="0"/>',
         '<contact><pair geom1="g" geom2="h"/><exclude body1="a" body2="b"/></contact>{}',
     )
     path = tmp_path / "m.xml"
