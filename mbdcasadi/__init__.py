@@ -60,6 +60,7 @@ from .model.geometry.cam_outlines import CamOutline
 from .model.geometry.curves import Curve
 from .model.geometry.motion_programs import MotionProgram, dwell, fall, rise
 from .model.geometry.shapes import Disc, Polygon, Rectangle, Rod, Shape
+from .model.geometry.smoothing import smoothing_spline
 from .model.joints.base import Joint
 from .model.joints.cams import CamCam, CamFlatFollower, CamPointFollower, PointOnCurve
 from .model.joints.clutches import Clutch, OneWayClutch
@@ -233,7 +234,7 @@ __all__ = [
     "linearize", "optimize", "orifice_flow", "plot", "plot_energy", "plot_modes", "plot_path", "plot_phase",
     "plot_residuals", "plot_solution", "positive_part", "reachable", "read_acf", "read_adm", "read_linkages",
     "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities", "shaking_force",
-    "simulate", "soft", "stability", "sweep", "synthesize", "t", "time_derivative",
+    "simulate", "smoothing_spline", "soft", "stability", "sweep", "synthesize", "t", "time_derivative",
 ]  # fmt: skip
 __all__ += _expressions.__all__
 

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ..arguments.values import pairs_of, position_in
+from ..assembly.pose import PoseProblem
 from ..assembly.setup import Setup
 from ..equations import Equations
 from ..equations.driven import driven_equations
 from ..equations.numeric import NumericEquations
-from ..errors import MechanismError, SingularityError
+from ..errors import MechanismError, SingularityError, warn
 from ..kinematics.kinematics import check_driven, driven_motion, kinematic_trajectory
+from ..kinematics.mobility import mobility
 from ..model.drivers import Driver
-from ..model.geometry.splines import expression_of, through_samples
+from ..model.geometry.splines import LEAST_SAMPLES, expression_of, through_samples
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries, refuse_twice, yes_or_no
 from ..model.symbols import Input, Numbers, place_of, positive
@@ -30,6 +33,11 @@ from ..results.trajectory import Statistics, Trajectory
 from ..results.validity import report_exceeded_limits, report_validity
 from ..simulation.simulate import simulate
 from .efforts import EffortProblem
+from .nearest_motion import NearestMotion
+
+#: Change of an effort by every second sample, relative to its root mean square, from which noise decides it: masses and
+#: lengths of what is measured are known no better than to a tenth.
+NOISE = 0.1
 
 
 def inverse_dynamics(
@@ -64,9 +72,12 @@ def inverse_dynamics(
     motion : Trajectory, or mapping of expression to function of time, optional
         The motion: a trajectory of the same bodies, or what is prescribed:
         expressions in ``mbd.t``, callables of it, splines of SciPy, or samples
-        at `times`, which a curve of degree five interpolates (noise in them
-        must be removed before: accelerations amplify it). A list of pairs
-        ``[(expression, value)]`` does the same.
+        at `times`, which a curve of degree five interpolates. A list of pairs
+        ``[(expression, value)]`` does the same. More quantities than degrees of
+        freedom, as measured markers, are met in the least-squares sense: the sum of
+        ``(expression - value)**2`` is least at each time, in m and rad, and a
+        note in ``.statistics`` has what is missed; ``{w * e: w * value}`` gives one the weight ``w**2``.
+        Noise is amplified by accelerations: smooth samples by :func:`smoothing_spline`.
     efforts : sequence of Input
         Inputs to find, on which the forces depend linearly. If they are more
         than the degrees of freedom (two motors on one shaft, cables, muscles),
@@ -100,6 +111,12 @@ def inverse_dynamics(
     SingularityError
         At a pose in which the efforts cannot make the motion.
 
+    Warns
+    -----
+    MechanismWarning
+        For efforts that are as many as the degrees of freedom and beyond their limits; for efforts that noise in
+        samples decides: by every second sample they would be others, by more than a tenth of their root mean square.
+
     References
     ----------
     Haug 1989, section 6.3 (inverse dynamics of kinematically driven systems).
@@ -126,7 +143,12 @@ def inverse_dynamics(
                 names = ", ".join(repr(e.label) for e in overridden)
                 raise MechanismError(f"inverse_dynamics: {names} is in inputs= and in efforts=; leave one out")
             shares = _weights(efforts, weights)
-            result = _of_motion(setup, _course(setup, motion, progress), unknown, shares, tolerance)
+            result = _of_motion(setup, *_course(setup, motion, progress), unknown, shares, tolerance)
+            if not isinstance(motion, Trajectory) and any(
+                _is_sampled(value) for _, value in pairs_of(motion, "motion=")
+            ):
+                every_second = partial(_course, setup, motion, False, every=2)
+                _report_noise(result, lambda: _of_motion(setup, *every_second(), unknown, shares, tolerance), unknown)
         result.statistics.method, result.statistics.formulation = "inverse dynamics", "Phi_q^T lam = Q - M a"
         result.statistics.seconds = clock.perf_counter() - began
         if efforts:
@@ -223,40 +245,83 @@ def _result(
 
 
 # --- a motion from elsewhere ---------------------------------------------------------------
-def _course(setup: Setup, motion: Any, progress: bool) -> Trajectory:
-    """The prescribed motion as a trajectory of the mechanism's bodies."""
+def _course(setup: Setup, motion: Any, progress: bool, every: int = 1) -> tuple[Trajectory, list[str]]:
+    """The prescribed motion as a trajectory of the mechanism's bodies, and notes; by some of its samples."""
     mechanism, grid = setup.mechanism, setup.grid
     if isinstance(motion, Trajectory):
         same = grid.shape == motion.t.shape and np.allclose(grid, motion.t, rtol=0, atol=1e-12)
-        return motion if same else motion.at(grid)
+        return motion if same else motion.at(grid), []
     prescribed = pairs_of(motion, "motion=")
-    drivers = [_as_driver(k, expression, value, grid) for k, (expression, value) in enumerate(prescribed)]
+    drivers = [_as_driver(k, expression, value, grid, every) for k, (expression, value) in enumerate(prescribed)]
     if not drivers:
         raise MechanismError("inverse_dynamics: motion= prescribes nothing")
-    driven = mechanism.replace(drivers=[*mechanism.drivers, *drivers])
-    numeric = setup.numeric_of(driven)
-    short = numeric.eom.q.numel() - numeric.eom.lam.numel()
+    short = setup.eom.q.numel() - setup.eom.lam.numel() - len(drivers)
     if short > 0:
         raise MechanismError(
             f"the motion is under-determined by {short}: motion= prescribes {len(drivers)} quantities; "
             "prescribe as many as the mechanism has degrees of freedom"
         )
-    course = driven_motion(numeric, grid, progress=progress, what="inverse_dynamics")
-    return kinematic_trajectory(numeric, course)
+    if short < 0 and len(drivers) > _freedom(setup):
+        nearest = NearestMotion(setup.numeric, drivers)
+        course = nearest.over(grid)
+        return course, [nearest.note(course)]
+    numeric = setup.numeric_of(mechanism.replace(drivers=[*mechanism.drivers, *drivers]))
+    driven = driven_motion(numeric, grid, progress=progress, what="inverse_dynamics")
+    return kinematic_trajectory(numeric, driven), []
 
 
-def _as_driver(index: int, expression: Any, value: Any, grid: np.ndarray) -> Driver:
+def _freedom(setup: Setup) -> int:
+    """Degrees of freedom that the mechanism's own constraints and drivers leave."""
+    numeric, t = setup.numeric, setup.time
+    q, _, z = numeric.eom.estimate
+    return q.size - mobility(numeric, t, PoseProblem(numeric, [], t, z).solve(q)).rank
+
+
+def _as_driver(index: int, expression: Any, value: Any, grid: np.ndarray, every: int = 1) -> Driver:
     if not isinstance(expression, ca.SX):
         raise MechanismError(f"inverse_dynamics: motion= takes {{expression: course}}, got the key {expression!r}")
     name = f"motion {index + 1} ({expression})"
     course = expression_of(time, value)
     if callable(course) and not isinstance(course, ca.SX):
         course = course(time)
-    elif isinstance(course, Sequence | np.ndarray) and np.ndim(course):
+    elif _is_sampled(course):
         if len(course) != grid.size:
             raise MechanismError(f"{name}: one sample for each of the {grid.size} times is needed, got {len(course)}")
-        course = through_samples(time, grid, course)
+        kept = np.unique(np.r_[0 : grid.size : every, grid.size - 1])
+        course = through_samples(time, grid[kept], [course[k] for k in kept])
     return Driver(name, expression, course)
+
+
+def _is_sampled(value: Any) -> bool:
+    return isinstance(value, Sequence | np.ndarray) and bool(np.ndim(value))
+
+
+def _holds_samples(motion: Any) -> bool:
+    return not isinstance(motion, Trajectory) and any(_is_sampled(value) for _, value in pairs_of(motion, "motion="))
+
+
+def _report_noise(result: Trajectory, by_every_second: Callable[[], Trajectory], unknown: Sequence[int]) -> None:
+    """Warn of efforts that would be others if every second sample were left out, as noise or gaps make them."""
+    notes = result.statistics.notes
+    if result.t.size < 2 * LEAST_SAMPLES - 1:
+        notes.append(f"{result.t.size} samples are too few to see whether noise decides the efforts")
+        return
+    try:
+        coarser = by_every_second()
+    except MechanismError as error:
+        notes.append(f"whether noise decides the efforts is not known: every second sample gives no motion ({error})")
+        return
+    efforts = result.inputs[:, unknown]
+    size, change = (np.sqrt(np.mean(x**2, axis=0)) for x in (efforts, coarser.inputs[:, unknown] - efforts))
+    doubtful = (change > NOISE * size) & (change > MET * np.max(size, initial=0.0))
+    if np.any(doubtful):
+        worst = int(np.argmax(doubtful * change / np.maximum(size, np.finfo(float).tiny)))
+        warn(
+            "inverse_dynamics: noise in the samples of motion=, or their distance, decides the efforts: by every other "
+            f"sample '{result.mechanism.inputs[unknown[worst]].label}' would change by {change[worst]:.3g} (root mean "
+            f"square; its own is {size[worst]:.3g}); smooth the samples, as in "
+            "motion={expression: mbd.smoothing_spline(times, samples, cutoff=…)}, or take more of them"
+        )
 
 
 def _weights(efforts: Sequence[Input], weights: Any) -> list[float]:
@@ -268,7 +333,12 @@ def _weights(efforts: Sequence[Input], weights: Any) -> list[float]:
 
 
 def _of_motion(
-    setup: Setup, course: Trajectory, unknown: Sequence[int], weights: Sequence[float], tolerance: float
+    setup: Setup,
+    course: Trajectory,
+    notes: list[str],
+    unknown: Sequence[int],
+    weights: Sequence[float],
+    tolerance: float,
 ) -> Trajectory:
     numeric, eom = setup.numeric, setup.eom
     if eom.mechanism.states and not _knows_states(eom, course):
@@ -286,10 +356,10 @@ def _of_motion(
     frame.inputs = _inputs(setup, frame)
     problem = EffortProblem(numeric, unknown, weights)
     lam, u = problem.solve(frame)
-    notes = [_LEAST_NORM] if problem.redundant else []
+    notes = [*notes, *([_LEAST_NORM] if problem.redundant else [])]
 
     def at(t: np.ndarray) -> Arrays:
-        part = _of_motion(setup, course.at(t), unknown, weights, tolerance)
+        part = _of_motion(setup, course.at(t), [], unknown, weights, tolerance)
         return part.q, part.v, part.a, part.z, part.lam, part.inputs
 
     return _result(frame, u, lam, notes, at, numeric.p, course)

@@ -41,6 +41,7 @@ def joints(a: mbd.Marker, b: mbd.Marker) -> list[mbd.ConstraintElement]:
         mbd.AbsoluteDistance("tether", b, (0, 0), k), mbd.Constraint("own", b.x - 1), mbd.KnifeEdge("blade", b),
         mbd.NonholonomicConstraint("skate", b.body.vx - 2 * b.body.vy), mbd.Driver("drive", b.body.phi, 2 * mbd.t),
         mbd.Actuator("jack", a, b, 0.5 + 0.1 * mbd.t), mbd.Driver("servo", b.body.x, mbd.StateVariable("place")),
+        mbd.Driver("data", b.body.y, mbd.smoothing_spline([0, 1, 2, 3, 4, 5], [0, 1, 0, 1, 0, 1], cutoff=0.1)),
     ]  # fmt: skip
     return [*pairs, *rows]
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 LEAST_POINTS = {"cubic": 4, "monotone": 2, "linear": 2}
 #: Samples that a curve of degree five takes.
-_LEAST_SAMPLES = 6
+LEAST_SAMPLES = 6
 OUTSIDE = ("error", "constant", "linear", "periodic")
 
 #: Part of the data's width by which rounding may carry the argument beyond the data.
@@ -145,11 +145,17 @@ def through_samples(x: ca.SX, xs: Any, ys: Any) -> ca.SX:
     """Return a curve of degree five through samples of a motion, at least six: its accelerations are smooth."""
     from scipy.interpolate import make_interp_spline
 
-    xs, ys = _points(xs, ys, "linear", "error")
-    if len(xs) < _LEAST_SAMPLES:
-        raise ModelError(f"samples of a motion: at least {_LEAST_SAMPLES} are needed, got {len(xs)}")
-    curve: ca.SX = expression_of(x, make_interp_spline(xs, ys, k=_LEAST_SAMPLES - 1))
+    xs, ys = sampled(xs, ys, "samples of a motion")
+    curve: ca.SX = expression_of(x, make_interp_spline(xs, ys, k=LEAST_SAMPLES - 1))
     return curve
+
+
+def sampled(xs: Any, ys: Any, what: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the times and values of the samples of a motion (n,), checked."""
+    xs, ys = _points(xs, ys, "linear", "error", what)
+    if len(xs) < LEAST_SAMPLES:
+        raise ModelError(f"{what}: at least {LEAST_SAMPLES} are needed, got {len(xs)}")
+    return xs, ys
 
 
 def numbers_of(values: Any, name: str, what: str, dimensions: int = 1) -> np.ndarray:
@@ -186,16 +192,16 @@ def points_of(values: Any, name: str, kind: str, what: str) -> np.ndarray:
     return xs
 
 
-def _points(xs: Any, ys: Any, kind: str, outside: str) -> tuple[np.ndarray, np.ndarray]:
+def _points(xs: Any, ys: Any, kind: str, outside: str, what: str = "spline") -> tuple[np.ndarray, np.ndarray]:
     """Return the points as arrays (n,), checked."""
-    xs, ys = points_of(xs, "xs", kind, "spline"), numbers_of(ys, "ys", "spline")
+    xs, ys = points_of(xs, "xs", kind, what), numbers_of(ys, "ys", what)
     if len(xs) != len(ys):
-        raise ModelError(f"spline: xs and ys must have the same length, got {len(xs)} and {len(ys)}")
+        raise ModelError(f"{what}: xs and ys must have the same length, got {len(xs)} and {len(ys)}")
     if outside == "periodic":
         # Data such as sin(2 pi) close only up to rounding.
         if abs(ys[-1] - ys[0]) > ROUNDING * np.max(np.abs(ys)):
             raise ModelError(
-                "spline: periodic data must end with the value they start with, "
+                f"{what}: periodic data must end with the value they start with, "
                 f"got ys[0] = {ys[0]} and ys[-1] = {ys[-1]}"
             )
         ys = np.append(ys[:-1], ys[0])
