@@ -103,6 +103,7 @@ if _typing.TYPE_CHECKING:
     from .files.acf import read_acf
     from .files.adm import read_adm
     from .files.mjcf import read_mjcf
+    from .files.mjcf_keyframes import Keyframe, read_keyframes
     from .files.urdf import read_urdf
     from .fmu.export import export_fmu
     from .identification.data import Experiment, IdentificationError
@@ -157,6 +158,7 @@ _LATER = {
     "files.acf": "read_acf",
     "files.adm": "read_adm",
     "files.mjcf": "read_mjcf",
+    "files.mjcf_keyframes": "Keyframe read_keyframes",
     "files.urdf": "read_urdf",
     "fmu.export": "export_fmu",
     "identification.data": "Experiment IdentificationError",
@@ -217,8 +219,8 @@ __all__ = [
     "GaussLegendre", "Gear", "GeneralizedForce", "Glyph", "Gravity", "HalfPlane", "HermiteSimpson", "HoldingRange",
     "HollowCircle", "HuntCrossley", "HydraulicCylinder",
     "IdentificationError", "Input", "Integrator", "IntegratorStep", "Interrupted", "Joint", "JointFriction",
-    "KnifeEdge", "LinearFeedback", "LinearModel", "Linkage", "Linkages", "LoadIndependentFriction", "LuGre", "Marker",
-    "MassFlow", "Mechanism",
+    "Keyframe", "KnifeEdge", "LinearFeedback", "LinearModel", "Linkage", "Linkages", "LoadIndependentFriction",
+    "LuGre", "Marker", "MassFlow", "Mechanism",
     "MechanismError", "MechanismWarning", "ModelError", "MotionProgram", "NonholonomicConstraint", "OneWayClutch",
     "OptimalControlProblem", "OptimizationError", "PIController", "Parameter", "Phase", "Point", "PointOnCurve",
     "PointOnLine", "Polygon", "PolygonEdges", "Proposal", "Pulley", "RackAndPinion", "Reachability", "Reaction",
@@ -232,9 +234,10 @@ __all__ = [
     "equilibrium", "equilibrium_path", "export_fmu", "fall", "full_factorial", "glyph", "ground", "hertz_stiffness",
     "holding_range", "identify", "impact", "integral", "inverse_dynamics", "kinematics", "latin_hypercube", "library",
     "linearize", "optimize", "orifice_flow", "plot", "plot_energy", "plot_modes", "plot_path", "plot_phase",
-    "plot_residuals", "plot_solution", "positive_part", "reachable", "read_acf", "read_adm", "read_linkages",
-    "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities", "shaking_force",
-    "simulate", "smoothing_spline", "soft", "stability", "sweep", "synthesize", "t", "time_derivative",
+    "plot_residuals", "plot_solution", "positive_part", "reachable", "read_acf", "read_adm", "read_keyframes",
+    "read_linkages", "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities",
+    "shaking_force", "simulate", "smoothing_spline", "soft", "stability", "sweep", "synthesize", "t",
+    "time_derivative",
 ]  # fmt: skip
 __all__ += _expressions.__all__
 

@@ -24,6 +24,7 @@ from .robots import (
     Robot,
     Solid,
     SpatialJoint,
+    Strand,
     Tendon,
     actuator_law,
     rotation_about,
@@ -51,18 +52,22 @@ def read_mjcf(path: str | Path, *, contacts: bool = True) -> Mechanism:
     the right; the pose of the file has ``phi = 0`` for all bodies. The coordinate of each joint has the sense and the
     zero of the file: ``mechanism.joint(name).angle`` of a hinge, ``.displacement`` of a slide, also of those by which
     a body is free in the plane. ``connect`` and ``weld`` under ``equality``
-    close loops, and hold exactly; ``joint`` and ``tendon`` couple coordinates and sums of them (``fixed`` tendons);
-    actuators (``motor``, ``position``,
-    ``velocity``, ``general`` with a force that is linear) become inputs of their names. The
-    ``armature`` of a joint is a rotor, a body beside the others that turns with the coordinate. ``include`` is
-    read; sensors, keyframes and what is only seen change no motion and are not.
+    close loops, and hold exactly; ``joint`` and ``tendon`` couple coordinates and tendons; actuators (``motor``,
+    ``position``, ``velocity``, ``general`` with a force that is linear) become inputs of their names. Tendons are sums
+    of coordinates (``fixed``) or lengths from site to site (``spatial``), also across the plane, by ``pulley`` and
+    around cylinders across the plane and spheres in it, outside of them; the force of a tendon is ``tendon name spring
+    and damper``. ``springdamper`` tunes a spring by the inertia of the joint, as MuJoCo does. The ``armature`` of a
+    joint is a rotor, a body beside the others that turns with the coordinate. ``include`` is read;
+    :func:`read_keyframes` has the keyframes; sensors and what is only seen change no motion and are not read.
 
     Geoms that MuJoCo lets touch are a :class:`Contact` ``one on other``: planes, spheres, capsules, cylinders and
     boxes that lie along the plane or across it. A ``range`` of a joint is two of :class:`EndStop`, ``joint lower
-    stop`` and ``joint upper stop``, ``frictionloss`` a :class:`LoadIndependentFriction` ``joint friction``. The ranges
-    of the forces of an actuator limit its input, or, of a servo, the force itself. Softness (``solref``, ``solimp``)
+    stop`` and ``joint upper stop``, that of a spatial tendon ``tendon name upper stop``; ``frictionloss`` is a
+    :class:`LoadIndependentFriction` ``joint friction``. The ranges of the forces of an actuator limit its input, or, of
+    a servo, the force itself. Softness (``solref``, ``solimp``)
     has no length in a file; the laws are these instead, with the weight W of all bodies and the size h, which is half
-    of the least width of the smaller geom, or the radius of gyration of what the joint carries:
+    of the least width of the smaller geom, the radius of gyration of what the joint carries, or the greatest length of
+    the tendon:
 
     - Contacts and stops are :class:`HuntCrossley` with the exponent 1, ``k = W/δ`` and ``χ = 2/√(g δ)``,
       ``δ = 0.01 h`` (of a hinge ``k h²`` and ``χ h``): they yield by 1 % of the size under the weight of all bodies,
@@ -95,9 +100,14 @@ def read_mjcf(path: str | Path, *, contacts: bool = True) -> Mechanism:
     ----------
     MuJoCo documentation, *XML reference*.
     """
+    return PlanarBuilder(robot_of(path, contacts=contacts)).mechanism()
+
+
+def robot_of(path: str | Path, *, contacts: bool) -> Robot:
+    """Read the robot of a file, in space; its joints and inputs are in the order of MuJoCo."""
     root = read_xml(path, "mujoco")
     _include(root, Path(path).parent)
-    return PlanarBuilder(_Reader(root, Path(path).stem, contacts).robot()).mechanism()
+    return _Reader(root, Path(path).stem, contacts).robot()
 
 
 def _include(root: XmlElement, folder: Path) -> None:
@@ -224,6 +234,7 @@ class _Reader:
                     robot.left_out.append(f"the motion of body '{link.name}' by a program (mocap)")
             waiting += reversed(self._read_children(element, link, childclass))
         self._scale_masses([mass for link in robot.links for mass in link.masses])
+        self._tune_springs()
         for tendons in self.root.all("tendon"):
             refuse_unread(tendons)
             for element in tendons.children:
@@ -267,31 +278,45 @@ class _Reader:
                 mass.mass *= self.total_mass / total
                 mass.inertia = mass.inertia * (self.total_mass / total)
 
+    def _tune_springs(self) -> None:
+        """Springs and dampers by a time constant T and a damping ratio ζ: ``k = m/(T ζ)²``, ``c = 2 m/T``.
+
+        ``1/m`` is the acceleration of the joint by a unit force on it alone, in the pose of the file.
+        """
+        joints = [joint for _, joint in self._robot.joints]
+        given = [joint.source.numbers("springdamper", "0 0", (2,)) for joint in joints]
+        if not any(np.all(pair > 0) for pair in given):
+            return
+        yields = np.diag(np.linalg.inv(self._robot.inertia()))
+        for joint, (time, ratio), each in zip(joints, given, yields, strict=True):
+            if time > 0 and ratio > 0:
+                joint.stiffness = 0.0 if "spring" in self.off else float(1 / (each * (time * ratio) ** 2))
+                joint.damping = 0.0 if "damper" in self.off else float(2 / (each * time))
+
     def _read_children(self, element: XmlElement, link: Link, childclass: str) -> list[tuple[XmlElement, Link, str]]:
-        """Read what a body holds, in frames too; return the bodies in it with their parents and classes."""
+        """Read what a body holds, in frames too; return the bodies in it with their parents and classes, in order."""
         bodies: list[tuple[XmlElement, Link, str]] = []
         masses: list[tuple[XmlElement, Link]] = []
-        holders = [(element, link, childclass)]
-        while holders:
-            holder, frame, childclass = holders.pop()
-            refuse_unread(holder)
-            for child in holder.children:
-                if child.tag in ("body", "frame"):
-                    inner = (child, frame, child.get("childclass", childclass))
-                    if child.tag == "body":
-                        bodies.append(inner)
-                    else:
-                        holders.append((child, self._link(child, frame), inner[2]))
-                elif child.tag in ("joint", "freejoint"):
-                    if link.parent is None:
-                        raise child.refuse("is outside any body")
-                    link.joints.append(self._joint(self._filled(child, childclass, "joint"), link, frame))
-                elif child.tag == "geom":
-                    masses.append((self._filled(child, childclass), frame))
-                elif child.tag == "inertial":
-                    masses.append((child, frame))
-                elif child.tag == "site" and child.has("name"):
-                    self._sites[child.get("name")] = self._filled(child, childclass), frame
+        refuse_unread(element)
+        waiting = [(child, link, childclass) for child in reversed(element.children)]
+        while waiting:
+            child, frame, childclass = waiting.pop()
+            if child.tag == "body":
+                bodies.append((child, frame, child.get("childclass", childclass)))
+            elif child.tag == "frame":
+                refuse_unread(child)
+                inner, classes = self._link(child, frame), child.get("childclass", childclass)
+                waiting += [(part, inner, classes) for part in reversed(child.children)]
+            elif child.tag in ("joint", "freejoint"):
+                if link.parent is None:
+                    raise child.refuse("is outside any body")
+                link.joints.append(self._joint(self._filled(child, childclass, "joint"), link, frame))
+            elif child.tag == "geom":
+                masses.append((self._filled(child, childclass), frame))
+            elif child.tag == "inertial":
+                masses.append((child, frame))
+            elif child.tag == "site" and child.has("name"):
+                self._sites[child.get("name")] = self._filled(child, childclass), frame
         self._read_masses(link, masses)
         return bodies
 
@@ -479,43 +504,77 @@ class _Reader:
         return link, point, link.rotation @ self._rotation(site)
 
     def _read_tendon(self, element: XmlElement) -> None:
-        """A sum of coordinates, which springs, actuators and couplings may use."""
+        """A sum of coordinates, or a length from site to site, which springs, actuators and couplings may use."""
         refuse_unread(element)
         robot, name = self._robot, element.get("name", f"{len(self._robot.tendons) + 1}")
-        parts = []
-        for child in element.children:
-            refuse_unread(child, "fixed joint")
-            parts.append((robot.joint(child.get("joint"), child), child.number("coef")))
+        limits = None
         if "limit" not in self.off and self._is_limited(element, "limited", "range"):
-            robot.left_out.append(f"the range of tendon '{name}' (EndStop holds it)")
+            limits = self._range(element, "range")
+            if not self.contacts or element.tag == "fixed":
+                robot.left_out.append(f"the range of tendon '{name}' (EndStop holds it)")
         if "frictionloss" not in self.off and element.number("frictionloss", "0", least=0.0) > 0:
             robot.left_out.append(f"the dry friction of tendon '{name}'")
-        reference = sum(factor * joint.reference for joint, factor in parts)
-        rest = element.number("springlength", "-1")
+        rest = element.numbers("springlength", "-1", (1, 2))
+        if rest[0] > rest[-1]:
+            raise element.refuse(f"has springlength = '{element.get('springlength')}', of which the first is greater")
         tendon = Tendon(
             element,
             name,
-            [(joint.name, factor) for joint, factor in parts],
-            reference,
+            self._parts(element) if element.tag == "fixed" else [],
+            self._strands(element) if element.tag == "spatial" else [],
             0.0 if "damper" in self.off else element.number("damping", "0", least=0.0),
             0.0 if "spring" in self.off else element.number("stiffness", "0", least=0.0),
-            reference if rest == -1 else rest,
+            None if rest[0] == -1 else (float(rest[0]), float(rest[-1])),
+            limits if self.contacts and element.tag == "spatial" else None,
         )
         robot.tendons.append(tendon)
         if self._is_limited(element, "actuatorfrclimited", "actuatorfrcrange"):
             self._joint_ranges[tendon.key] = self._range(element, "actuatorfrcrange")
+
+    def _parts(self, element: XmlElement) -> list[tuple[str, float]]:
+        """Joints of a fixed tendon, and their factors."""
+        parts = []
+        for child in element.children:
+            refuse_unread(child, "fixed joint")
+            parts.append((self._robot.joint(child.get("joint"), child).name, child.number("coef")))
+        return parts
+
+    def _strands(self, element: XmlElement) -> list[Strand]:
+        """Strands of a spatial tendon, from site to site."""
+        strands: list[Strand] = []
+        start: tuple[Link, np.ndarray] | None = None
+        share, around, side = 1.0, None, None
+        for child in element.children:
+            refuse_unread(child, f"spatial {child.tag}")
+            if child.tag == "geom":
+                if start is None or around is not None:
+                    raise child.refuse("needs a site before it and one after it")
+                around = self._robot.solid(child.get("geom"), child)
+                side = self._site(child, "sidesite")[:2] if child.has("sidesite") else None
+            elif child.tag == "site":
+                end = self._site(child, "site")[:2]
+                if start is not None:
+                    strands.append(Strand(start, end, share, around, side))
+                start, around, side = end, None, None
+            else:
+                divisor = child.number("divisor", "1")
+                if divisor <= 0 or around is not None:
+                    raise child.refuse("must be beside sites, with a divisor above zero")
+                start, share = None, 1 / divisor
+        if around is not None or not strands:
+            raise element.refuse("must run from site to site")
+        return strands
 
     def _read_coupling(self, element: XmlElement, name: str) -> None:
         robot = self._robot
         keys = [f"{element.tag}{k}" for k in (1, 2) if k == 1 or element.has(f"{element.tag}{k}")]
         if element.tag == "joint":
             joints = [robot.joint(element.get(key), element) for key in keys]
-            names, references = [joint.name for joint in joints], [joint.reference for joint in joints]
+            names = [joint.name for joint in joints]
         else:
-            tendons = [robot.tendon(element.get(key), element) for key in keys]
-            names, references = [tendon.key for tendon in tendons], [tendon.reference for tendon in tendons]
+            names = [robot.tendon(element.get(key), element).key for key in keys]
         polynomial = [float(x) for x in element.numbers("polycoef", "0 1 0 0 0")]
-        robot.constraints.append((tuple(names), _coupling(name, references, polynomial)))
+        robot.constraints.append((tuple(names), _coupling(name, polynomial)))
 
     def _read_actuator(self, element: XmlElement) -> None:
         if element.tag not in ACTUATORS:
@@ -566,11 +625,11 @@ class _Reader:
         return f"{name} {element.tag}" if taken else name
 
 
-def _coupling(name: str, references: Sequence[float], polynomial: Sequence[float]) -> Law:
+def _coupling(name: str, polynomial: Sequence[float]) -> Law:
     """``y - y0 = a0 + a1 (x - x0) + …``."""
 
     def law(coordinates: Sequence[Coordinate]) -> Constraint:
-        first, *others = (c.value - r for c, r in zip(coordinates, references, strict=True))
+        first, *others = (along.value - along.reference for along in coordinates)
         x = others[0] if others else ca.SX(0)
         return Constraint(name, first - sum(a * x**k if k else a for k, a in enumerate(polynomial)))
 

@@ -9,6 +9,10 @@ from .markup import XmlElement
 _FRAME = "pos quat axisangle xyaxes zaxis euler"
 _CONSTRAINT = "name class active solref solimp"
 _ACTUATOR = "name class group user joint tendon gear ctrllimited ctrlrange forcelimited forcerange lengthrange"
+_TENDON = (
+    "name class group user limited range stiffness damping springlength frictionloss margin solreflimit solimplimit "
+    "solreffriction solimpfriction actuatorfrclimited actuatorfrcrange width material rgba"
+)
 #: Attributes by element, and by section for those whose names occur in several.
 _ATTRIBUTES = {
     "compiler": "angle eulerseq inertiafromgeom autolimits settotalmass coordinate strippath meshdir texturedir "
@@ -20,8 +24,8 @@ _ATTRIBUTES = {
     "body": f"name childclass mocap user sleep gravcomp {_FRAME}",
     "frame": f"name childclass {_FRAME}",
     "inertial": f"mass diaginertia fullinertia {_FRAME}",
-    "joint": "name class type group user pos axis ref damping stiffness springref armature limited range frictionloss "
-    "margin solreflimit solimplimit solreffriction solimpfriction actuatorfrclimited actuatorfrcrange",
+    "joint": "name class type group user pos axis ref damping stiffness springref springdamper armature limited range "
+    "frictionloss margin solreflimit solimplimit solreffriction solimpfriction actuatorfrclimited actuatorfrcrange",
     "freejoint": "name group align",
     "geom": f"name class type size fromto mass density contype conaffinity condim group priority friction solmix "
     f"solref solimp margin gap rgba material user mesh hfield fitscale fluidshape fluidcoef {_FRAME}",
@@ -30,9 +34,11 @@ _ATTRIBUTES = {
     "weld": f"{_CONSTRAINT} body1 body2 anchor site1 site2 torquescale",
     "equality joint": f"{_CONSTRAINT} joint1 joint2 polycoef",
     "equality tendon": f"{_CONSTRAINT} tendon1 tendon2 polycoef",
-    "fixed": "name class group user limited range stiffness damping springlength frictionloss margin solreflimit "
-    "solimplimit solreffriction solimpfriction actuatorfrclimited actuatorfrcrange width material rgba",
+    **dict.fromkeys(("fixed", "spatial"), _TENDON),
     "fixed joint": "joint coef",
+    "spatial site": "site",
+    "spatial geom": "geom sidesite",
+    "spatial pulley": "divisor",
     "motor": _ACTUATOR,
     "position": f"{_ACTUATOR} kp kv",
     "velocity": f"{_ACTUATOR} kv",
@@ -46,7 +52,6 @@ _NEUTRAL = {
     "boundmass": ("0",),
     "boundinertia": ("0",),
     "actuatorgravcomp": ("false",),
-    "springdamper": ("0 0",),
     "timeconst": ("0",),
     "dampratio": ("0",),
     "inheritrange": ("0",),
@@ -71,8 +76,9 @@ _CHILDREN = {
     "compiler": ("lengthrange",),
     "option": ("flag",),
     "contact": ("pair", "exclude"),
-    "tendon": ("fixed",),
+    "tendon": ("fixed", "spatial"),
     "fixed": ("joint",),
+    "spatial": ("site", "geom", "pulley"),
     **dict.fromkeys(
         ("worldbody", "body", "frame"),
         ("body", "frame", "joint", "freejoint", "geom", "site", "inertial", "light", "camera"),
@@ -89,9 +95,8 @@ _ADVICE = {
         ("boundmass", "boundinertia", "balanceinertia", "inertiagrouprange", "shellinertia"),
         _SAVED.format("masses") + ", so that the attribute can be taken out",
     ),
-    **dict.fromkeys(("springdamper", "dampratio"), _SAVED.format("stiffness and damping")),
+    "dampratio": _SAVED.format("stiffness and damping"),
     "inheritrange": _SAVED.format("range"),
-    "spatial": "leave it out, and add its force to the mechanism (Rope, TSDA)",
 }
 MESH_ADVICE = "give the body an inertial, or " + _SAVED.format("masses")
 #: What flags turn off, several things by some, and flags that change nothing else.

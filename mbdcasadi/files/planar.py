@@ -14,10 +14,11 @@ import numpy as np
 
 from ..errors import FileError, MechanismError, warn
 from ..model.bodies import Body, Marker, ground
-from ..model.element import Element
+from ..model.element import Element, at_poses
 from ..model.forces.applied import Force, GeneralizedForce
 from ..model.forces.field import Gravity
 from ..model.forces.friction.joint_friction import LoadIndependentFriction
+from ..model.forces.laws import HuntCrossley
 from ..model.forces.stops import EndStop
 from ..model.joints.base import AlongLine, Joint
 from ..model.joints.constraints import Constraint
@@ -28,6 +29,7 @@ from ..model.rates import time_derivative
 from ..numerics.lazy import cached_property
 from .robot_contacts import RobotContacts, Yielding
 from .robots import Coordinate, Link, Loop, Robot, SpatialJoint, Tendon
+from .tendons import strand_length
 
 #: Angle by which axes that are meant to be parallel may differ, rad: files give angles to a few digits.
 PARALLEL = 1e-3
@@ -295,9 +297,9 @@ class PlanarBuilder:
             raise joint.source.refuse("has the name of another joint")
         self.joints.append(element)
         if isinstance(element, FreeHinge | Revolute):
-            along = Coordinate(element.angle, element.angular_velocity)
+            along = Coordinate(element.angle, element.angular_velocity, joint.reference)
         else:
-            along = Coordinate(element.displacement, element.speed)
+            along = Coordinate(element.displacement, element.speed, joint.reference)
         self.coordinates[joint.name] = along
         force = -joint.damping * along.rate - joint.stiffness * (along.value - joint.rest)
         if joint.damping or joint.stiffness:
@@ -351,16 +353,43 @@ class PlanarBuilder:
         return float(np.sqrt(inertia / np.sum(masses)))
 
     def _pull(self, tendon: Tendon) -> None:
-        """Add the coordinate of a tendon with its spring and damper."""
-        parts = [(self.coordinates[name], factor) for name, factor in tendon.parts]
-        value, rate = (
-            sum((factor * each for each, factor in rows), ca.SX(0))
-            for rows in ([(c.value, k) for c, k in parts], [(c.rate, k) for c, k in parts])
+        """Add the coordinate of a tendon with its spring, damper and stops."""
+        value = sum((factor * self.coordinates[name].value for name, factor in tendon.parts), ca.SX(0))
+        value += sum(
+            (strand.share * strand_length(strand, self._at, self.plane.normal) for strand in tendon.strands), ca.SX(0)
         )
-        self.coordinates[tendon.key] = Coordinate(value, rate)
-        if tendon.damping or tendon.stiffness:
-            force = -tendon.damping * rate - tendon.stiffness * (value - tendon.rest)
+        reference = float(at_poses(value))
+        self.coordinates[tendon.key] = along = Coordinate(value, time_derivative(value), reference)
+        lower, upper = tendon.rest or (2 * (self._at_rest(tendon, value),))
+        is_linear = lower == upper
+        if tendon.damping or (tendon.stiffness and is_linear):
+            force = -tendon.damping * along.rate - (tendon.stiffness * (value - lower) if is_linear else 0.0)
             self.forces.append(GeneralizedForce(f"{tendon.key} spring and damper", [(value, force)]))
+        if tendon.stiffness and not is_linear:
+            self._hold_within(f"{tendon.key} {{}} spring", tendon, (lower, upper), HuntCrossley(tendon.stiffness, 1))
+        if tendon.limits:
+            self._hold_within(f"{tendon.key} {{}} stop", tendon, tendon.limits, self.laws.law(tendon.limits[1]))
+
+    def _at_rest(self, tendon: Tendon, value: ca.SX) -> float:
+        """Value of a tendon with all joints where their springs are free."""
+        if not tendon.strands:
+            rests = {joint.name: joint.rest for _, joint in self.robot.joints}
+            return sum(factor * rests[name] for name, factor in tendon.parts)
+        poses, symbols, places = self.robot.at_rest(), ca.SX(0, 1), ca.DM(0, 1)
+        for link, body in self.bodies.items():
+            turn = self.plane.axes @ poses[link][0] @ link.rotation.T @ self.plane.axes.T
+            center = np.array(body.pose_estimate[:2]) - self.plane.place(link.position)
+            x, y = self.plane.place(poses[link][1]) + turn[:2, :2] @ center
+            symbols = ca.vertcat(symbols, body.q)
+            places = ca.vertcat(places, x, y, float(np.arctan2(turn[1, 0], turn[0, 0])))
+        return float(ca.substitute(value, symbols, places))
+
+    def _hold_within(self, name: str, tendon: Tendon, limits: tuple[float, float], law: HuntCrossley) -> None:
+        """Add stops at limits of a tendon; those at which it would have no length are none."""
+        value = self.coordinates[tendon.key].value
+        if limits[0] > 0 or tendon.parts:
+            self.forces.append(EndStop(name.format("lower"), value - limits[0], law))
+        self.forces.append(EndStop(name.format("upper"), limits[1] - value, law))
 
     def _carry(self, link: Link) -> None:
         """Add the force that carries a share of the weight of a link, at its centre of mass."""

@@ -79,25 +79,6 @@ class Link(RobotPart):
 
 
 @dataclass(eq=False)
-class Tendon(RobotPart):
-    """A coordinate that is a sum of those of joints."""
-
-    #: names of joints, and their factors
-    parts: list[tuple[str, float]]
-    #: its value in the pose of the file
-    reference: float
-    damping: float
-    stiffness: float
-    #: value at which the spring is free
-    rest: float
-
-    @property
-    def key(self) -> str:
-        """Name among the coordinates, beside joints of the same name."""
-        return f"tendon {self.name}"
-
-
-@dataclass(eq=False)
 class Solid(RobotPart):
     """A solid of a link that others may touch."""
 
@@ -130,6 +111,38 @@ class Solid(RobotPart):
 
 
 @dataclass(eq=False)
+class Strand:
+    """Straight piece of a tendon between two points, each of a link, given in the world in the pose of the file."""
+
+    start: tuple[Link, np.ndarray]
+    end: tuple[Link, np.ndarray]
+    #: share of its length in that of the tendon
+    share: float = 1.0
+    #: what it wraps if it meets it, and a point outside of that on the side on which it does (None: the nearer side)
+    around: Solid | None = None
+    side: tuple[Link, np.ndarray] | None = None
+
+
+@dataclass(eq=False)
+class Tendon(RobotPart):
+    """A coordinate that is a sum of those of joints, or a length of strands between points."""
+
+    #: names of joints, and their factors
+    parts: list[tuple[str, float]]
+    strands: list[Strand]
+    damping: float
+    stiffness: float
+    #: values between which the spring is free; None for that with all joints where their springs are free
+    rest: tuple[float, float] | None
+    limits: tuple[float, float] | None = None
+
+    @property
+    def key(self) -> str:
+        """Name among the coordinates, beside joints of the same name."""
+        return f"tendon {self.name}"
+
+
+@dataclass(eq=False)
 class Loop(RobotPart):
     """A point (or a pose, if `fixed`) that two links share, given in the world in the pose of the file.
 
@@ -150,10 +163,11 @@ Law = Callable[[Sequence["Coordinate"]], Element | None]
 
 @dataclass(frozen=True)
 class Coordinate:
-    """The coordinate of a joint and its rate, rad or m."""
+    """The coordinate of a joint or tendon and its rate, rad or m, and its value in the pose of the file."""
 
     value: ca.SX
     rate: ca.SX
+    reference: float
 
 
 def actuator_law(
@@ -207,6 +221,44 @@ class Robot(RobotPart):
         """Joints, those that close loops among them, with the links that they move."""
         carried = [(link, joint) for link in self.links for joint in link.joints]
         return carried + [(loop.b, joint) for loop in self.loops for joint in loop.joints]
+
+    def at_rest(self) -> dict[Link, tuple[np.ndarray, np.ndarray]]:
+        """Return rotations (3, 3) and places (3,) of the links with all joints where their springs are free."""
+        poses = {self.links[0]: (self.links[0].rotation, self.links[0].position)}
+        for link in self.links[1:]:
+            above = link.parent
+            assert above is not None
+            turn = poses[above][0] @ above.rotation.T
+            rotation, place = turn @ link.rotation, poses[above][1] + turn @ (link.position - above.position)
+            for joint in link.joints:
+                axis, amount = rotation @ joint.axis, joint.rest - joint.reference
+                if joint.kind == "slide":
+                    place = place + amount * axis
+                    continue
+                turn, anchor = rotation_around(axis, amount), place + rotation @ joint.point
+                rotation, place = turn @ rotation, anchor + turn @ (place - anchor)
+            poses[link] = rotation, place
+        return poses
+
+    def inertia(self) -> np.ndarray:
+        """Return the inertia in the coordinates of the joints (n, n), in the pose of the file, without loops."""
+        joints = [joint for link in self.links for joint in link.joints]
+        matrix = np.diag([joint.armature for joint in joints])
+        for link in self.links:
+            carriers, above = [], link
+            while above.parent is not None:
+                carriers += [(above, joint) for joint in above.joints]
+                above = above.parent
+            places = [joints.index(joint) for _, joint in carriers]
+            axes = np.array([by.rotation @ joint.axis for by, joint in carriers]).reshape(-1, 3)
+            turns = axes * np.array([[joint.kind == "hinge"] for _, joint in carriers]).reshape(-1, 1)
+            for part in link.masses if carriers else ():
+                center = link.position + link.rotation @ part.center
+                arms = center - np.array([by.position + by.rotation @ joint.point for by, joint in carriers])
+                moves = np.cross(turns, arms) + axes - turns
+                tensor = link.rotation @ part.inertia @ link.rotation.T
+                matrix[np.ix_(places, places)] += part.mass * moves @ moves.T + turns @ tensor @ turns.T
+        return matrix
 
     def joint(self, name: str, source: XmlElement) -> SpatialJoint:
         """Return a joint by its name, or raise for the element that names it."""

@@ -193,6 +193,13 @@ def optimal_control() -> mbd.Solution:
     return solution
 
 
+def files(path: str) -> mbd.Trajectory:
+    """A model of MuJoCo and a start of it."""
+    robot = mbd.read_mjcf(path)
+    home: mbd.Keyframe = mbd.read_keyframes(path, robot)["home"]
+    return mbd.simulate(robot, duration=1.0, initial=home.initial, inputs=home.inputs)
+
+
 def pictures(motion: mbd.Trajectory) -> mbd.Animation:
     """Each drawing."""
     mbd.draw(motion, poses=3)
