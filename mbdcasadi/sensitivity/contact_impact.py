@@ -1,7 +1,7 @@
 """The impact of rigid contacts, differentiated as the implicit function that it is.
 
 ``M (v⁺ - v⁻) + Phi_q^T Λ - w_v^T Λ_n - s_v^T Λ_t = 0``, ``Phi_q v⁺ = nu``, and of each place that is struck
-``w⁺ = -e w⁻`` with the speed w at which the surfaces part, and ``s⁺ = 0`` if it sticks, ``Λ_t = -μ Λ_n sgn s⁺`` if it
+``w⁺ = -e w⁻`` with the speed w at which the surfaces part, or zero where the bounces end, and ``s⁺ = 0`` if it sticks, ``Λ_t = -μ Λ_n sgn s⁺`` if it
 slides: the laws of :class:`RigidContact` with the choice of open, sticking and sliding that the motion made; and so for
 dry friction in joints, under the load of their impulses.
 """
@@ -20,6 +20,7 @@ from ..model.forces.friction.modes import without_exact_friction
 from ..numerics.least_squares import largest, least_norm
 from ..numerics.tolerances import AT_REST, NEGLIGIBLE
 from ..results.state import EventOccurrence
+from ..simulation.changes.events import at_rest
 from .phase_flow import VariedState
 
 
@@ -73,9 +74,9 @@ class ContactImpact:
     def _laws_at(self, contact: RigidContact, k: int, normal: ca.SX, along: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Laws of a place that is struck: along its normal, and along its tangent."""
         eom, parting = self._eom, contact.normal_speeds[k]
-        approaching = float(self._before[parting]) < 0
+        bounces = float(self._before[parting]) < 0 < float(self._after[parting]) - at_rest(self._after)
         earlier = ca.substitute(parting, eom.v, self._v_before)
-        law = parting + (contact.restitution * earlier if approaching else 0)
+        law = parting + (contact.restitution * earlier if bounces else 0)
         if contact.friction is None:
             return law, along
         return law, self._along(contact.sliding_speeds[k], contact.friction, normal, along)

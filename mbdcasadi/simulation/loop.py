@@ -306,6 +306,8 @@ class Run:
             bar.update(self._time - before)
             if ended:
                 return
+            if self.modes.settling:
+                self._builder.events += self.transitions.to_rest(self._arc.stepper.outputs.state(self._time, self._x))
             if first and self._arc.stepper.counts.steps:
                 first = False
                 if self.integrator.is_multistep and not any(map(resets_or_ends, self._arc.watch.events)):
@@ -328,7 +330,7 @@ class Run:
         arc = self._arc
         # a method that comes back on its way meets those that are left in the next piece
         self._extra_stops = self._extra_stops[self._extra_stops > self._time]
-        piece = self._schedule.piece(self._time, self._index, last).through(self._extra_stops)
+        piece = self._up_to_rest(self._schedule.piece(self._time, self._index, last).through(self._extra_stops))
         way = self.integrated(piece, comes_near=arc.passage.comes_near)
         for policy in arc.policies:
             way = policy.followed(way, self)
@@ -337,6 +339,14 @@ class Run:
         if way.passage is not None:
             return self._advance_across(way.piece, way.path, way.passage)
         return self._finish(way.piece, way.path, way.failure)
+
+    def _up_to_rest(self, piece: Piece) -> Piece:
+        """The beginning of a piece up to where bounces that are not followed come to rest; all of it if none do."""
+        rest = min(self.modes.settling.values(), default=np.inf)
+        later = piece.times[piece.times >= rest - self.instant]
+        if not later.size:
+            return piece
+        return piece.until(float(later[0]) if later[0] - rest <= self.instant else rest)
 
     def smooth_until(self, time: float) -> float:
         """Return the time up to which nothing changes after another, s."""

@@ -54,16 +54,40 @@ def test_plastic_impact():
 
 @pytest.mark.parametrize("restitution", [0.2, pytest.param(0.7, marks=pytest.mark.slow)])
 def test_bounces_end_at_rest(restitution):
-    """The limit of the bounces is ``(1 + e)/(1 - e) √(2 h/g)``; what is left out rises by 1 nm a metre at most."""
+    """The limit of the bounces is ``(1 + e)/(1 - e) √(2 h/g)``."""
     ball, floor, mechanism = ball_above(restitution=restitution)
     motion = mbd.simulate(mechanism, np.linspace(0, 4, 41))
     first, last = motion.events[0], motion.events[-1]
     assert first.after[ball.vy] == pytest.approx(restitution * np.sqrt(2 * G), rel=1e-9)
-    limit = np.sqrt(2 / G) * (1 + restitution) / (1 - restitution)
-    left_out = 2 * np.sqrt(2 * 2.1e-9 / G) / (1 - restitution)
-    assert limit - left_out < last.t <= limit + 1e-8
+    assert last.t == pytest.approx(np.sqrt(2 / G) * (1 + restitution) / (1 - restitution), abs=1e-9)
+    assert last.after[floor.impulse] == 0
     assert motion.final[ball.y] == pytest.approx(0.1, abs=1e-12) and motion.final[ball.vy] == 0
     assert motion.final[floor.normal_force] == pytest.approx(0.6 * G, rel=1e-12)
+
+
+def test_bounces_on_an_incline_lose_no_impulse():
+    """The impulses of all bounces are that of the weight: friction takes μ times it while the ball slides."""
+    slope, mu, restitution = 0.3, 0.05, 0.3
+    plane = mbd.HalfPlane(mbd.ground.at(0, 0, -slope))
+    ball, _, mechanism = ball_above(friction=mbd.DryFriction(mu), restitution=restitution, plane=plane)
+    start = 1.1 * np.array([np.sin(slope), np.cos(slope)])
+    motion = mbd.simulate(mechanism, np.linspace(0, 2, 21), initial=[ball.x == start[0], ball.y == start[1]])
+    pressing = G * np.cos(slope)
+    limit = np.sqrt(2 / pressing) * (1 + restitution) / (1 - restitution)
+    assert motion.events[-1].t == pytest.approx(limit, abs=1e-9)
+    along = np.cos(slope) * motion.final[ball.vx] - np.sin(slope) * motion.final[ball.vy]
+    assert along == pytest.approx(2 * (G * np.sin(slope) - mu * pressing), rel=1e-10)
+
+
+def test_two_bodies_bounce_on_each_other_to_rest():
+    """Their relative acceleration counts, and they go on together with their momentum."""
+    a, b = (mbd.Body(name, mass=m, inertia=1, pose=(x, 0, 0)) for name, m, x in (("a", 1, 0), ("b", 3, 1)))
+    rails = [mbd.Translational(f"rail of {body.name}", mbd.ground.at(0, 0), body.at(0, 0)) for body in (a, b)]
+    hit = mbd.RigidContact("hit", mbd.Circle(a.at(0, 0), 0.1), mbd.Circle(b.at(0, 0), 0.1), restitution=0.4)
+    forces = [mbd.Force("right", a.at(0, 0), (2, 0)), mbd.Force("left", b.at(0, 0), (-1, 0)), hit]
+    motion = mbd.simulate(mbd.Mechanism([a, b], rails, forces=forces), np.linspace(0, 3, 16))
+    assert motion.events[-1].t == pytest.approx(np.sqrt(2 * 0.8 / (2 + 1 / 3)) * 1.4 / 0.6, abs=1e-9)
+    np.testing.assert_allclose([motion.final[a.vx], motion.final[b.vx]], 3 / 4, rtol=1e-12)
 
 
 def test_leaves_a_table_that_shakes():

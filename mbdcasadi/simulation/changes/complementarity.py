@@ -172,12 +172,15 @@ class Complementarity:
         return any(spot.static > spot.sliding for spot in self._spots)
 
     def _options(self, spot: Spot) -> list[str]:
-        """What a spot may be: what no force moves is neither closed nor does it stick."""
+        """What a spot may be: what no force moves is not closed; along a tangent it slides as it must, or it stands."""
         options = list(spot.options)
         if spot.normal is not None and not self._acts[spot.normal]:
             return ["open"]
-        if spot.tangent is not None and not self._acts[spot.tangent]:
+        if spot.tangent is not None and not self._acts[spot.tangent] and spot.rests:
+            rate = self._c[spot.tangent]  # whatever the forces are
             stands = "free" if spot.normal is None else "closed"
+            if abs(rate) > FRICTION_TOLERANCE * largest(self._c):
+                stands = "forth" if rate > 0 else "back"
             options = list(dict.fromkeys("open" if o == "open" else stands for o in options))
         return options
 

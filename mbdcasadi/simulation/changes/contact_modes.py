@@ -101,6 +101,8 @@ class ContactModes(SwitchingModes):
                 f"{self._names(self._contacts)}; take a Contact with a stiffness"
             )
         self._rubs = [k for k, site in enumerate(self.sites) if site.law is not None]
+        #: sites whose last bounces are left out by the impact of this instant: see `_lost_rebounds`
+        self._rebounds: dict[int, float] = {}
         #: rows of the sites: the speeds at which places part, then those of sliding
         self._normal = {k: row for row, k in enumerate(self._contacts)}
         self._tangent = {k: len(self._contacts) + row for row, k in enumerate(self._rubs)}
@@ -181,7 +183,7 @@ class ContactModes(SwitchingModes):
         elif SENSE.get(status):
             speed, direction = site.sliding_speed, -int(SENSE[status])
             found.append(Event(f"{site.name} stops", speed, direction=direction, terminal=True))
-        elif status.startswith("pulled") or status == "free":
+        elif status.startswith("pulled") or (status in ("free", "closed") and site.law is not None):
             leaves = ca.fabs(site.sliding_speed) - self.rest
             found.append(Event(f"{site.name} breaks away", leaves, direction=1, terminal=True))
         return found
@@ -364,6 +366,11 @@ class ContactModes(SwitchingModes):
         loads = self._loads(view, rows, sites, impulsive=True)
         solution = self._solution(view, rows, view.speeds[rows], [spots], sites, "velocities", loads)
         self._refuse_gain(view, rows, solution, sites)
+        rebounds = self._lost_rebounds(view, touching, spots, sites, solution)
+        if rebounds:  # what they would still take is that of the forces in the meantime
+            spots = [replace(spot, target=0.0) if k in rebounds else spot for k, spot in zip(sites, spots, strict=True)]
+            solution = self._solution(view, rows, view.speeds[rows], [spots], sites, "velocities", loads)
+        self._rebounds = rebounds
         v = view.free.v + view.response[:, rows] @ solution.forces
         _, forces = self._open_forces(view, rows, dict(zip(sites, spots, strict=True)), solution, loads)
         impulses = dict(by_element(self.numeric(self.free).eom, view.joints[:, rows] @ forces))
@@ -378,6 +385,22 @@ class ContactModes(SwitchingModes):
             if spot.tangent is not None:
                 own[site.row("friction")] = -forces[spot.tangent]
         return Strike(self.at(self.free, state.t, state.q, v, state.z), impulses, tuple(names))
+
+    def _lost_rebounds(
+        self, view: _View, touching: Sequence[int], spots: Sequence[Spot], sites: Sequence[int], solution: Solution
+    ) -> dict[int, float]:
+        """Sites that bounce lower than what counts as closed, and the speeds by which all their bounces are left, m/s.
+
+        The flights of bounces that follow each other last ``2 w (1 + e + e² + …) / a`` under an acceleration a.
+        """
+        lost, slowest = dict[int, float](), self._lost_speed(view, touching)
+        for k, spot in zip(sites, spots, strict=True):
+            if spot.normal is None or view.speeds[self._normal[k]] >= -view.rest:
+                continue
+            e, after = self._restitution(view, k), float(solution.rates[spot.normal])
+            if 0 < e < 1 and after <= slowest:
+                lost[k] = 2 * after / (1 - e)
+        return lost
 
     def _rows(self, sites: Sequence[int]) -> list[int]:
         """Rows of some sites."""
@@ -434,6 +457,7 @@ class ContactModes(SwitchingModes):
         attempts = [[replace(spot, clear=bool(broken)) for spot in likely], likely, spots]
         loads = self._loads(view, rows, sites)
         solution = self._solution(view, rows, view.rates[rows], attempts, sites, "accelerations", loads)
+        self._settle(view, rows, sites, spots, loads)
         statuses, held = list(self.free.statuses), list[int]()
         for k in ends:
             statuses[k] = "idle"
@@ -457,6 +481,25 @@ class ContactModes(SwitchingModes):
         if state.obstacle is not None:
             raise state.obstacle
         return mode, state
+
+    def _settle(
+        self, view: _View, rows: Sequence[int], sites: Sequence[int], spots: Sequence[Spot], loads: Loads | None
+    ) -> None:
+        """Note when bounces that are left out come to rest, by the accelerations in their flights."""
+        closed = {f"{self.sites[k].name} touches" for k in sites}
+        self.settling = {name: time for name, time in self.settling.items() if name in closed}
+        rebounds, self._rebounds = self._rebounds, dict[int, float]()
+        if not rebounds:
+            return
+        flying = [
+            replace(spot, options=("open",), target=-np.inf) if k in rebounds else spot
+            for k, spot in zip(sites, spots, strict=True)
+        ]
+        rates = self._solution(view, rows, view.rates[rows], [flying], sites, "accelerations", loads).rates
+        for k, speed in rebounds.items():
+            falls = -float(rates[rows.index(self._normal[k])])
+            if falls > 0:
+                self.settling[f"{self.sites[k].name} touches"] = view.free.t + speed / falls
 
     @staticmethod
     def _is_held(view: _View, row: int, held: Sequence[int]) -> bool:

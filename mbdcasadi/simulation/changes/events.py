@@ -281,7 +281,8 @@ class EventWatch:
     def _begin_before(self, index: int, state: State) -> None:
         """Let an event that is at its zero at a start, as friction without load, take place once it goes beyond it."""
         event, known = self.events[index], self.states[index]
-        if known.standing is Standing.RESTING:
+        away = abs(self.rates(state)[index]) > at_rest(state) and event.direction * known.side < 0
+        if known.standing is Standing.RESTING or (known.standing is Standing.LEAVING and away):
             return
         value = float(state[event.expression])
         size = largest(state.v) if self._terms.rate_is_known[index] else largest(state.lam)

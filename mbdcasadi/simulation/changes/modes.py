@@ -49,6 +49,8 @@ class Modes(ABC):
         The whole.
     levels : numpy.ndarray
         Values of the inputs that are numbers; a controller changes them in place.
+    settling : dict of str to float
+        Events by which bounces that are too low to be followed come to rest, and their times, s.
     """
 
     #: what stands before the form of the equations in the statistics of a run
@@ -57,6 +59,7 @@ class Modes(ABC):
     def __init__(self, setup: Setup):
         self.setup, self.mechanism = setup, setup.mechanism
         self.levels = setup.signals.level_values.copy()
+        self.settling: dict[str, float] = {}
         self._numeric: dict[Hashable, NumericEquations] = {}
 
     # --- equations in one mode ---------------------------------------------------------------

@@ -52,6 +52,7 @@ class Transitions:
             state.become(Standing.ARMED)
         numeric = self._modes.numeric(self._modes.free)
         self.mode = None
+        self._modes.settling.clear()
         self.impacts = Impacts(numeric, EventWatch(numeric.eom, self._events, self._instant))
 
     def whole(self, state: State) -> State:
@@ -99,6 +100,15 @@ class Transitions:
         if strike is None and self._modes.continues(mode, self.mode):
             return state, []
         return state, [EventOccurrence(event.name, state.t, before, after) for event in events]
+
+    def to_rest(self, state: State) -> list[EventOccurrence]:
+        """Return the events by which bounces come to rest up to a state, which are then past."""
+        settling = self._modes.settling
+        names = [name for name, time in settling.items() if time <= state.t + self._instant]
+        for name in names:
+            del settling[name]
+        here, after = self.whole(state), self._modes.whole(self.mode, state, {})
+        return [EventOccurrence(name, state.t, here, after) for name in names]
 
     def by_resets(
         self, state: State, located: Sequence[Event], passed: Sequence[Event] = ()

@@ -65,8 +65,10 @@ class RigidContact(SumsOverPlaces, ConstraintElement):
     -----
     ``motion.events`` has "<name> touches", "opens", "stops", "breaks away" and, of a corner on an edge, "slips off",
     with the number of the place if there are several: "floor.0 touches"; places are the corners of a polygon, and
-    of two polygons those of `a`, then those of `b`. Bounces that follow each other ever faster end at rest,
-    before the one that is not higher than some nanometres, which integration does not resolve.
+    of two polygons those of `a`, then those of `b`. Bounces that follow each other ever faster end at rest, with
+    a last "touches" at the limit of their series: those that are not higher than some nanometres, which integration
+    does not resolve, are summed up under the accelerations of their flights, and what they take is in the impulse of
+    the one before and in the normal force.
 
     Friction that would lead to more than one acceleration, or to none (Painlevé's rod), is reported; so is an impact
     whose restitution and friction would add energy (Kane's paradox). Forces of contact and
