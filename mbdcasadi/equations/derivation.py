@@ -210,6 +210,11 @@ class Equations:
         """True if a force depends on the multipliers (joint friction)."""
         return bool(self.lam.numel()) and bool(ca.depends_on(self.Q, self.lam))
 
+    @cached_property
+    def Q_is_linear_in_lam(self) -> bool:
+        """True if forces depend on multipliers as friction in motion on the force of its contact, or not at all."""
+        return not ca.depends_on(ca.jacobian(self.Q, self.lam), self.lam)
+
     @property
     def loaded_by_reactions(self) -> list[str]:
         """Descriptions of the elements whose forces depend on reactions, such as friction by the load of a joint."""

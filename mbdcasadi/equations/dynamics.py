@@ -66,6 +66,23 @@ def stabilised(eom: Equations, rate: ca.SX) -> ca.SX:
     return eom.gamma - 2 * rate * (eom.Phi_q @ eom.v - eom.nu) - rate**2 * drift
 
 
+def solved_linearly(eom: Equations, saddle: Saddle, force: ca.SX, gamma: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return ``(a, lam)`` under forces that depend on multipliers linearly, or not at all.
+
+    With ``Q = Q_0 + B lam``, of which few columns k are not empty, and the solutions ``(a_0, lam_0)`` under ``Q_0`` and
+    ``(A, L)`` under B: ``(I - L_k) lam_k = lam_0k``. Rows may depend on each other if the multipliers k are unique.
+    """
+    slope = ca.jacobian(force, eom.lam)
+    which = np.flatnonzero(np.diff(slope.sparsity().colind())).tolist()
+    bare = ca.substitute(force, eom.lam, ca.SX.zeros(eom.lam.numel()))
+    a, lam = saddle.solve(bare, gamma)
+    if not which:
+        return a, lam
+    by_a, by_lam = saddle.solve(ca.densify(slope[:, which]), ca.SX.zeros(gamma.numel(), len(which)))
+    load = ca.solve(ca.SX.eye(len(which)) - by_lam[which, :], lam[which])
+    return a + by_a @ load, lam + by_lam @ load
+
+
 def forward_dynamics(
     eom: Equations,
     augmentation: np.ndarray | None,
@@ -85,8 +102,9 @@ def forward_dynamics(
     """
     arguments = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
     names = ["t", "q", "v", "z", "u", "p"]
-    if not eom.Q_depends_on_lam:
-        a, lam = dynamics_saddle(eom, augmentation, REPORTED if redundant else None).solve(eom.Q, eom.gamma)
+    if not eom.Q_depends_on_lam or (redundant and eom.Q_is_linear_in_lam):
+        saddle = dynamics_saddle(eom, augmentation, REPORTED if redundant else None)
+        a, lam = solved_linearly(eom, saddle, eom.Q, eom.gamma)
         lam = lam if weights is None else of_least_norm(eom, lam, weights)
         return ca.Function("forward_dynamics", arguments, [a, lam], names, ["a", "lam"])
     unknowns = ca.vertcat(eom.a, eom.lam)

@@ -20,6 +20,7 @@ from ..numerics.rank import (
     INDEPENDENT,
     RankAnalysis,
     analyse_rank,
+    rows_taking_part,
     sparse_rank,
     surely_independent,
     surely_independent_sparse,
@@ -403,6 +404,8 @@ class NumericEquations:
         self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray, *, redundant: bool
     ) -> tuple[np.ndarray, np.ndarray]:
         self.refuse_missing_mass(t, q)
+        if redundant and self.eom.Q_depends_on_lam:
+            self._refuse_open_loads(t, q)
         a, lam = self._solved(t, q, v, z, u, redundant=redundant)
         finite = bool(np.isfinite(a).all())
         if self.eom.Q_depends_on_lam and not finite:
@@ -431,6 +434,12 @@ class NumericEquations:
                 time=t,
             )
         return a, lam
+
+    def _refuse_open_loads(self, t: float, q: np.ndarray) -> None:
+        """Raise if forces depend on multipliers that rows which depend on each other share as they like."""
+        open_ = self.eom.lam[rows_taking_part(self.rank(t, q).null_rows)]
+        if ca.depends_on(self.eom.Q, open_):
+            raise SingularityError(self.eom.why_not_unique, time=t)
 
     def _acceleration_terms(
         self, jacobian: np.ndarray, gamma: np.ndarray, a: np.ndarray, lam: np.ndarray

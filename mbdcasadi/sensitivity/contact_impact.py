@@ -1,9 +1,9 @@
 """The impact of rigid contacts, differentiated as the implicit function that it is.
 
 ``M (v⁺ - v⁻) + Phi_q^T Λ - w_v^T Λ_n - s_v^T Λ_t = 0``, ``Phi_q v⁺ = nu``, and of each place that is struck
-``w⁺ = -e w⁻`` with the speed w at which the surfaces part, or zero where the bounces end, and ``s⁺ = 0`` if it sticks, ``Λ_t = -μ Λ_n sgn s⁺`` if it
-slides: the laws of :class:`RigidContact` with the choice of open, sticking and sliding that the motion made; and so for
-dry friction in joints, under the load of their impulses.
+``w⁺ = -e w⁻`` with the speed w at which the surfaces part, or zero where the bounces end, and ``s⁺ = 0`` if it sticks,
+``Λ_t = -μ Λ_n sgn s⁺`` if it slides: the laws of :class:`RigidContact` with the choice of open, sticking and sliding
+that the motion made; and so for dry friction in joints, under the load of their impulses.
 """
 
 from __future__ import annotations

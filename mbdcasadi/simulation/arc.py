@@ -116,7 +116,7 @@ class Arc:
     ):
         self.mode, self.numeric, self.watch, self._own_events = mode, system.numeric, watch, own_events
         self._system = system
-        self.uniqueness, self.ranges = Uniqueness(self.numeric), ranges
+        self.uniqueness, self.ranges = Uniqueness(self.numeric, redundant=system.redundant), ranges
         regularity = Regularity(self.numeric, state.t, state.q)
         looks = Looks(watch, self.decides, regularity.is_needed)
         self.stepper = kind_of_stepper(system.integrator)(system, looks)

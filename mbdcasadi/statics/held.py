@@ -23,6 +23,7 @@ from ..errors import EquilibriumError, SingularityError
 from ..model.forces.contact.rigid import RigidContact
 from ..model.forces.friction.modes import held_at, switching, variant_in, without_exact_friction
 from ..model.quantities import known_value
+from ..model.symbols import Input, Parameter
 from ..numerics.lazy import cached_property
 from ..numerics.least_squares import largest
 from ..numerics.rank import analyse_rank
@@ -46,18 +47,29 @@ class Law:
     slack : casadi.SX
         The quantity, N or N m.
     needed, available : casadi.SX
-        Friction that holds the pose, and the largest; of a contact its normal force, and nothing.
+        Friction that holds the pose, and the largest; of a contact its normal force, and nothing; of the limit of an
+        input neither.
     """
 
     place: str
     slack: ca.SX
-    needed: ca.SX
+    needed: ca.SX | None = None
     available: ca.SX | None = None
 
     @property
     def event(self) -> str:
         """What happens beyond it."""
+        if self.needed is None:
+            return f"{self.place} is at its limit"
         return f"{self.place} {'opens' if self.available is None else 'slides'}"
+
+
+def laws_of_limits(load: Input | Parameter) -> list[Law]:
+    """Return what keeps an input within its limits."""
+    if not isinstance(load, Input):
+        return []
+    ends = (load.lower, load - load.lower), (load.upper, load.upper - load)
+    return [Law(f"input '{load.label}'", ca.SX(slack)) for end, slack in ends if np.isfinite(end)]
 
 
 class Held:
@@ -207,8 +219,8 @@ class HoldingProgram:
         self._statics, self._laws = statics, tuple(laws)
         none = ca.SX(0, 1)
         self._slacks = statics.function(ca.vertcat(none, *[law.slack for law in laws]))
-        limits = [ca.SX(0) if law.available is None else law.available for law in laws]
-        self._forces = statics.function(ca.vertcat(none, *[law.needed for law in laws], *limits))
+        forces = [law.needed for law in laws] + [law.available for law in laws]
+        self._forces = statics.function(ca.vertcat(none, *[ca.SX(0) if force is None else force for force in forces]))
 
     def _unit(self, x: np.ndarray) -> float:
         """Force that is typical of the reactions, the limits of friction and the load, N."""
@@ -229,6 +241,8 @@ class HoldingProgram:
         k = int(np.argmin(self._slacks(x)[0]))
         law, count = self._laws[k], len(self._laws)
         needed, available = self._forces(x)[0][[k, count + k]]
+        if law.needed is None:
+            return f"{law.place} would be beyond its limit by {-self._slacks(x)[0][k]:.6g}"
         if law.available is None:
             return (
                 f"{law.place} would have to pull with {-needed:.6g} N, so it opens; start from a pose in which it does "

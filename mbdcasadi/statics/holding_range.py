@@ -19,7 +19,7 @@ from ..model.symbols import Input, Parameter
 from ..numerics.console import keyboard_interrupts
 from ..results.state import Conditions, State
 from .equilibrium import Equilibrium, rest_near, start_of, value_of
-from .held import Held, HoldingProgram
+from .held import Held, HoldingProgram, laws_of_limits
 from .statics import Statics
 
 
@@ -36,7 +36,7 @@ class HoldingRange:
     at_least, at_greatest : Equilibrium or None
         The equilibria there; None if there is no end.
     gives_at_least, gives_at_greatest : tuple of str
-        What happens beyond: which places slide and open.
+        What happens beyond: which places slide and open, or that an input is at its limit.
     """
 
     load: Input | Parameter
@@ -74,7 +74,7 @@ def holding_range(
     mechanism : Mechanism
         The model, with ``DryFriction``, ``RigidContact`` or clutches.
     load : Input or Parameter
-        Symbol of a load: any that moves no joint.
+        Symbol of a load: any that moves no joint; an input stays within its limits.
     conditions, inputs, parameters, t
         The pose, and values of everything else, as for :func:`equilibrium`; the pose need not hold at the value of
         the load.
@@ -118,7 +118,7 @@ def holding_range(
         if ca.depends_on(ca.vertcat(setup.eom.Phi, ca.vec(setup.eom.Phi_q), setup.eom.nu), load):
             raise ModelError(f"holding_range: joints move with '{load.label}', which is a load only if they do not")
         statics, x, held = _at_rest(setup, load)
-        program = HoldingProgram(statics, held.laws)
+        program = HoldingProgram(statics, [*held.laws, *laws_of_limits(load)])
         (low, below), (high, above) = (program.extreme(x, sign) for sign in (-1, 1))
         return HoldingRange(
             load,

@@ -248,6 +248,41 @@ def test_redundant_guides_leave_the_load_of_a_contact_unique():
     assert state[floor.normal_force] == pytest.approx(2 * G)
 
 
+def test_shoe_of_a_carriage_brakes_beside_redundant_guides():
+    """A carriage on two rails, and in it a shoe on two guides that slides on the ground under its own weight."""
+    carriage, shoe = (
+        mbd.Body(name, mass=m, inertia=0.1, pose=(0, 0.1, 0)) for name, m in (("carriage", 3), ("shoe", 2))
+    )
+    up, mu, speed = np.pi / 2, 0.3, 1.0
+    joints = [mbd.Translational(f"rail{x}", mbd.ground.at(x, 0.1), carriage.at(x, 0)) for x in (0, 0.5)]
+    joints += [mbd.Translational(f"guide{x}", carriage.at(x, 0, up), shoe.at(x, 0, up)) for x in (0, 0.5)]
+    outlines = mbd.Circle(shoe.at(0, 0), 0.1), mbd.HalfPlane(mbd.ground.at(0, 0))
+    brake = mbd.RigidContact("brake", *outlines, mbd.DryFriction(mu))
+    mechanism = mbd.Mechanism([carriage, shoe], joints, forces=[mbd.Gravity(), brake])
+    motion = mbd.simulate(mechanism, np.linspace(0, 1, 11), initial=[carriage.vx == speed])
+    assert happenings(motion) == ["brake stops"]
+    assert motion.events[0].t == pytest.approx(speed * 5 / (mu * 2 * G), abs=1e-9)
+    assert motion.final[shoe.x] == pytest.approx(speed**2 * 5 / (2 * mu * 2 * G), abs=1e-9)
+    slides = motion.t < motion.events[0].t
+    np.testing.assert_allclose(motion[brake.friction_force][slides], -mu * 2 * G, rtol=1e-10)
+
+
+def test_surfaces_that_a_driver_moves_rub():
+    """Friction that moves nothing is the load of the driver; before the belt moves there is none."""
+    belt, body = (mbd.Body(name, mass=2, inertia=0.1, pose=(0, y, 0)) for name, y in (("belt", 0), ("body", 0.1)))
+    up, mu = np.pi / 2, 0.3
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), belt.at(0, 0))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0, up), body.at(0, 0, up))
+    moves = mbd.Driver("moves", rail.displacement, mbd.if_else(mbd.t > 0.5, (mbd.t - 0.5) ** 2 / 2, 0))
+    lies = mbd.RigidContact("lies", mbd.Circle(body.at(0, 0), 0.1), mbd.HalfPlane(belt.at(0, 0)), mbd.DryFriction(mu))
+    mechanism = mbd.Mechanism([belt, body], [rail, guide], drivers=[moves], forces=[mbd.Gravity(), lies])
+    motion = mbd.simulate(mechanism, np.linspace(0, 1, 11))
+    late = motion.t > 0.55
+    np.testing.assert_allclose(motion[lies.normal_force], 2 * G, rtol=1e-12)
+    np.testing.assert_allclose(motion[lies.friction_force], np.where(late, mu * 2 * G, 0), rtol=1e-12)
+    np.testing.assert_allclose(motion[moves.effort][late], 2 + mu * 2 * G, rtol=1e-12)
+
+
 # --- impacts ------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("mu", "restitution"), [(0.1, 0.6), (1.5, 0.3)])
 def test_oblique_bounce_of_a_rod(mu, restitution):

@@ -193,6 +193,19 @@ def test_a_block_that_is_lifted_holds_up_to_its_weight():
     assert all("opens" in one for one in found.gives_at_greatest)
 
 
+def test_an_input_holds_within_its_limits():
+    """A block of 2 kg with μ = 0.5 holds 9.81 N on level ground, and the input gives less on one side."""
+    mechanism, _ = incline(angle=0.0)
+    push = mbd.Input("push", lower=-3, upper=30)
+    (body,), by = mechanism.bodies, [f for f in mechanism.forces if f.name != "push"]
+    pushed = mechanism.replace(forces=[*by, mbd.Force("push", body.at(0, 0), (push, 0))], inputs=[push], parameters=[])
+    found = mbd.holding_range(pushed, push)
+    assert (found.least, found.greatest) == (pytest.approx(-3), pytest.approx(0.5 * 2 * G))
+    assert found.gives_at_least == ("input 'push' is at its limit",) and found.gives_at_greatest == (
+        "friction 'rub' slides",
+    )
+
+
 def test_a_contact_would_have_to_pull():
     ball = mbd.Body("ball", mass=1, inertia=0.1, pose=(0, -0.1, 0))
     ceiling = mbd.HalfPlane(mbd.ground.at(0, 0, angle=np.pi))

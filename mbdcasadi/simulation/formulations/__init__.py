@@ -49,6 +49,6 @@ def choose_formulation(numeric: NumericEquations, integrator: Integrator, *, red
                 f'method="{integrator.name}" needs forces that do not depend on reactions, and '
                 f'{", ".join(eom.loaded_by_reactions)} does; use method="idas"'
             )
-        if redundant:
+        if redundant and not eom.Q_is_linear_in_lam:
             raise SingularityError(eom.why_not_unique)
     return next(form() for form in FORMULATIONS if form.suits(numeric, integrator, redundant=redundant))

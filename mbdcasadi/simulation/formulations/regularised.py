@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import casadi as ca
 
-from ...equations.dynamics import stabilised
+from ...equations.dynamics import solved_linearly, stabilised
 from ...equations.numeric import NumericEquations
 from ...equations.saddle import ON_THE_WAY
 from ...integrators import Integrator
@@ -21,8 +21,8 @@ class Regularised(Formulation):
 
     @classmethod
     def suits(cls, numeric: NumericEquations, integrator: Integrator, *, redundant: bool) -> bool:
-        return redundant and not numeric.eom.Q_depends_on_lam
+        return redundant and numeric.eom.Q_is_linear_in_lam
 
     def under_forces(self, numeric: NumericEquations, force: ca.SX, rate: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        a, lam = numeric.saddle(ON_THE_WAY).solve(force, stabilised(numeric.eom, rate))
-        return a, lam, ca.SX(0, 1)
+        eom = numeric.eom
+        return *solved_linearly(eom, numeric.saddle(ON_THE_WAY), force, stabilised(eom, rate)), ca.SX(0, 1)
