@@ -10,9 +10,9 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
+from ..arguments.least_efforts import LeastEfforts
 from ..equations.numeric import NumericEquations
 from ..errors import MechanismError, SingularityError
-from ..numerics.least_squares import least_norm, least_norm_within, null_space
 from ..numerics.tolerances import DEPENDENT, MET, RANK
 from ..results.trajectory import Trajectory
 
@@ -27,13 +27,13 @@ class EffortProblem:
     ----------
     unknown : sequence of int
         Inputs to find, by position.
-    weights : sequence of float
-        Weight of each of them in the sum of squares that is least if they are more than the degrees of freedom.
+    least : LeastEfforts
+        The same inputs, of which the least are found if they are more than the degrees of freedom.
     """
 
-    def __init__(self, numeric: NumericEquations, unknown: Sequence[int], weights: Sequence[float]):
-        self.numeric = numeric
-        self.unknown, self.weights = [int(k) for k in unknown], np.array(weights)
+    def __init__(self, numeric: NumericEquations, unknown: Sequence[int], least: LeastEfforts):
+        self.numeric, self._least = numeric, least
+        self.unknown = [int(k) for k in unknown]
         self.redundant = False
         eom = numeric.eom
         self._labels = [eom.mechanism.inputs[k].label for k in self.unknown]
@@ -113,26 +113,9 @@ class EffortProblem:
     def _least_efforts(self, times: np.ndarray, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Multipliers and efforts (k, m + w), the efforts of least weighted sum of squares within their limits."""
         m = self.numeric.eom.lam.numel()
-        inputs = [self.numeric.eom.mechanism.inputs[k] for k in self.unknown]
-        lower, upper = (np.array([getattr(u, side) for u in inputs]) for side in ("lower", "upper"))
-        efforts = np.empty((times.size, len(inputs)))
-        for k, time in enumerate(times):
-            free = null_space(matrix[k, :, :m].T)
-            needed, acting = free.T @ right[k], free.T @ matrix[k, :, m:]
-            found = least_norm_within(acting, needed, self.weights, lower, upper)
-            if found is None:
-                unlimited = least_norm(acting / np.sqrt(self.weights), needed) / np.sqrt(self.weights)
-                beyond = np.maximum(lower - unlimited, unlimited - upper)
-                worst = int(np.argmax(beyond))
-                side = "lower" if unlimited[worst] < lower[worst] else "upper"
-                raise MechanismError(
-                    f"no efforts within their limits make the motion at t = {time:.6g} s: of those of least sum of "
-                    f"squares '{self._labels[worst]}' is {unlimited[worst]:.6g}, with {side} = "
-                    f"{getattr(inputs[worst], side):.6g}, and the others cannot take it over; raise the limits, name "
-                    "more inputs in efforts=, or move more slowly",
-                    time=float(time),
-                )
-            efforts[k] = found
+        efforts = np.array(
+            [self._least.beside(a[:, :m], a[:, m:], b, float(t)) for t, a, b in zip(times, matrix, right, strict=True)]
+        )
         rest = right - np.einsum("kij,kj->ki", matrix[:, :, m:], efforts)
         return np.c_[_least_norm(matrix[:, :, :m], rest), efforts]
 

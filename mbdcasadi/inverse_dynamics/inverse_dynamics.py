@@ -10,6 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ..arguments.least_efforts import LeastEfforts
 from ..arguments.values import pairs_of, position_in
 from ..assembly.pose import PoseProblem
 from ..assembly.setup import Setup
@@ -142,13 +143,14 @@ def inverse_dynamics(
             if overridden:
                 names = ", ".join(repr(e.label) for e in overridden)
                 raise MechanismError(f"inverse_dynamics: {names} is in inputs= and in efforts=; leave one out")
-            shares = _weights(efforts, weights)
-            result = _of_motion(setup, *_course(setup, motion, progress), unknown, shares, tolerance)
+            remedy = "raise the limits, name more inputs in efforts=, or move more slowly"
+            least = LeastEfforts(efforts, weights, "inverse_dynamics", "efforts=", "make the motion", remedy)
+            result = _of_motion(setup, *_course(setup, motion, progress), unknown, least, tolerance)
             if not isinstance(motion, Trajectory) and any(
                 _is_sampled(value) for _, value in pairs_of(motion, "motion=")
             ):
                 every_second = partial(_course, setup, motion, False, every=2)
-                _report_noise(result, lambda: _of_motion(setup, *every_second(), unknown, shares, tolerance), unknown)
+                _report_noise(result, lambda: _of_motion(setup, *every_second(), unknown, least, tolerance), unknown)
         result.statistics.method, result.statistics.formulation = "inverse dynamics", "Phi_q^T lam = Q - M a"
         result.statistics.seconds = clock.perf_counter() - began
         if efforts:
@@ -324,20 +326,12 @@ def _report_noise(result: Trajectory, by_every_second: Callable[[], Trajectory],
         )
 
 
-def _weights(efforts: Sequence[Input], weights: Any) -> list[float]:
-    """Weight of each effort."""
-    found = [1.0] * len(efforts)
-    for effort, weight in pairs_of(weights, "weights="):
-        found[position_in(efforts, effort, "weights=", "efforts=")] = positive(weight, "inverse_dynamics", "weights")
-    return found
-
-
 def _of_motion(
     setup: Setup,
     course: Trajectory,
     notes: list[str],
     unknown: Sequence[int],
-    weights: Sequence[float],
+    least: LeastEfforts,
     tolerance: float,
 ) -> Trajectory:
     numeric, eom = setup.numeric, setup.eom
@@ -354,12 +348,12 @@ def _of_motion(
     frame = Trajectory(eom.mechanism, course.t, q, v, a, z, lam, u, numeric.p)
     _check_motion(frame, tolerance)
     frame.inputs = _inputs(setup, frame)
-    problem = EffortProblem(numeric, unknown, weights)
+    problem = EffortProblem(numeric, unknown, least)
     lam, u = problem.solve(frame)
     notes = [*notes, *([_LEAST_NORM] if problem.redundant else [])]
 
     def at(t: np.ndarray) -> Arrays:
-        part = _of_motion(setup, course.at(t), [], unknown, weights, tolerance)
+        part = _of_motion(setup, course.at(t), [], unknown, least, tolerance)
         return part.q, part.v, part.a, part.z, part.lam, part.inputs
 
     return _result(frame, u, lam, notes, at, numeric.p, course)

@@ -8,11 +8,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ..arguments.least_efforts import LeastEfforts
 from ..arguments.values import inputs_and_parameters, position_in
 from ..assembly.consistent_start import consistent_start
 from ..assembly.setup import Setup
 from ..equations.numeric import NumericEquations
-from ..errors import ConditionError, EquilibriumError, warn
+from ..errors import ConditionError, EquilibriumError, MechanismError, warn
 from ..model.conditions import Condition, read_conditions
 from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
@@ -20,18 +21,19 @@ from ..model.quantities import one_of
 from ..model.symbols import Input, Parameter, place_of
 from ..numerics.console import keyboard_interrupts
 from ..numerics.least_squares import largest
+from ..numerics.rank import analyse_rank, unit_rows
 from ..results.state import Conditions, State
 from ..results.validity import report_validity_at
 from .amplification import amplification, warn_of
 from .held import Held, free_numeric
-from .search import newton, newton_nearby, to_stable
+from .search import newton, newton_nearby, to_stable, with_least_efforts
 from .small_motions import SmallMotions
 from .statics import Statics, Stiffness
 
 #: Speed of a driver that counts as rest (m/s or rad/s).
 REST_TOLERANCE = 1e-9
-#: What is said of more unknowns than a pose needs.
-_LEAST_EFFORTS = "; the least of more inputs are found by inverse_dynamics(…, [0], motion={…}, efforts=[…])"
+#: What helps if inputs do not hold a pose within their limits.
+_MORE = "raise the limits, or name more inputs in unknowns="
 #: Violation of an inequality that is rounding, in its own unit.
 CONDITION_TOLERANCE = 1e-8
 
@@ -84,6 +86,7 @@ def equilibrium(
     parameters: Mapping[Any, Any] | None = None,
     *,
     unknowns: Sequence[Input | Parameter] = (),
+    weights: Mapping[Input, float] | None = None,
     prefer: str = "stable",
     t: float = 0.0,
 ) -> Equilibrium:
@@ -111,7 +114,10 @@ def equilibrium(
     unknowns : sequence of Input or Parameter, optional
         Found with the equilibrium, as many as there are equalities among the
         conditions: the torque that holds a pose, the counterweight that balances.
-        The least of more inputs than a pose needs are found by :func:`inverse_dynamics` with the pose as motion.
+        Inputs may be more (two motors on one shaft, cables): in the pose, which the conditions must then determine,
+        the sum of ``weight * input**2`` is least, with all of them within their limits.
+    weights : mapping of Input to float, optional
+        Positive weights of inputs in that sum; 1 for those that are not named.
     prefer : {"stable", "nearest"}
         "stable" goes downhill from the start, past unstable equilibria;
         "nearest" takes Newton's method to any. With `unknowns` it is "nearest".
@@ -129,7 +135,7 @@ def equilibrium(
     EquilibriumError
         If forces are left over: which, and in which coordinates; and if the pose is singular and no finite
         reactions hold the load; if friction slides or a contact opens: which, the force that it would have to hold, and
-        what it holds.
+        what it holds; if inputs that are more than the pose needs do not hold it within their limits: which.
     ConditionError
         For conditions that no pose meets, or that do not match the unknowns.
 
@@ -155,10 +161,12 @@ def equilibrium(
     """
     with keyboard_interrupts("equilibrium"):
         setup = Setup(mechanism, "equilibrium", t=t, initial=conditions, inputs=inputs, parameters=parameters)
-        return equilibrium_of(setup, inputs_and_parameters(mechanism, unknowns, "unknowns="), prefer)
+        return equilibrium_of(setup, inputs_and_parameters(mechanism, unknowns, "unknowns="), prefer, weights)
 
 
-def equilibrium_of(setup: Setup, wanted: tuple[Any, ...] = (), prefer: str = "stable") -> Equilibrium:
+def equilibrium_of(
+    setup: Setup, wanted: tuple[Any, ...] = (), prefer: str = "stable", weights: Mapping[Input, float] | None = None
+) -> Equilibrium:
     """Find the equilibrium for arguments that are read; see :func:`equilibrium`.
 
     Parameters
@@ -169,6 +177,8 @@ def equilibrium_of(setup: Setup, wanted: tuple[Any, ...] = (), prefer: str = "st
         The unknowns.
     prefer : {"stable", "nearest"}
         Direction of the search.
+    weights : mapping of Input to float, optional
+        Of inputs that are more than the equalities.
     """
     one_of(prefer, ("stable", "nearest"), "equilibrium", "prefer")
     conditions, time = setup.initial, setup.time
@@ -176,13 +186,15 @@ def equilibrium_of(setup: Setup, wanted: tuple[Any, ...] = (), prefer: str = "st
     eom = free.eom
     rows = () if isinstance(conditions, State) else read_conditions(conditions)
     equalities = tuple(c for c in rows if c.equality) if wanted else ()
-    if wanted and len(equalities) != len(wanted):
+    efforts = [w for w in wanted if isinstance(w, Input)] if len(wanted) > len(equalities) else []
+    if wanted and not efforts and len(equalities) != len(wanted):
         raise ConditionError(
             f"equilibrium: {len(wanted)} unknowns ({', '.join(w.label for w in wanted)}) need as many equalities "
             f"among the conditions, and there are {len(equalities)}"
-            + _LEAST_EFFORTS
-            * (0 < len(equalities) < len(wanted))
         )
+    if weights and not efforts:
+        raise ConditionError("equilibrium: weights= goes with more inputs in unknowns= than equalities need")
+    least = LeastEfforts(efforts, weights, "equilibrium", "unknowns=", "hold the pose", _MORE)
     start = start_of(setup, rows, bool(wanted))
     # the state may come from another mechanism on the same bodies
     q, z = (np.atleast_1d(start[group]) if group.numel() else np.zeros(0) for group in (eom.q, eom.z))
@@ -192,7 +204,11 @@ def equilibrium_of(setup: Setup, wanted: tuple[Any, ...] = (), prefer: str = "st
     statics = Statics(numeric, setup.signals, time, (q, z), wanted, equalities)
     values = [value_of(w, eom, setup.p, start) for w in wanted]
     x = statics.join(q, z, np.zeros(statics.m), values)
-    rest = rest_near(statics, x, stable=prefer == "stable" and not wanted)
+    if efforts:
+        places = [x.size - len(wanted) + k for k, w in enumerate(wanted) if isinstance(w, Input)]
+        rest = _with_least_efforts(statics, x, least, places, held)
+    else:
+        rest = rest_near(statics, x, stable=prefer == "stable" and not wanted)
     if wanted:
         setup.mechanism.check_values(statics.parameters(rest))
     rest = rest if held is None else held.check(statics, rest)
@@ -208,6 +224,32 @@ def equilibrium_of(setup: Setup, wanted: tuple[Any, ...] = (), prefer: str = "st
             "found is one of several, that of the straight way from the start; simulate until the motion rests"
         )
     return result
+
+
+def _with_least_efforts(
+    statics: Statics, x: np.ndarray, least: LeastEfforts, places: Sequence[int], held: Held | None
+) -> np.ndarray:
+    """Return the equilibrium with the least inputs in a pose that is determined, or raise."""
+    names = ", ".join(repr(u.label) for u in least.inputs)
+    if held is not None:
+        raise EquilibriumError(
+            f"equilibrium: {names} are more inputs than equalities, and exact dry friction or a rigid contact holds a "
+            "part of the load, of which the least efforts are not looked for; fix some of them by inputs="
+        )
+    slopes = np.delete(statics.rows(x)[1][:, : statics.n], np.r_[: statics.n, statics.rates], axis=0)
+    free = statics.n - analyse_rank(unit_rows(slopes * statics.numeric.column_scale)).rank
+    if free:
+        raise ConditionError(
+            f"equilibrium: {names} are more inputs than equalities, of which the least are found in a pose that the "
+            f"conditions determine, and {free} degree{'s' if free > 1 else ''} of freedom are left; add conditions"
+        )
+    try:
+        rest = with_least_efforts(statics, statics.follow(x), least, places)
+    except MechanismError as error:
+        raise EquilibriumError(f"equilibrium: {error}", time=statics.t) from None
+    if rest is None:
+        raise EquilibriumError(_left_over(statics, x))
+    return rest
 
 
 def rest_near(statics: Statics, x: np.ndarray, *, stable: bool = True) -> np.ndarray:

@@ -1,13 +1,16 @@
-"""Search for an equilibrium: downhill to a stable one, or by Newton's method to any."""
+"""Search for an equilibrium: downhill to a stable one, by Newton's method to any, or with the least inputs."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from ..numerics.least_squares import largest
+from ..arguments.least_efforts import LeastEfforts
+from ..numerics.least_squares import largest, least_norm
 from ..numerics.newton import backtrack
 from ..numerics.newton import newton as newtons_method
-from ..numerics.tolerances import ACCURACY
+from ..numerics.tolerances import ACCURACY, CONVERGED
 from .statics import Statics, Stiffness
 
 #: Largest turn of a body in a step (rad), and its largest displacement (in levers of the mechanism).
@@ -88,6 +91,33 @@ def newton_nearby(statics: Statics, x: np.ndarray) -> np.ndarray | None:
             if rest is not None:
                 return rest
     return rest
+
+
+def with_least_efforts(
+    statics: Statics, x: np.ndarray, least: LeastEfforts, efforts: Sequence[int]
+) -> np.ndarray | None:
+    """Equilibrium in a pose that conditions determine with the least inputs; None if the steps do not converge.
+
+    Newton's method on all rows; inputs are those of least squares that meet the rows to first order, within their
+    limits, and all other unknowns follow.
+
+    Parameters
+    ----------
+    efforts : sequence of int
+        Places of the inputs among the unknowns.
+    """
+    equations, weights = statics.scaled(x)
+    rest = np.delete(np.arange(x.size), efforts)
+    for _ in range(STEPS):
+        values, slope = equations(x)
+        acting, others, step = slope[:, efforts], slope[:, rest], np.zeros(x.size)
+        step[efforts] = least.beside(others, acting, acting @ x[efforts] - values, statics.t) - x[efforts]
+        step[rest] = least_norm(others, -values - acting @ step[efforts], weights[rest])
+        x = x + step
+        size = 1 + largest(np.sqrt(weights) * x)
+        if largest(np.sqrt(weights) * step) <= CONVERGED * size:
+            return x if largest(equations(x)[0]) <= CONVERGED * size else None
+    return None
 
 
 def to_stable(statics: Statics, x: np.ndarray) -> np.ndarray | None:
