@@ -104,6 +104,7 @@ if _typing.TYPE_CHECKING:
     from .files.adm import read_adm
     from .files.mjcf import read_mjcf
     from .files.mjcf_keyframes import Keyframe, read_keyframes
+    from .files.sdf import read_sdf
     from .files.urdf import read_urdf
     from .fmu.export import export_fmu
     from .identification.data import Experiment, IdentificationError
@@ -159,6 +160,7 @@ _LATER = {
     "files.adm": "read_adm",
     "files.mjcf": "read_mjcf",
     "files.mjcf_keyframes": "Keyframe read_keyframes",
+    "files.sdf": "read_sdf",
     "files.urdf": "read_urdf",
     "fmu.export": "export_fmu",
     "identification.data": "Experiment IdentificationError",
@@ -235,8 +237,8 @@ __all__ = [
     "holding_range", "identify", "impact", "integral", "inverse_dynamics", "kinematics", "latin_hypercube", "library",
     "linearize", "optimize", "orifice_flow", "plot", "plot_energy", "plot_modes", "plot_path", "plot_phase",
     "plot_residuals", "plot_solution", "positive_part", "reachable", "read_acf", "read_adm", "read_keyframes",
-    "read_linkages", "read_mjcf", "read_solution", "read_trajectory", "read_urdf", "rise", "sensitivities",
-    "shaking_force", "simulate", "smoothing_spline", "soft", "stability", "sweep", "synthesize", "t",
+    "read_linkages", "read_mjcf", "read_sdf", "read_solution", "read_trajectory", "read_urdf", "rise",
+    "sensitivities", "shaking_force", "simulate", "smoothing_spline", "soft", "stability", "sweep", "synthesize", "t",
     "time_derivative",
 ]  # fmt: skip
 __all__ += _expressions.__all__

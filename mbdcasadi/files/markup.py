@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -88,6 +89,10 @@ class XmlElement:
         return XmlElement(self.file, self.tag, self.line, {**defaults, **self.attributes}, self.children, self.text)
 
 
+#: Attributes, and elements inside, by element, and by its place (its parent and it) if it has another meaning there.
+Table = Mapping[str, tuple[frozenset[str], frozenset[str]]]
+
+
 def read_xml(path: str | Path, root: str | None) -> XmlElement:
     """Read a file with a given outermost element, or any; raise a :class:`FileError` for another one."""
     content, path = content_of(path), Path(path)
@@ -100,11 +105,16 @@ def read_xml(path: str | Path, root: str | None) -> XmlElement:
         stack[-1].children.append(element)
         stack.append(element)
 
+    def said(text: str) -> None:
+        stack[-1].text += text
+
     def declared(*_: object) -> None:
         raise FileError(f"{path.name}, line {parser.CurrentLineNumber}: declarations of entities are not read")
 
     parser.StartElementHandler = begin
     parser.EndElementHandler = lambda _: stack.pop()
+    parser.CharacterDataHandler = said
+    parser.buffer_text = True
     parser.EntityDeclHandler = declared
     try:
         parser.Parse(content, True)
@@ -115,3 +125,42 @@ def read_xml(path: str | Path, root: str | None) -> XmlElement:
     if root is not None and root_element.tag != root:
         raise FileError(f"{path}: the outermost element must be {root}, got {root_element.tag}")
     return root_element
+
+
+def table_of(known: Mapping[str, tuple[str, str]]) -> Table:
+    """Return the attributes and the elements inside of elements, which are given as words."""
+    return {place: (frozenset(names.split()), frozenset(inside.split())) for place, (names, inside) in known.items()}
+
+
+def unread(root: XmlElement, table: Table) -> list[str]:
+    """Return what of a file is not in a table, each kind once: elements and attributes, a typo among them.
+
+    Elements that are known but not in the table themselves, such as what is only seen, are not looked into.
+    """
+    first: dict[str, str] = {}
+    times: Counter[str] = Counter()
+    for element, name, is_attribute in _strange(root, table):
+        kind = f"{'attribute ' if is_attribute else ''}{name} of {element.tag}"
+        owner = element.get("name", element.get("reference", ""))
+        first.setdefault(kind, f"{kind}{f' {owner!r}' if owner else ''} (line {element.line})")
+        times[kind] += 1
+    return [words + (f" and {times[kind] - 1} more" if times[kind] > 1 else "") for kind, words in first.items()]
+
+
+def _strange(root: XmlElement, table: Table) -> Iterator[tuple[XmlElement, str, bool]]:
+    """Attributes and elements that are not in the table, with the element that has them."""
+    waiting = [(root.tag, root)]
+    while waiting:
+        place, element = waiting.pop()
+        names, inside = table[place]
+        for name in element.attributes:
+            if name not in names and not name.startswith("xmlns"):
+                yield element, name, True
+        for child in element.children:
+            if child.tag not in inside:
+                shown = child.get("name", "")
+                yield element, child.tag + (f" {shown!r}" if shown else ""), False
+        for child in reversed(element.children):
+            deeper = f"{place} {child.tag}" if f"{place} {child.tag}" in table else child.tag
+            if child.tag in inside and deeper in table:
+                waiting.append((deeper, child))

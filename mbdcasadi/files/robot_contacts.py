@@ -127,14 +127,9 @@ class RobotContacts:
         first, second = self.moving[a.link], self.moving[b.link]
         if first is second or not a.meets(b) or frozenset((a.body, b.body)) in self.robot.apart:
             return False
-        return self.robot.neighbours_touch or not (self._carries(first, second) or self._carries(second, first))
-
-    def _carries(self, first: Link, second: Link) -> bool:
-        """Return True if a joint holds the second body to the first one, so that they do not touch."""
-        if second.parent is None or self.moving[second.parent] is not first:
-            return False
-        # a body that is free in the plane is not held by the ground
-        return first.parent is not None or (not self.robot.grounded_touch and len(second.joints) < 3)
+        if self.robot.neighbours_touch or first.parent is None or second.parent is None:
+            return True
+        return self.moving[first.parent] is not second and self.moving[second.parent] is not first
 
     # --- outlines -------------------------------------------------------------------------------
     def _flat(self, solid: Solid) -> _Flat | None:

@@ -208,9 +208,8 @@ class Robot(RobotPart):
     pairs: list[tuple[Solid, Solid, float | None]] = field(default_factory=list)
     #: names of bodies that do not touch each other
     apart: set[frozenset[str]] = field(default_factory=set)
-    #: True if a body touches the one that carries it, and if one that a joint holds to the ground touches the ground
+    #: True if a body touches the one that carries it
     neighbours_touch: bool = False
-    grounded_touch: bool = True
     #: the coefficient of friction of two solids of the same priority, from theirs
     friction_of_two: Callable[[float, float], float] = max
     #: contents of the file that no element represents

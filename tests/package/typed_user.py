@@ -225,6 +225,14 @@ class Again(mbd.Strategy):
         yield mbd.Proposal(trials.guesses[0], "again", 50)
 
 
+def robots() -> list[mbd.Mechanism]:
+    return [
+        mbd.read_mjcf("leg.xml", contacts=False),
+        mbd.read_urdf("arm.urdf", gravity=(0, 0, -1.6), contacts=False),
+        mbd.read_sdf("cart.sdf", gravity=[0, 0, -9.81], contacts=False),
+    ]
+
+
 def failures() -> list[type[mbd.MechanismError]]:
     """Errors and the warning are classes, with what had been computed."""
     print(mbd.Coordinate("s", 0.1), mbd.MechanismWarning("read this"))
