@@ -36,7 +36,18 @@ WIDTH, COLOURS = 1100, 96
 GROUPS = {
     "First steps": ("first_mechanism", "slider_crank", "four_bar_output"),
     "Linkages from positions": ("straight_line", "wiper"),
-    "Machine elements": ("walking_leg", "planetary_train", "cam", "excavator", "elevator", "dc_motor"),
+    "Machine elements": (
+        "walking_leg",
+        "planetary_train",
+        "cam",
+        "excavator",
+        "elevator",
+        "hoist",
+        "garage_door",
+        "motorcycle",
+        "robot_walker",
+        "dc_motor",
+    ),
     "Statics, vibration, tolerances": ("buckling", "modes", "tolerances", "identify_friction"),
     "Optimal control": ("cart_pole", "four_bar_torque", "least_time", "crane_servo", "five_bar_robot", "parking"),
     "Friction and contact in an order that is found": ("stick_slip", "shuffleboard", "hopper"),
@@ -158,8 +169,9 @@ def make_browser_page(script: Path, targets: Sequence[Path], *arguments: str) ->
 
 
 def copied(script: Path, folder: str) -> Path:
-    """Copy a script into a folder, with the folder that examples write to, and return the copy."""
+    """Copy a script into a folder, with the models and the folder that examples write to, and return the copy."""
     (Path(folder) / "output").mkdir()
+    shutil.copytree(EXAMPLES / "models", Path(folder) / "models")
     return Path(shutil.copy(script, folder))
 
 

@@ -26,6 +26,7 @@ from ..model.joints.coordinates import RelativeAngle
 from ..model.joints.lower_pairs import PointOnLine, Revolute, Translational, Weld
 from ..model.mechanism import Mechanism
 from ..model.rates import time_derivative
+from ..model.symbols import values_of
 from ..numerics.lazy import cached_property
 from .robot_contacts import RobotContacts, Yielding
 from .robots import Coordinate, Link, Loop, Robot, SpatialJoint, Tendon
@@ -307,7 +308,7 @@ class PlanarBuilder:
         self._limit(joint, link, along)
         self._rub(joint, link, element)
         if joint.armature:
-            self._add_rotor(joint, along.value)
+            self._add_rotor(joint, element, along.value)
 
     def _limit(self, joint: SpatialJoint, link: Link, along: Coordinate) -> None:
         """Add stops at the limits of a coordinate."""
@@ -400,11 +401,13 @@ class PlanarBuilder:
             x, y = -link.carried * mass * self._down
             self.forces.append(Force(f"{link.name} gravity compensation", at, (float(x), float(y))))
 
-    def _add_rotor(self, joint: SpatialJoint, value: ca.SX) -> None:
-        """Add a body that turns with a coordinate on a pin at the origin, where its mass moves nothing."""
-        rotor = Body(f"{joint.name} rotor", mass=1.0, inertia=joint.armature)
+    def _add_rotor(self, joint: SpatialJoint, element: Element, value: ca.SX) -> None:
+        """Add a body without mass that turns with a coordinate, on a pin at the hinge or at the origin."""
+        pin = element.a if isinstance(element, Revolute) else ground.at(0, 0)
+        place = np.ravel(values_of(at_poses(pin.position)))
+        rotor = Body(f"{joint.name} rotor", mass=0.0, inertia=joint.armature, pose=(*place, 0))
         self.rotors.append(rotor)
-        self.joints.append(Revolute(f"{joint.name} rotor pin", ground.at(0, 0), rotor.at(0, 0)))
+        self.joints.append(Revolute(f"{joint.name} rotor pin", pin, rotor.at(0, 0)))
         self.joints.append(Constraint(f"{joint.name} armature", rotor.phi - (value - joint.reference)))
 
     def _close(self, loop: Loop) -> None:

@@ -336,6 +336,10 @@ class Mechanism(Immutable, HoldsSymbols):
         """Return the force of a name."""
         return _find(self.forces, name, "force")
 
+    def input(self, name: str) -> Input:
+        """Return the input of a name."""
+        return _find(self.inputs, name, "input")
+
     def replace(self, **changes: Any) -> Mechanism:
         """Return a new mechanism on the same symbols, with the arguments given replaced."""
         arguments: dict[str, Any] = {
@@ -406,10 +410,10 @@ def _check_place(part: Any, argument: str) -> None:
 
 
 def _find(parts: Sequence[Any], name: str, kind: str) -> Any:
-    for part in parts:
-        if isinstance(name, str) and part.name == name:
-            return part
-    raise ModelError(f"there is no {kind} {name!r}; there are {', '.join(repr(p.name) for p in parts) or 'none'}")
+    named = {str(part.name() if isinstance(part, ca.SX) else part.name): part for part in parts}
+    if not isinstance(name, str) or name not in named:
+        raise ModelError(f"there is no {kind} {name!r}; there are {', '.join(map(repr, named)) or 'none'}")
+    return named[name]
 
 
 def _are_equal(one: ca.SX, other: ca.SX) -> bool:

@@ -44,8 +44,9 @@ def found(request, tmp_path, monkeypatch):
 
 
 def copied(name, folder):
-    """An example in a folder of its own, with the folder that it writes to."""
+    """An example in a folder of its own, with the models and the folder that it writes to."""
     (folder / "output").mkdir()
+    shutil.copytree(EXAMPLES / "models", folder / "models")
     return Path(shutil.copy(EXAMPLES / f"{name}.py", folder))
 
 
@@ -75,7 +76,11 @@ def test_runs_from_outside(name, tmp_path):
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, env=environment)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout and is_picture(tmp_path / "output" / f"{name}.png")
-    assert {path.name for path in tmp_path.iterdir()} == {f"{name}.py", "output"}  # nothing is written elsewhere
+    assert {path.name for path in tmp_path.iterdir()} == {
+        f"{name}.py",
+        "models",
+        "output",
+    }  # nothing is written elsewhere
     for page in (tmp_path / "output").glob("*.html"):
         assert BYTES < page.stat().st_size < 10 * BYTES and page.stem == name
 
@@ -359,6 +364,43 @@ def test_crane_servo(found):
     assert 5 / 1.5 + 1.5 / 1 + 1 / 6 < solution.duration < 5.1  # the first is the trolley alone, by hand
     final = solution.verify().trajectory.final
     assert final[found["load"].x] == pytest.approx(5, abs=1e-7) and abs(final[found["load"].vx]) < 1e-7
+
+
+@pytest.mark.slow
+def test_hoist(found):
+    """A quarter of weight and inertia of the load, and the drum."""
+    assert np.ptp(found["run"][found["load"].y]) == pytest.approx(1.25, abs=1e-9)
+    np.testing.assert_allclose(found["couple"], found["by_hand"], rtol=1e-9)
+    np.testing.assert_allclose(found["run"][found["rope"].tensions][250], 2000 * 9.81 / 4, rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_garage_door(found):
+    """Couple of the closed door and work of the opener, without a spring at the end."""
+    assert found["couple"][0] == pytest.approx(3 * 30 * 9.81 * 0.06, rel=1e-9) == found["first"]
+    assert found["work"] == pytest.approx(found["by_hand"], rel=1e-3)
+    assert np.all(found["run"][found["cable"].tensions] > 0)
+
+
+@pytest.mark.slow
+def test_motorcycle(found):
+    """Acceleration, loads of tyre and spring by hand; the arm rises with a sprocket that is high up."""
+    end = found["end"]
+    assert end[found["frame"].ax] == pytest.approx(found["a"], rel=1e-6)
+    assert found["tyre"] == pytest.approx(found["load"], rel=1e-6)
+    assert found["couple"] == pytest.approx(found["hold"], rel=1e-6)
+    np.testing.assert_allclose(end[found["chain"].tensions], [found["pull"], 0], rtol=1e-6)
+    assert found["squat"][-1] < 0
+
+
+@pytest.mark.slow
+def test_robot_walker(found):
+    """Fall, weight and the moment at a knee."""
+    end = found["end"]
+    assert found["run"].events[0].t == pytest.approx(np.sqrt(2 * 0.1 / 9.81), abs=1e-8)
+    assert end[found["floor"]] == pytest.approx(found["weight"], rel=1e-3)
+    assert end[found["servo"].forces] == pytest.approx(found["couple"], rel=1e-3)
+    assert 5 < found["couple"] < 15
 
 
 def test_what_examples_write_is_not_in_the_repository():

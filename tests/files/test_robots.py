@@ -248,6 +248,12 @@ def test_what_changes_the_inertia(tmp_path):
     inertia = 3 * 0.5**2 + 0.4 * 3 * 0.1**2 + 0.7
     assert float(state[arm.alpha]) == pytest.approx(moment / inertia, rel=1e-10)
     assert state[arm.y] == pytest.approx(-0.5 * np.cos(0.4), abs=1e-12)
+    assert sum(body.mass for body in machine.bodies) == pytest.approx(3)  # rotors are inertia alone
+    acceleration = [state[arm.ax], state[arm.ay]]
+    forces = [3 * (1e-5 - acceleration[0]), 3 * (-9.81 - acceleration[1])]
+    np.testing.assert_allclose(state[mbd.shaking_force(machine).force], forces, rtol=1e-9)
+    couple = 2 * (5 * 0.8 + 0.3 - 4 * 2 * 0.4 - 0.6 * 2 * 1.5)
+    assert state[machine.force("hip general").forces] == pytest.approx(couple, rel=1e-12)
 
 
 def test_repeated_sections(tmp_path):

@@ -52,6 +52,15 @@ def test_vibration_and_slack():
         assert np.all(run[belt.tensions] >= 0)
 
 
+def test_slack_is_taken_up_first():
+    """A chain with 1 mm of play in each strand pulls after ``d/r``, as a spring from there on."""
+    load, slack = 6.0, 1e-3
+    b, _, belt, model = drive(load=load, slack=slack)
+    rest = mbd.equilibrium(model)
+    assert rest[b.phi] == pytest.approx((slack + load / RB / K) / RB, rel=1e-9)
+    np.testing.assert_allclose(rest[belt.tensions], [load / RB, 0], atol=1e-7)
+
+
 def test_slip_is_named():
     """The limit of Euler and Eytelwein at the smaller pulley."""
     limit = np.exp(0.3 * (np.pi - 2 * np.arcsin((RB - RA) / APART)))
@@ -99,6 +108,7 @@ def test_what_makes_no_sense():
         ({"pretension": -1.0}, "pretension"),
         ({"friction": 0.0}, "friction"),
         ({"damping": -1.0}, "damping"),
+        ({"slack": -1e-3}, "slack"),
     ):
         with pytest.raises(mbd.ModelError, match=f"belt 'belt': {said}"):
             drive(**more)

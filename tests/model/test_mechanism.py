@@ -63,17 +63,18 @@ def test_parts_are_tuples_in_the_order_given(robot):
 
 
 def test_things_are_found_by_name(robot):
-    """Bodies, joints (drivers among them) and forces."""
+    """Bodies, joints (drivers among them), forces and inputs."""
     assert robot.body("forearm") is forearm
     assert robot.joint("elbow") is elbow
     assert robot.joint("lift") is robot.drivers[0]
     assert robot.force("motor") is robot.forces[1]
+    assert robot.input("torque") is robot.inputs[0]
 
 
-@pytest.mark.parametrize("kind", ["body", "joint", "force"])
+@pytest.mark.parametrize("kind", ["body", "joint", "force", "input"])
 def test_a_name_that_is_not_there_is_refused(robot, kind):
     """The message says what there is."""
-    there = {"body": "upper arm", "joint": "shoulder", "force": "spring"}[kind]
+    there = {"body": "upper arm", "joint": "shoulder", "force": "spring", "input": "torque"}[kind]
     refuses(lambda: getattr(robot, kind)("nowhere"), "nowhere", kind, there)
 
 

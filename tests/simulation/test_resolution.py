@@ -2,6 +2,7 @@
 
 import re
 import warnings
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -267,3 +268,16 @@ def test_random_blows_behind_random_loads_are_met(seed, method):
     times = np.linspace(0, random.uniform(2.2, 3) * distance / speed, random.choice([2, 11, 101, 1001]))
     motion = mbd.simulate(mbd.Mechanism([ball], forces=[hit, load]), times, initial=[ball.vx == speed], method=method)
     assert motion[ball.vx][-1] == pytest.approx(-speed, rel=1e-3)
+
+
+def test_a_gap_that_interpolation_alone_closes_is_not_told():
+    """A row of springs moves its last body away from a stop with ``t**5``; a cubic through two outputs dips into it."""
+    bodies = [mbd.Body(f"body {k}", 1.0, 1.0) for k in range(3)]
+    rails = [mbd.Translational(f"rail of {b.name}", mbd.ground.at(0, 0), b.at(0, 0)) for b in bodies]
+    pairs = [(a.x - b.x, -5000 * (a.x - b.x)) for a, b in pairwise(bodies)]
+    stop = mbd.EndStop("stop", bodies[2].x, mbd.HuntCrossley(1e5, exponent=1, damping=0.5))
+    row = mbd.Mechanism(bodies, rails, forces=[mbd.GeneralizedForce("springs", pairs), stop])
+    rest = [relation for b in bodies for relation in (b.x == 0, b.vx == (1.0 if b is bodies[0] else 0.0))]
+    run = mbd.simulate(row, np.linspace(0, 2, 5), initial=rest)
+    assert not run.statistics.notes
+    assert run[bodies[2].x][-1] == pytest.approx(2 / 3, abs=5e-3)

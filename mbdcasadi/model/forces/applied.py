@@ -107,6 +107,11 @@ class GeneralizedForce(Element):
         Expressions in coordinates, and the force (N) or couple (N m) along each. The ground takes the part of the
         forces on the bodies that does not balance.
 
+    Attributes
+    ----------
+    forces : casadi.SX
+        Forces (k,) along all components of the expressions, in their order, N or N m.
+
     Examples
     --------
     A motor between two bodies that are not neighbours::
@@ -137,5 +142,6 @@ class GeneralizedForce(Element):
         if not checked:
             raise ModelError(f"{self.description}: takes at least one pair (expression, force)")
         self.virtual_work = tuple(checked)
+        self.forces = ca.vertcat(*[force for _, force in checked])
         # the ground takes the rest: the housing of a motor, the bearings of a belt
         self.__dict__["bodies"] = (*dict.fromkeys(b for e, _ in checked for b in owners(e)), ground)

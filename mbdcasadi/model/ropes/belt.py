@@ -20,9 +20,9 @@ from .pulleys import Drum
 class ElasticBelt(OneSided):
     """Elastic belt or chain over two pulleys, whose two strands load the bearings; it does not slip.
 
-    Each strand is the common tangent of the pulleys, of length l, and is stretched by ``e = T0/k + l - l0 + s`` with
-    the arc s that both pulleys have wound up since the estimated poses: ``T = max(k e + c ė, 0)`` if ``e > 0``, else
-    0; ``δW = -T δe``. It has no mass.
+    Each strand is the common tangent of the pulleys, of length l, and is stretched by ``e = T0/k - d + l - l0 + s``
+    with the arc s that both pulleys have wound up since the estimated poses: ``T = max(k e + c ė, 0)`` if ``e > 0``,
+    else 0; ``δW = -T δe``. It has no mass.
 
     Parameters
     ----------
@@ -45,6 +45,8 @@ class ElasticBelt(OneSided):
     friction : float or expression, optional
         Coefficient μ, above 0: analyses warn if the belt would slip, ``T_high > T_low exp(μ θ)`` with the smaller angle
         of wrap θ. Of a chain or toothed belt leave it out.
+    slack : float or expression in parameters, default 0
+        d, m, by which each strand is longer than the way at the estimated poses: of a chain, half of its play.
 
     Attributes
     ----------
@@ -60,7 +62,7 @@ class ElasticBelt(OneSided):
     Raises
     ------
     ModelError
-        For radii or a stiffness that are not positive, a negative pretension or damping, pulleys that overlap.
+        For radii or a stiffness that are not positive, a negative pretension, damping or slack, pulleys that overlap.
 
     See Also
     --------
@@ -94,6 +96,7 @@ class ElasticBelt(OneSided):
         crossed: bool = False,
         carrier: Body = ground,
         friction: Scalar | None = None,
+        slack: Scalar = 0.0,
     ):
         super().__init__(name)
         what = self.description
@@ -103,13 +106,14 @@ class ElasticBelt(OneSided):
         self.stiffness = self.read(stiffness, "stiffness", above=0.0)
         self.pretension = self.read(pretension, "pretension", at_least=0.0, fixed=True)
         self.damping = self.read(damping, "damping", at_least=0.0)
+        self.slack = self.read(slack, "slack", at_least=0.0, fixed=True)
         self.crossed = yes_or_no(crossed, what, "crossed")
         self.carrier = as_carrier(carrier, a, b, what)
         first = Drum(a, radius_a, "counter-clockwise", carrier)
         second = Drum(b, radius_b, "clockwise" if self.crossed else "counter-clockwise", carrier)
         self._paths = RopePath(what, first, second), RopePath(what, second, first)
         lengths = ca.vertcat(*[path.sections[0] for path in self._paths])
-        self.gap = at_poses(lengths) - lengths - ca.SX(self.pretension) / self.stiffness
+        self.gap = at_poses(lengths) - lengths + self.slack - ca.SX(self.pretension) / self.stiffness
         self.laws = (SpringDamper(self.stiffness, self.damping),) * 2
         self.virtual_work = ((self.gap, self.tensions),)
         self.__dict__["bodies"] = (self.a.body, self.b.body)

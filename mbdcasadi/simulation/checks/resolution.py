@@ -240,7 +240,7 @@ class Resolution:
             missed, seen = self._followed(path)
             self._discard_false_alarms(path, missed, seen)
             self._blocks.append((path.times[1:], np.diff(path.times), missed, seen))
-        for closing in self._unseen(path):
+        for closing in filter(lambda closing: self._is_passed(path, closing), self._unseen(path)):
             self._passed.setdefault(closing.owner, _Finding()).add(closing.time, closing.depth, closing.duration)
         if self._validity:
             excess = path.integrals[:, 2 * len(self._smoothings) + len(self._owner) :] / 2
@@ -263,22 +263,38 @@ class Resolution:
         The rates are integrated outside the error test: a long step that ends just inside a contact, where its force
         is still small, spoils their integral and not the motion.
         """
-        reltol, abstol = self._stepper.integrator.tolerances
+        abstol = self._stepper.integrator.tolerances[1]
         matters = missed * np.diff(path.times)[:, None] > abstol * self._lightest
         suspected = matters & (missed > MISSED_SHARE * self.terms.spans * seen)
         for k in np.flatnonzero(np.any(suspected[:, self._normal], axis=1)):
-            if self._verifications <= 0:
-                return
-            self._verifications -= 1
-            times = np.linspace(path.times[k], path.times[k + 1], CAREFUL + 1)[1:]
-            try:
-                end = self._stepper.states_from(float(path.times[k]), path.x[k])(times)[-1]
-            except IntegrationFailure:
-                return
-            if np.max(np.abs(end - path.x[k + 1])) <= CONFIRMED * reltol * (1 + np.max(np.abs(end))):
+            if self._in_small_steps(path, int(k)) is not None:
                 missed[k, self._normal] = 0.0
-            else:  # there will be a warning anyway
-                self._verifications = 0
+
+    def _is_passed(self, path: Path, closing: Closing) -> bool:
+        """False for a gap that closes between the outputs by their interpolation alone, and not in small steps."""
+        k = int(np.searchsorted(path.times[1:-1], closing.time, side="right"))
+        fine = self._in_small_steps(path, k)
+        if fine is None:
+            return True
+        gaps = self.terms.gaps(self.terms.table(fine.times, fine.x, self._numeric.p))
+        closings = self._closings.unseen(fine, gaps, np.zeros((CAREFUL, len(self._owner))))
+        return any(found.owner == closing.owner for found in closings)
+
+    def _in_small_steps(self, path: Path, k: int) -> Path | None:
+        """Motion over an interval in small steps; None if it does not end as on the path, or many were verified."""
+        if self._verifications <= 0:
+            return None
+        reltol = self._stepper.integrator.tolerances[0]
+        self._verifications -= 1
+        times = np.linspace(path.times[k], path.times[k + 1], CAREFUL + 1)
+        try:
+            x = np.vstack([path.x[k], self._stepper.states_from(float(times[0]), path.x[k])(times[1:])])
+        except IntegrationFailure:
+            x = np.full((1, path.x.shape[1]), np.nan)
+        if np.max(np.abs(x[-1] - path.x[k + 1])) <= CONFIRMED * reltol * (1 + np.max(np.abs(x[-1]))):
+            return Path(times, x, np.zeros((CAREFUL, 0)))
+        self._verifications = 0  # there will be a warning anyway
+        return None
 
     def _open(self, path: Path) -> np.ndarray:
         """Intervals in which a contact was open all the time, by its smoothed quantities (k, n).

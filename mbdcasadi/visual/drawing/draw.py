@@ -124,6 +124,8 @@ def _sample(source: State | Trajectory, count: int, traced: bool) -> tuple[Sampl
         return Sample(source), np.unique([int(np.argmin(np.abs(source.t - time))) for time in wanted])
     between = -(-TIMES // max(count - 1, 1))
     times = np.linspace(source.t[0], source.t[-1], max(count - 1, 1) * between + 1)
+    stored = source.t[[int(np.argmin(np.abs(source.t - time))) for time in times]]  # what is known is not sought again
+    times = np.where(np.abs(stored - times) < np.diff(times).min() / 2, stored, times)
     return Sample(source, times), between * np.arange(count)
 
 
