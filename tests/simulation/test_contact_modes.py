@@ -90,11 +90,12 @@ def test_two_bodies_bounce_on_each_other_to_rest():
     np.testing.assert_allclose([motion.final[a.vx], motion.final[b.vx]], 3 / 4, rtol=1e-12)
 
 
-def test_leaves_a_table_that_shakes():
-    """A ball on a table that moves with time lifts off where the table falls faster than g."""
+@pytest.mark.parametrize("friction", [None, mbd.DryFriction(0.3)])
+def test_leaves_a_table_that_shakes(friction):
+    """A ball on a table that moves with time lifts off where the table falls faster than g, and that alone is said."""
     size, rate = 0.01, 40.0
     table = mbd.HalfPlane(mbd.ground.at(0, size * mbd.sin(rate * mbd.t)))
-    ball, _, mechanism = ball_above(height=0, plane=table)
+    ball, _, mechanism = ball_above(height=0, friction=friction, plane=table)
     motion = mbd.simulate(mechanism, np.linspace(0, 0.1, 11), initial=[ball.vy == size * rate])
     assert happenings(motion) == ["floor opens"]
     assert motion.events[0].t == pytest.approx(np.arcsin(G / size / rate**2) / rate, abs=1e-8)

@@ -188,6 +188,13 @@ class ContactModes(SwitchingModes):
             found.append(Event(f"{site.name} breaks away", leaves, direction=1, terminal=True))
         return found
 
+    def came_about(self, name: str, after: ContactMode) -> bool:
+        for site, status in zip(self.sites, after.statuses, strict=True):
+            apart = status in ("open", "idle")
+            if name in (f"{site.name} opens", f"{site.name} breaks away"):
+                return apart == name.endswith("opens")
+        return True
+
     def switched(self, before: ContactMode, after: ContactMode) -> list[str]:
         names = []
         for site, old, new in zip(self.sites, before.statuses, after.statuses, strict=True):

@@ -118,6 +118,10 @@ class Modes(ABC):
         """Return the events at which a mode ends."""
         return ()
 
+    def came_about(self, name: str, after: Any) -> bool:
+        """Return True if the mode that follows an event of one is such as its name says."""
+        return True
+
     def switched(self, before: Any, after: Any) -> list[str]:
         """Return names of the events by which a mode follows another one at once, without a zero of theirs."""
         return []

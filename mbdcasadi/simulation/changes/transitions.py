@@ -99,7 +99,10 @@ class Transitions:
             )
         if strike is None and self._modes.continues(mode, self.mode):
             return state, []
-        return state, [EventOccurrence(event.name, state.t, before, after) for event in events]
+        names = [event.name for event in events]
+        came_about = [name for name in names if self._modes.came_about(name, self.mode)]
+        names = came_about or self._modes.switched(mode, self.mode) or names
+        return state, [EventOccurrence(name, state.t, before, after) for name in names]
 
     def to_rest(self, state: State) -> list[EventOccurrence]:
         """Return the events by which bounces come to rest up to a state, which are then past."""
