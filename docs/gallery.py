@@ -50,7 +50,7 @@ GROUPS = {
     ),
     "Statics, vibration, tolerances": ("buckling", "modes", "tolerances", "identify_friction"),
     "Optimal control": ("cart_pole", "four_bar_torque", "least_time", "crane_servo", "five_bar_robot", "parking"),
-    "Friction and contact in an order that is found": ("stick_slip", "shuffleboard", "hopper"),
+    "Friction and contact in an order that is found": ("stick_slip", "shuffleboard", "hopper", "sorting_plate"),
     "Design and control": ("periodic_linkage", "slider_crank_balance", "cart_pole_control"),
     "Motions in phases": (
         "rimless_wheel",

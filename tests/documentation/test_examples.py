@@ -112,6 +112,29 @@ def test_compass_walker(found):
 
 
 @pytest.mark.slow
+def test_sorting_plate(found):
+    """Both parts fly from where the plate falls faster than they do; how far they get is a matter of friction."""
+    motion, slope, rate = found["motion"], found["SLOPE"], found["RATE"]
+    fall, lift = 9.81 * np.cos(slope), found["STROKE"] * np.sin(found["THROW"] - slope)
+    off = np.arcsin(fall / (lift * rate**2)) / rate
+    phase, flight = rate * off, np.linspace(1e-3, 0.08, 100_000)
+    above = (
+        lift * (np.sin(phase) + rate * flight * np.cos(phase) - np.sin(phase + rate * flight)) - fall * flight**2 / 2
+    )
+    lands = off + flight[np.argmax(above < 0)]
+    ways = []
+    for part, contact in zip(found["parts"], found["contacts"], strict=True):
+        first = {
+            name: next(e.t for e in motion.events if e.name == f"{contact.name}.0 {name}")
+            for name in ("opens", "touches")
+        }
+        assert first["opens"] == pytest.approx(off, abs=1e-8) and first["touches"] == pytest.approx(lands, abs=2e-6)
+        along = found["ALONG"] @ motion[part.position - found["plate"].position].T
+        ways.append(along[-1] - along[0])
+    assert ways[0] > 0.07 and ways[1] < -0.025
+
+
+@pytest.mark.slow
 def test_rimless_wheel(found):
     """All runs come to the speed by hand, and the multiplier is the square of the share that an impact leaves."""
     assert found["stability"].multipliers[0] == pytest.approx(found["share"] ** 2, abs=1e-7)
