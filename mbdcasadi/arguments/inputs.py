@@ -14,7 +14,7 @@ from ..errors import ExpressionError, ModelError, SimulationError
 from ..model.cache import ExpressionKey
 from ..model.geometry.splines import expression_of
 from ..model.immutable import Immutable
-from ..model.symbols import describe, number, role_of, symbols_of
+from ..model.symbols import describe, number, place_of, role_of, symbols_of
 from ..numerics.evaluation import Evaluator
 from ..numerics.lazy import cached_property
 from ..numerics.real import distinct, real_array
@@ -327,8 +327,9 @@ def read_signals(
         values[position_in(mechanism.inputs, key, "initial=")] = value
     reader = _Reader(eom, times)
     controller = inputs if isinstance(inputs, SampledController) else None
-    if isinstance(getattr(inputs, "inputs", None), Mapping):  # a solution stands for all its inputs
-        inputs = inputs.inputs
+    if isinstance(getattr(inputs, "inputs", None), Mapping):  # a solution stands for all its inputs that act
+        known = mechanism.inputs
+        inputs = {u: x for u, x in inputs.inputs.items() if getattr(u, "acts", True) or place_of(u, known) is not None}
     for key, value in () if controller else pairs_of(inputs, "inputs="):
         k = position_in(mechanism.inputs, key, "inputs=")
         values[k] = of_solution(value, mechanism.inputs[k])

@@ -15,7 +15,7 @@ import numpy as np
 from ..arguments.inputs import SampledController
 from ..arguments.values import pairs_of, position_in
 from ..errors import ModelError
-from ..model.quantities import is_list
+from ..model.quantities import is_list, whole
 from ..model.symbols import number, positive
 from ..numerics.reading import path_of
 from ..numerics.real import real_array
@@ -320,7 +320,7 @@ class Controller(SampledController):
 
     def meaning(self, status: int) -> str:
         """Return what a status says."""
-        return [*STATUSES.values()][status]
+        return [*STATUSES.values()][whole(status, "Controller.meaning", "status", 0, len(STATUSES) - 1)]
 
     @property
     def plan(self) -> ControlPlan:

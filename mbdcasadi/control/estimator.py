@@ -22,6 +22,9 @@ from ..results.state import State
 from .moving_horizon import Arrival, Stage, best_changes
 from .stages import StageFunctions, TreePoint
 
+#: Steps of integration between two samples: more would take an update ten seconds.
+MOST_STEPS = 100_000
+
 
 @dataclass(frozen=True)
 class _Window:
@@ -74,8 +77,8 @@ class Estimator:
     Raises
     ------
     ModelError, ExpressionError
-        For deviations that are not positive, symbols that the mechanism does not have, forces that depend on reactions
-        and redundant constraints.
+        For deviations that are not positive, symbols that the mechanism does not have, forces that depend on reactions,
+        redundant constraints, and samples over which the mechanism's fastest mode takes too many steps.
 
     Examples
     --------
@@ -136,6 +139,11 @@ class Estimator:
         self._model = TreeModel(mechanism, equations(mechanism), state, "Estimator")
         self.state_names = (*self._model.names, *(mechanism.parameters[k].label for k in places))
         steps = self._model.steps_over(self.sample)
+        if steps > MOST_STEPS:
+            raise ModelError(
+                f"Estimator: a sample of {self.sample:g} s takes {steps} steps of integration, more than {MOST_STEPS}, "
+                f"since the fastest mode of the start has {self._model.fastest:.3g} 1/s; give a shorter sample"
+            )
         self._stages = StageFunctions(self._model, outputs, disturbed, places, self.sample, steps)
         self._window: _Window | None = None
 

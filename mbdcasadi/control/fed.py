@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from pathlib import Path
+from typing import Any, NoReturn, Protocol
 
 import numpy as np
 
@@ -76,6 +77,13 @@ class FedController(SampledController):
     def meaning(self, status: int) -> str:
         """Return what a status of the controller says."""
         return self.controller.meaning(status)
+
+    def export(self, folder: str | Path) -> NoReturn:
+        """Refuse: estimators run in Python. :meth:`Controller.export` writes the controller alone."""
+        raise ModelError(
+            "FedController.export: the estimator runs in Python and is not written as C; "
+            f"controller.export({folder!r}) writes the controller, which takes a state from an estimator of your own"
+        )
 
     def _answer(self, time: float, state: State) -> dict[Any, float]:
         """Inputs in a run; a time that does not follow the last one begins a new motion."""

@@ -76,13 +76,14 @@ class StageFunctions:
         added, values = y[count : count + len(self.disturbed)], y[count + len(self.disturbed) :]
         whole = u + ca.DM.eye(u.numel())[:, self.disturbed] @ added
         inserted = p + ca.DM.eye(p.numel())[:, self.unknown] @ (values - _picked(p, self.unknown))
-        h, s = length / steps, y[:count]
-        for step in range(steps):
-            stages: list[ca.MX] = []
-            for c, row in zip(RK45.C, RK45.A, strict=True):
-                at = s + h * sum((a * k for a, k in zip(row, stages, strict=False)), ca.MX.zeros(count))
-                stages.append(rate(t + (step + c) * h, at[:n], at[n : 2 * n], at[2 * n :], whole, inserted))
-            s = s + h * sum(b * k for b, k in zip(RK45.B, stages, strict=True))
+        h, s, now = length / steps, ca.MX.sym("s", count), ca.MX.sym("now")
+        stages: list[ca.MX] = []
+        for c, row in zip(RK45.C, RK45.A, strict=True):
+            at = s + h * sum((a * k for a, k in zip(row, stages, strict=False)), ca.MX.zeros(count))
+            stages.append(rate(now + c * h, at[:n], at[n : 2 * n], at[2 * n :], u, p))
+        moved = s + h * sum(b * k for b, k in zip(RK45.B, stages, strict=True))
+        step = ca.Function("step", [ca.vertcat(s, now, u, p)], [ca.vertcat(moved, now + h, u, p)])
+        s = step.fold(steps)(ca.vertcat(y[:count], t, whole, inserted))[:count]
         return ca.Function("estimator_flow", [t, u, p, y], [s, ca.densify(ca.jacobian(s, y))])
 
     # --- points ------------------------------------------------------------------------------------------------

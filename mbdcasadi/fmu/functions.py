@@ -213,8 +213,15 @@ class Model:
 
     @cached_property
     def validity(self) -> tuple[ValidityCondition, ...]:
-        """Conditions under which the elements are valid."""
-        return validity_conditions(self.eom.mechanism)
+        """Conditions under which the elements are valid, and ranges of quantities that vary."""
+        mechanism = self.eom.mechanism
+        ranges = [
+            ValidityCondition(x.expression - least, f"{x.owner}: {x.name} must be {word} {least:g}")
+            for x in mechanism.varying_limits
+            for word, least in (("at least", x.at_least), ("above", x.above))
+            if least is not None and self.eom.contains(x.expression)
+        ]
+        return (*validity_conditions(mechanism), *ranges)
 
     @cached_property
     def forces(self) -> list[tuple[ca.SX, str]]:

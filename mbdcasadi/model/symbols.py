@@ -11,7 +11,7 @@ import math
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -205,6 +205,8 @@ class Input(Symbol):
     """
 
     _kind = "input"
+    #: False for one in place of a part of a cost, which occurs in no force
+    acts: ClassVar[bool] = True
 
     def __init__(
         self,

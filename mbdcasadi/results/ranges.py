@@ -45,11 +45,13 @@ class Ranges:
         t, *others = block
         function = self._eom.function(ca.vertcat(*[x.expression for x in self.limits]))
         values = function(t[None, :], *[x.T for x in others], self._p[:, None]).full()
+        return self.first_among(np.broadcast_to(values, (len(values), t.size)))
+
+    def first_among(self, values: np.ndarray) -> tuple[int, str] | None:
+        """The same of values of the quantities of :attr:`limits`, by row (n, k)."""
         slack = MET * (1 + np.max(np.abs(values), axis=1, initial=0.0, where=np.isfinite(values)))
         found = []
-        for limit, course, rounding in zip(
-            self.limits, np.broadcast_to(values, (len(values), t.size)), slack, strict=True
-        ):
+        for limit, course, rounding in zip(self.limits, values, slack, strict=True):
             low = -np.inf if limit.at_least is None else limit.at_least - rounding
             bad = ~(np.isfinite(course) & (course >= low))
             if limit.above is not None:

@@ -11,6 +11,7 @@ import numpy as np
 from ..arguments.values import RunValues
 from ..errors import MechanismError, warn
 from ..model.quantities import whole
+from ..results.ranges import Ranges
 from ..sensitivity.compiled_run import MotionSetup
 from ..sensitivity.load_limit import LoadLimit
 from ..sensitivity.reference_run import simulated
@@ -52,10 +53,13 @@ class Jobs:
         self._shared: Any = None
         self._channel = setup.signals.channel_over(setup.grid)
         self._path = StartPath(setup)
-        self._column = ca.vertcat(ca.SX(0, 1), *[ca.vec(e) for _, e in named])
-        self._prepare([e for _, e in named])
+        self._ranges = Ranges(setup.eom, setup.p, setup.mechanism)
+        outputs = [*(e for _, e in named), *(limit.expression for limit in self._ranges.limits)]
+        self._column = ca.vertcat(ca.SX(0, 1), *[ca.vec(e) for e in outputs])
+        self._prepare(outputs)
+        self._kept = sum(e.numel() for _, e in named)
         #: numbers that are kept of a case
-        self.width = setup.grid.size * sum(e.numel() for _, e in named)
+        self.width = setup.grid.size * self._kept
 
     def _prepare(self, outputs: list[ca.SX]) -> None:
         """Make the objects that the cases share."""
@@ -96,7 +100,7 @@ class Jobs:
         It continues a motion smoothly across poses in which the mechanism could fold, where compiled runs may leave
         for another branch.
         """
-        values, reasons = np.full((cases.size, self.width), np.nan), [""] * cases.size
+        values, reasons = np.full((cases.size, self.setup.grid.size * self._column.numel()), np.nan), [""] * cases.size
         starts, reached = self._path.starts(self._plan.p[cases])
         for row, k in enumerate(cases.tolist()):
             try:
@@ -105,7 +109,18 @@ class Jobs:
                 values[row] = motion[self._column].ravel()
             except MechanismError as error:
                 reasons[row] = str(error)
-        return values, reasons
+        return self.judged(values, reasons)
+
+    def judged(self, values: np.ndarray, reasons: list[str]) -> tuple[np.ndarray, list[str]]:
+        """Outputs of cases that are kept (k, n), NaN where a varying quantity leaves its range, and the reasons."""
+        grid, reasons = self.setup.grid, list(reasons)
+        courses = values.reshape(len(values), grid.size, -1)
+        kept = courses[:, :, : self._kept].reshape(len(values), -1)
+        for row in (row for row, reason in enumerate(reasons) if not reason and self._ranges.limits):
+            broken = self._ranges.first_among(courses[row, :, self._kept :].T)
+            if broken is not None:
+                reasons[row], kept[row] = f"{broken[1]} at t = {grid[broken[0]]:.6g} s", np.nan
+        return kept, reasons
 
     def _values(self, k: int) -> RunValues:
         """Values of parameters and inputs of a case."""

@@ -198,7 +198,7 @@ def _blocks(
                 folding.append(done[outcome.folds])
             if np.any(ran):
                 messages = [m for m, good in zip(outcome.reasons, ran, strict=True) if good]
-                yield done[ran], outcome.values[ran], messages
+                yield done[ran], *jobs.judged(outcome.values[ran], messages)
             left = done[~outcome.reached]
             if left.size:
                 good, starts, messages = jobs.assembled(left)

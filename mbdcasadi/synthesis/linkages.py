@@ -45,6 +45,8 @@ class Search:
         Random starts.
     seconds : float
         Wall-clock time, s.
+    unsettled : int
+        Linkages whose sum of squares had not settled when the iterations for it ended: others nearby may be nearer.
     """
 
     exact: bool
@@ -52,6 +54,7 @@ class Search:
     free: int
     starts: int
     seconds: float
+    unsettled: int = 0
 
 
 class Linkages(Sequence[Linkage]):
@@ -190,6 +193,8 @@ class Linkages(Sequence[Linkage]):
             text += f"; by these numbers about {missing:.0f} are missing" if missing >= 0.5 else ""
             families = sum(x.family > 0 for x in self._linkages)
             text += f"; {families} of them are a sample of families" if families else ""
+        if search.unsettled:
+            text += f"; of {search.unsettled} that were looked at the sum of squares had not settled"
         return f"{text} ({search.starts} starts, {search.seconds:.3g} s)"
 
     def _repr_html_(self) -> str:

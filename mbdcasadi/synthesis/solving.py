@@ -72,6 +72,8 @@ class Solving:
         self._is_limit[fixed : fixed + limits] = True
         self._pose_sizes, self._sizes = np.where(positions.turning, 1.0, positions.length), positions.sizes
         self.columns = residuals.count * residuals.k + residuals.n
+        #: linkages whose sum of squares had not settled when iterations ended
+        self.unsettled = 0
         self.rank, self.equations = self._generic_ranks()
 
     @property
@@ -164,6 +166,7 @@ class Solving:
         with np.errstate(all="ignore"):
             program, lower = self._least_squares
             x = program(x0=np.concatenate([y.ravel(), p]) / self._columns, lbg=lower, ubg=0.0)["x"].full().ravel()
+        self.unsettled += program.stats()["return_status"] == "Maximum_Iterations_Exceeded"
         x *= self._columns
         best = self._onto(x[: y.size].reshape(y.shape), x[y.size :], self._held)
         if best is None or np.sum(best[2].all ** 2) > np.sum(closed[2].all ** 2):

@@ -138,7 +138,7 @@ def _list(search: SynthesisSearch, positions: int, seconds: float) -> Linkages:
         found = sorted(found, key=lambda one: one.solution.residual)[:MOST]
     linkages = [_linkage(search, shared, one) for one in found]
     free = max(search.solving.free, 0) if search.exact else 0
-    return Linkages(linkages, Search(search.exact, positions, free, search.starts, seconds))
+    return Linkages(linkages, Search(search.exact, positions, free, search.starts, seconds, search.solving.unsettled))
 
 
 def _linkage(search: SynthesisSearch, shared: Shared, found: Found) -> Linkage:

@@ -179,6 +179,22 @@ def test_exact_friction_is_refused():
 
 
 @pytest.mark.slow
+def test_long_samples_take_many_steps_or_are_refused():
+    """A pendulum over twenty swings; more steps than an update can take are an error at once."""
+    model, rod, torque, _ = pendulum()
+    options = {"measured": [rod.phi], "noise": [0.01], "disturbance": {torque: 0.1}, "horizon": 3}
+    estimator = mbd.Estimator(model, sample=30.0, **options)
+    start = mbd.assemble(model, [rod.phi == -np.pi / 2 + 0.5, rod.omega == 0])
+    estimator.reset(start, np.eye(2) * 1e-16)
+    state = estimator.update([np.nan], {torque: 0})
+    run = mbd.simulate(model, [0, 30], initial=start, reltol=1e-11, abstol=1e-11)
+    assert [state[rod.phi], state[rod.omega]] == pytest.approx([run[rod.phi][-1], run[rod.omega][-1]], abs=1e-3)
+    with pytest.raises(
+        mbd.ModelError, match="a sample of 50000 s takes .* steps of integration.*give a shorter sample"
+    ):
+        mbd.Estimator(model, sample=5e4, **options)
+
+
 def test_controller_is_fed_by_estimates():
     """A cart-pole whose rates nobody measures is kept up, from a wrong start; runs with one seed are the same."""
     force = mbd.Input("force", lower=-10, upper=10)
@@ -215,6 +231,10 @@ def test_controller_is_fed_by_estimates():
         controller.fed_by(controller, np.eye(4))
     with pytest.raises(mbd.ModelError, match="seed must be a whole number of at least 0, got 1.5"):
         controller.fed_by(estimator, np.eye(4), seed=1.5)
+    with pytest.raises(mbd.ModelError, match=r"not written as C; controller.export\('folder'\) writes the controller"):
+        fed.export("folder")
+    with pytest.raises(mbd.ModelError, match="status must be a whole number from 0 to 4, got 7"):
+        fed.meaning(7)
 
 
 @pytest.mark.slow

@@ -930,3 +930,15 @@ def test_nothing_is_half_written(linkage, tmp_path, monkeypatch):
         assert not any(name.startswith("binaries/") for name in archive.namelist())
         root = ElementTree.fromstring(archive.read("modelDescription.xml"))
         assert root.get("fmiVersion") == "3.0"
+
+
+def test_units_watch_ranges_of_what_varies(tmp_path):
+    """A coefficient that varies in time is among the messages of a unit."""
+    block = mbd.Body("block", mass=1.0, inertia=1.0)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), block.at(0, 0))
+    oil = mbd.JointFriction("oil", rail, mbd.Viscous(1 - mbd.t))
+    model = mbd.Mechanism([block], [rail], forces=[oil])
+    path = mbd.export_fmu(model, tmp_path / "unit.fmu", outputs={"x": block.x}, binary=False)
+    with zipfile.ZipFile(path) as archive:
+        code = b"".join(archive.read(name) for name in archive.namelist() if name.startswith("sources/"))
+    assert b"Viscous: coefficient must be at least 0" in code

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_simpson
 
 import mbdcasadi as mbd
 
@@ -155,6 +156,26 @@ def test_impacts_and_friction_take_the_mass_of_the_moment():
     model = apart.replace(forces=[mbd.Gravity(), flow, rubs])
     run = mbd.simulate(model, [0, 2, 4], initial=[first.vx == 1, other.vx == 0])
     assert run[first.x][-1] == pytest.approx(1 / (2 * 0.1 * G), abs=1e-8)
+
+
+def test_jet_damping_and_coriolis_of_a_flow_inside():
+    """``omega`` falls as ``m^(l²/k² - 1)``; momentum of the rocket, of the flow inside and of what has left stays."""
+    fuel, length, gyration, rate = mbd.StateVariable("fuel", 60.0), 1.0, 0.5, 2.0
+    mass = 40.0 + fuel
+    body = mbd.Body("rocket", mass=mass, inertia=gyration**2 * mass)
+    jet = mbd.MassFlow("jet", body.at(0, -length), rate=-rate, velocity=(0, -25.0))
+    damping = mbd.Torque("jet damping", body, (-rate * length**2 + rate * gyration**2) * body.omega)
+    coriolis = mbd.Force("coriolis", body.at(0, 0), (-2 * rate * length * body.omega, 0), frame="body")
+    model = mbd.Mechanism([body], forces=[jet, damping, coriolis], states={fuel: -rate})
+    times = np.linspace(0, 25, 1001)
+    run = mbd.simulate(model, times, initial=[body.omega == 0.3], **TIGHT)
+    share = run[mass] / 100
+    np.testing.assert_allclose(run[body.omega], 0.3 * share**3, atol=1e-9)
+    along = body.axes @ mbd.vertcat(0, -1)
+    nozzle = body.at(0, -length).velocity
+    left = cumulative_simpson(rate * run[nozzle + 25.0 * along], x=times, axis=0, initial=0)
+    momentum = run[mass * body.velocity + rate * length * along] + left
+    np.testing.assert_allclose(momentum, np.tile(momentum[0], (times.size, 1)), atol=1e-5)
 
 
 def test_refuses():

@@ -34,6 +34,17 @@ def test_above_the_costate_it_is_the_hard_limit():
     assert repr(use) == "block.vx <= 1.2: holds" and use.cost == 0
 
 
+def test_simulate_takes_the_inputs_that_act():
+    """A solution stands for the inputs of the mechanism, and not for the amounts by which limits are passed."""
+    problem, _u, block = rest_to_rest(1.0, 1.0)
+    solution = mbd.optimize(problem.replace(path=[mbd.soft(block.vx <= 1.2, weight=100)]), intervals=10)
+    mechanism = problem.given["mechanism"]
+    run = mbd.simulate(mechanism, [0, 1], inputs=solution, initial=[block.x == 0, block.vx == 0])
+    assert [run[block.x][-1], run[block.vx][-1]] == pytest.approx([1, 0], abs=1e-6)
+    with pytest.raises(mbd.ModelError, match="which is not in the mechanism"):
+        mbd.simulate(mechanism.replace(inputs=[mbd.Input("other")], forces=[]), [0, 1], inputs=solution)
+
+
 @pytest.mark.parametrize("weight", [1e4, 1e6])
 def test_a_large_weight_does_not_spoil_the_rest(weight):
     """Along the path, at a waypoint and at the end: the same motion and cost as with conditions that hold."""

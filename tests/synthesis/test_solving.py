@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import mbdcasadi as mbd
+from mbdcasadi.synthesis.linkages import Linkages, Search
 from mbdcasadi.synthesis.positions import Positions
 from mbdcasadi.synthesis.residuals import Residuals
 from mbdcasadi.synthesis.solving import Solving
@@ -51,11 +52,27 @@ def test_a_nearest_linkage_misses_no_more_than_its_estimate_with_closed_joints(m
     def astray(*, x0, **_):
         return {"x": mbd.vertcat(*(50 * np.array(x0)))}
 
+    astray.stats = dict.fromkeys(["return_status"], "").copy
+
     monkeypatch.setitem(solving.__dict__, "_least_squares", (astray, solving._least_squares[1]))
     kept = solving.nearest(y[0], positions.drawn_values)
     size = solving.row_sizes
     assert np.sum((first.rows / size) ** 2) <= np.sum((kept.rows / size) ** 2) < 10
     assert np.max(np.abs(kept.rows[solving._held])) < 1e-9
+
+
+@pytest.mark.slow
+def test_sums_that_have_not_settled_are_counted(model, monkeypatch):
+    """The list says of how many linkages the iterations ended too early."""
+    monkeypatch.setattr("mbdcasadi.synthesis.solving.ITERATIONS", 2)
+    positions = Positions(model.mechanism, unknowns(model), ellipse(model), [], exact=False)
+    residuals = Residuals(positions)
+    solving = Solving(positions, residuals, exact=False)
+    y, _ = residuals.settled_each(np.tile(positions.start, (1, residuals.count, 1)), positions.drawn_values[None])
+    solving.nearest(y[0], positions.drawn_values)
+    assert solving.unsettled == 1
+    found = Linkages([], Search(exact=False, positions=16, free=0, starts=9, seconds=1.0, unsettled=3))
+    assert "of 3 that were looked at the sum of squares had not settled (9 starts" in repr(found)
 
 
 @pytest.mark.slow

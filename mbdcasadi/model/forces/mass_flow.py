@@ -19,8 +19,10 @@ class MassFlow(Element):
     ``m a = F + mdot w`` (Meshchersky): what leaves moved with P before, and what has entered moves with it.
 
     The mass of the body is an expression in states, ``mass=40.0 + fuel``, whose rate is the sum of the
-    rates of its flows. Its centre of mass stays where it is in the body; what the flow inside the body adds (a
-    force of Coriolis, jet damping) is not part of the element.
+    rates of its flows. Its centre of mass stays where it is in the body; what the flow inside a body that turns adds is
+    not part of the element, since it depends on the way inside. Of mass ``-mdot`` that goes straight from the centre of
+    mass to a nozzle at the distance l in the direction ``e``, that is the jet damping ``(mdot l² - dJ/dt) omega``, by
+    which the inertia J(z) changes as well, and the force of Coriolis ``2 mdot l omega × e``; see the second example.
 
     Parameters
     ----------
@@ -57,6 +59,12 @@ class MassFlow(Element):
         rocket = mbd.Body("rocket", mass=40.0 + fuel, inertia=10.0)
         jet = mbd.MassFlow("jet", rocket.at(0, -1), rate=-2.0, velocity=(0, -2500.0))
         mbd.Mechanism([rocket], forces=[jet], states={fuel: -2.0})
+
+    Its jet damping, with a radius of gyration of 0.5 m, ``inertia=0.25 * (40.0 + fuel)``, and the force of Coriolis for
+    a nozzle at the distance of one metre::
+
+        damping = mbd.Torque("jet damping", rocket, (-2.0 * 1.0**2 + 2.0 * 0.25) * rocket.omega)
+        coriolis = mbd.Force("coriolis", rocket.at(0, 0), (2 * -2.0 * 1.0 * rocket.omega, 0), frame="body")
     """
 
     kind = "mass flow"

@@ -36,6 +36,12 @@ class SoftLimit:
         return SoftLimit(condition, weight, part(value(condition.expression)))
 
 
+class Amount(Input):
+    """An input in place of a part of a cost."""
+
+    acts = False
+
+
 def hard_and_soft(conditions: Any) -> tuple[tuple[Condition, ...], tuple[SoftLimit, ...]]:
     """Return conditions that hold, and those that may be passed."""
     given = [conditions] if isinstance(conditions, ca.SX | Bounded | Soft) else conditions
@@ -120,7 +126,7 @@ def split_along_path(
     mechanism: Mechanism, path: tuple[Condition, ...], split: Callable[[CostParts], Expressions]
 ) -> tuple[Mechanism, tuple[Condition, ...], Expressions]:
     """Return mechanism and path conditions with an input for each part that is split, and the expressions."""
-    parts = CostParts(Input)
+    parts = CostParts(Amount)
     expressions = split(parts)
     if not parts.symbols:
         return mechanism, path, expressions
