@@ -96,12 +96,14 @@ Table = Mapping[str, tuple[frozenset[str], frozenset[str]]]
 def read_xml(path: str | Path, root: str | None) -> XmlElement:
     """Read a file with a given outermost element, or any; raise a :class:`FileError` for another one."""
     content, path = content_of(path), Path(path)
+    text = content.lstrip()  # people leave lines before the declaration
+    above = content[: len(content) - len(text)].count(b"\n")
     parser = expat.ParserCreate()
     outermost = XmlElement(path.name, "", 0, {})
     stack = [outermost]
 
     def begin(tag: str, attributes: dict[str, str]) -> None:
-        element = XmlElement(path.name, tag, parser.CurrentLineNumber, attributes)
+        element = XmlElement(path.name, tag, above + parser.CurrentLineNumber, attributes)
         stack[-1].children.append(element)
         stack.append(element)
 
@@ -109,7 +111,7 @@ def read_xml(path: str | Path, root: str | None) -> XmlElement:
         stack[-1].text += text
 
     def declared(*_: object) -> None:
-        raise FileError(f"{path.name}, line {parser.CurrentLineNumber}: declarations of entities are not read")
+        raise FileError(f"{path.name}, line {above + parser.CurrentLineNumber}: declarations of entities are not read")
 
     parser.StartElementHandler = begin
     parser.EndElementHandler = lambda _: stack.pop()
@@ -117,10 +119,10 @@ def read_xml(path: str | Path, root: str | None) -> XmlElement:
     parser.buffer_text = True
     parser.EntityDeclHandler = declared
     try:
-        parser.Parse(content, True)
+        parser.Parse(text, True)
     except expat.ExpatError as error:
         reason = re.sub(r":? line \d+, column \d+", "", str(error))
-        raise FileError(f"{path}: not valid XML in line {error.lineno}: {reason}") from None
+        raise FileError(f"{path}: not valid XML in line {above + error.lineno}: {reason}") from None
     root_element = outermost.children[0]
     if root is not None and root_element.tag != root:
         raise FileError(f"{path}: the outermost element must be {root}, got {root_element.tag}")

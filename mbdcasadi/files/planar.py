@@ -417,4 +417,5 @@ class PlanarBuilder:
             self._connect(loop.a, loop.b, loop.joints)
             return
         kind = Weld if loop.fixed else Revolute
-        self.joints.append(kind(loop.name, self._at(loop.a, loop.point), self._at(loop.b, loop.point)))
+        end = loop.point if loop.end is None else loop.end
+        self.joints.append(kind(loop.name, self._at(loop.a, loop.point), self._at(loop.b, end)))

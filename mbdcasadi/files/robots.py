@@ -154,6 +154,8 @@ class Loop(RobotPart):
     point: np.ndarray
     fixed: bool = False
     joints: list[SpatialJoint] = field(default_factory=list)
+    #: the point of b, if that is elsewhere in the pose of the file
+    end: np.ndarray | None = None
 
 
 _SomePart = TypeVar("_SomePart", bound=RobotPart)

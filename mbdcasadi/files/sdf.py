@@ -12,6 +12,7 @@ import numpy as np
 
 from ..model.mechanism import Mechanism
 from ..model.quantities import triple
+from .drake import CONNECTIONS, connect_points
 from .markup import XmlElement, read_xml, unread
 from .planar import PlanarBuilder
 from .robot_tree import FRICTION, Connection, actuate, add_solids, follow, grow, has_effort, inertia_of
@@ -29,7 +30,8 @@ def read_sdf(path: str | Path, *, gravity: Sequence[float] | None = None, contac
     """Read models whose motion is planar.
 
     All hinges must be parallel, and slides lie across them. Joints of the types revolute, continuous, prismatic and
-    fixed are read, and Drake's ``planar`` ones; joints may close loops. A model that is not static and that no joint
+    fixed are read, and Drake's ``planar`` ones; joints may close loops, and so may Drake's connections of points (see
+    :func:`read_urdf`). One whose limits are both zero is fixed. A model that is not static and that no joint
     connects with the world moves freely in the plane of the hinges: if its first link is ``base``, with the slides
     ``base/x`` and ``base/z`` along axes of the world, and the hinge ``base/theta``. Models may hold models, and
     ``include`` them from files by their paths; ``model://name`` and ``package://name`` are folders beside the file,
@@ -124,6 +126,8 @@ class _Reader:
         self.robot, self.frames = robot, Frames()
         self.links: dict[str, tuple[XmlElement, _Scope]] = {}
         self.joints: dict[str, tuple[XmlElement, _Scope]] = {}
+        #: what Drake puts between points
+        self.points: list[tuple[XmlElement, _Scope]] = []
 
     def read(self, holder: XmlElement, folder: Path, contacts: bool) -> None:
         """Read all of a file."""
@@ -146,9 +150,15 @@ class _Reader:
             both = _collides(one, first) and _collides(other, second)
             if a.split("::")[0] == b.split("::")[0] and not both:
                 robot.apart.add(frozenset((names[a], names[b])))
+        for element, scope in self.points:
+            connect_points(robot, element, partial(self._link_of, links, element, scope))
         if not contacts:
             robot.leave_out_contacts()
         self._read_laws()
+
+    def _link_of(self, links: dict[str, Link], element: XmlElement, scope: _Scope, name: str) -> Link:
+        """Link of a name in a model."""
+        return links[self.frames.link(Frames.full(name, scope.name), element)]
 
     def _place(self, link: Link, scope: _Scope, collision: XmlElement) -> tuple[np.ndarray, np.ndarray]:
         """Rotation and position of a solid in its link."""
@@ -163,7 +173,7 @@ class _Reader:
         """Read what a model or the world holds; return the models in it."""
         inner = []
         known = {*TABLE[scope.element.tag][1], *BESIDES}
-        for child in scope.element.children:
+        for child in sorted(scope.element.children, key=lambda child: child.tag in ("joint", "drake:joint")):
             if child.tag in BESIDES:
                 continue
             if child.tag == "include":
@@ -178,8 +188,9 @@ class _Reader:
             elif child.tag == "frame":
                 self._add_frame(child, scope, child.get("attached_to", ""), scope.name)
             elif child.tag in ("joint", "drake:joint"):
-                add_joint_frame(self.frames, child, scope.name)
-                self.joints[Frames.full(child.get("name"), scope.name)] = child, scope
+                self.joints[add_joint_frame(self.frames, child, scope.name)] = child, scope
+            elif child.tag in CONNECTIONS:
+                self.points.append((child, scope))
             elif child.tag.startswith("drake:") or (":" not in child.tag and child.tag not in known):
                 raise child.refuse("is not read; leave it out, if the motion does not depend on it")
         return inner
@@ -238,7 +249,7 @@ class _Reader:
         names = _short(self.joints)
         for key, (joint, scope) in self.joints.items():
             along = scope.has_axes or any(_is(axis, "use_parent_model_frame") for axis in joint.all("axis"))
-            each = connection(self.robot, self.frames, joint, scope.name, names[key], along)
+            each = connection(self.robot, self.frames, joint, scope.name, key, names[key], along)
             for end in (each.a, each.b):
                 if end and end not in self.links:
                     raise joint.refuse(f"names '{end}', which is no link and holds none")
@@ -257,6 +268,7 @@ class _Reader:
             mimic = axis.one("mimic") or joint.one("drake:mimic")
             if mimic is not None:
                 other = Frames.full(mimic.get("joint"), scope.name)
+                other = f"{other} (joint)" if self.frames.has_link(other) else other
                 follow(self.robot, names[key], names.get(other, other), mimic)
             if has_effort(axis.one("limit")):
                 actuate(self.robot, names[key], axis.one("limit"))
@@ -264,7 +276,7 @@ class _Reader:
 
 def _short(parts: dict[str, tuple[XmlElement, _Scope]]) -> dict[str, str]:
     """Names without those of models, as far as they tell parts apart."""
-    last = [key.rpartition("::")[2] for key in parts]
+    last = [element.get("name") for element, _ in parts.values()]
     return {key: name if last.count(name) == 1 else key for key, name in zip(parts, last, strict=True)}
 
 

@@ -10,7 +10,8 @@ _KNOWN = {
     "world": ("name gravity magnetic_field", "model include frame joint physics scene light actor gui plugin audio "
               "wind road spherical_coordinates atmosphere"),
     "model": ("name canonical_link placement_frame static self_collide pose allow_auto_disable enable_wind",
-              "link joint frame model include pose drake:joint"),
+              "link joint frame model include pose drake:joint drake:linear_spring_damper drake:distance_constraint "
+              "drake:ball_constraint"),
     "frame": ("name attached_to pose", "pose"),
     "include": ("uri name pose static placement_frame", "pose"),
     "pose": ("relative_to rotation_format degrees", ""),

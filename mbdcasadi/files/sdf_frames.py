@@ -94,6 +94,10 @@ class Frames:
             raise frame.source.refuse(f"has the name of another frame, '{name}'")
         self._table[name] = frame
 
+    def has_link(self, name: str) -> bool:
+        """Return True if a full name is that of a link."""
+        return name in self._table and self._table[name].moves_with == name
+
     @staticmethod
     def full(name: str, scope: str) -> str:
         """Full name of a frame that is named inside a model."""
@@ -139,30 +143,38 @@ class Frames:
         return name
 
 
-def add_joint_frame(frames: Frames, joint: XmlElement, scope: str) -> None:
-    """Add the frame of a joint, which is that of its child unless it says otherwise."""
+def add_joint_frame(frames: Frames, joint: XmlElement, scope: str) -> str:
+    """Add the frame of a joint, which is that of its child unless it says otherwise, and return its full name.
+
+    A joint may have the name of a link; its frame then has none in the file.
+    """
     prefix = "drake:" if joint.tag.startswith("drake:") else ""
     child = Frames.full(joint.get(f"{prefix}child").strip(), scope)
     relative = reference_of(joint, "pose", "relative_to")
     base = Frames.full(relative, scope) if relative else child
-    frames.add(Frames.full(joint.get("name"), scope), Frame(joint, base, *pose_of(joint), child))
+    name = Frames.full(joint.get("name"), scope)
+    name = f"{name} (joint)" if frames.has_link(name) else name
+    frames.add(name, Frame(joint, base, *pose_of(joint), child))
+    return name
 
 
 def connection(
-    robot: Robot, frames: Frames, joint: XmlElement, scope: str, name: str, is_along_model: bool = False
+    robot: Robot, frames: Frames, joint: XmlElement, scope: str, here: str, name: str, is_along_model: bool = False
 ) -> Connection:
-    """Return what a joint connects, between full names of links.
+    """Return what a joint connects, between full names of links; `here` is that of its frame.
 
     Axes are given in the frame of the joint, or in one that is named, or, in old files, in that of the model.
     """
     drake = joint.tag.startswith("drake:")
     ends = [Frames.full(joint.get(f"drake:{end}" if drake else end).strip(), scope) for end in ("parent", "child")]
     parent, child = (frames.link(end, joint) for end in ends)
-    kind, here = joint.get("type"), Frames.full(joint.get("name"), scope)
+    kind = joint.get("type")
     turn, place = frames.pose(child, joint)
     rotation, position = frames.pose(here, joint)
     laws = joint.one("axis") or XmlElement(joint.file, "axis", joint.line, {})
     axis, point = np.array([0.0, 0.0, 1.0]), turn.T @ (position - place)
+    if kind in ("revolute", "prismatic") and _is_locked(laws.one("limit")):
+        kind = "fixed"
     if kind not in ("fixed", "planar", "floating"):
         given = reference_of(laws, "xyz", "expressed_in")
         frame = Frames.full(given, scope) if given else scope if is_along_model else here
@@ -174,3 +186,8 @@ def connection(
     if parent == child:
         raise joint.refuse("connects a link with itself")
     return Connection(joint, name, parent, child, moving_parts(robot, joint, name, kind, turn.T @ axis, point, laws))
+
+
+def _is_locked(limit: XmlElement | None) -> bool:
+    """Return True if both limits of a joint are zero, as files have it that know no fixed joints."""
+    return limit is not None and all(limit.has(end) and limit.get(end) in ("0", "0.0") for end in ("lower", "upper"))

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from ..model.mechanism import Mechanism
 from ..model.quantities import triple
+from .drake import CONNECTIONS, connect_points
 from .markup import XmlElement, read_xml, unread
 from .planar import PlanarBuilder
 from .robot_tree import (
@@ -42,8 +44,8 @@ def read_urdf(path: str | Path, *, gravity: Sequence[float] = (0.0, 0.0, -9.81),
     or with a ``command_interface`` of ``ros2_control``, gets an :class:`Input` of its name, the effort along its
     coordinate, within the ``effort`` of its limit; ``mimic`` becomes a constraint. Joints of SDF under ``gazebo``
     close loops (:func:`read_sdf`). Of Drake's dialect ``drake:joint``, ``drake:rotor_inertia`` with
-    ``drake:gear_ratio``, dampers of planar joints, ``drake:capsule``, ``drake:mu_dynamic`` and filters of collisions
-    are read.
+    ``drake:gear_ratio``, dampers of planar joints, ``drake:capsule``, ``drake:mu_dynamic``, filters of collisions,
+    ``drake:linear_spring_damper``, ``drake:distance_constraint`` and ``drake:ball_constraint`` are read.
 
     Collisions (spheres, capsules, cylinders and boxes that lie along the plane or across it) that may touch are a
     :class:`Contact` ``one on other``, by the names of their links; links that a joint holds together do not touch, nor
@@ -95,6 +97,8 @@ def read_urdf(path: str | Path, *, gravity: Sequence[float] = (0.0, 0.0, -9.81),
         collisions = link.source.all("collision") if link.source is not root else ()
         given = _friction(root, link)
         add_solids(robot, link, collisions, _origin, lambda solid, given=given: _own_friction(solid, given))  # type: ignore[misc]
+    for element in root.all(*CONNECTIONS):
+        connect_points(robot, element, partial(robot.link, source=element))
     robot.apart |= _filtered(root)
     if not contacts:
         robot.leave_out_contacts()
@@ -204,8 +208,8 @@ def _loops(robot: Robot, root: XmlElement, links: dict[str, Link]) -> list[Conne
     found = []
     for joint in (joint for gazebo in root.all("gazebo") for joint in gazebo.all("joint")):
         flatten(joint)
-        add_joint_frame(frames, joint, "")
-        loop = connection(robot, frames, joint, "", joint.get("name"))
+        here = add_joint_frame(frames, joint, "")
+        loop = connection(robot, frames, joint, "", here, joint.get("name"))
         found.append(replace(loop, a=loop.a or ground, b=loop.b or ground))
     return found
 

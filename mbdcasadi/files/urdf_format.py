@@ -7,7 +7,8 @@ from .markup import table_of
 #: Attributes and elements inside by element, and by its place if it has another meaning there.
 _KNOWN = {
     "robot": ("name version", "link joint transmission material gazebo sensor ros2_control mujoco "
-              "verification_properties frame drake:collision_filter_group drake:joint"),
+              "verification_properties frame drake:collision_filter_group drake:joint drake:linear_spring_damper "
+              "drake:distance_constraint drake:ball_constraint"),
     "link": ("name type", "inertial visual collision contact verbose self_collision_checking"),
     "contact": ("", "lateral_friction"),
     "inertial": ("", "origin mass inertia"),

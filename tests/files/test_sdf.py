@@ -221,6 +221,15 @@ def test_limits_friction_efforts_and_mimic(tmp_path):
         read(tmp_path, text, contacts=False)
 
 
+def test_joints_with_names_of_links_and_locked_ones(tmp_path):
+    """Old files give a joint the name of a link, and limits of zero to what is fixed."""
+    locked = pin("tool", "arm", "tool", "<limit><lower>0</lower><upper>0</upper></limit>")
+    text = locked + pin("arm", "world", "arm") + bar("arm", 1, 2) + bar("tool", 1, 2, "<pose>1 0 0 0 0 0</pose>")
+    machine = read(tmp_path, text)
+    assert [joint.name for joint in machine.joints] == ["arm"] and machine.bodies[0].mass == 4
+    assert rates(machine, ["arm"], [0.0], [0.0]) == pytest.approx([4 * 9.8 / (4 * 4 / 3)], rel=1e-9)
+
+
 def test_included_models(tmp_path):
     """A model twice, moved, one of them static; names with that of the model if they are not the only ones."""
     inner = f'<sdf version="1.4"><model name="x">{bar("arm", 1, 2)}{pin("j", "world", "arm")}</model></sdf>'
@@ -265,6 +274,24 @@ def test_planar_joints_of_drake(tmp_path):
     assert state[mbd.time_derivative(x.speed)] == pytest.approx(-1 * 3 / 2, rel=1e-9)
 
 
+def test_pins_of_drake_that_close_loops(tmp_path):
+    """A loop whose points are apart in the pose of the file closes."""
+    text = four_bar(1.0).replace("<model", "").split('<joint name="C"')[0]
+    point = "<drake:ball_constraint_{0}>{1}</drake:ball_constraint_{0}>"
+    parts = (("body_A", "rocker"), ("p_AP", f"{ROCKER} 0 0"), ("body_B", "coupler"), ("p_BQ", f"{COUPLER} 0 0"))
+    pinned = f"<drake:ball_constraint>{''.join(point.format(*part) for part in parts)}</drake:ball_constraint>"
+    machine = read(tmp_path, text + pinned)
+    (acceleration,) = rates(machine, "O", [-0.2], [-2.0])
+    assert acceleration == pytest.approx(-eksergian(1.2, 2.0, 9.8), rel=1e-7)
+    swung = text.replace("<pose>0 0.0 0 0", "<pose>0 0 0 0") + pinned
+    turned = swung.replace(
+        f"0 {-four_bar_angles(1.0)[1]:.15g} 0</pose>", f"0 {-four_bar_angles(1.0)[1] - 0.3:.15g} 0</pose>"
+    )
+    assert turned != swung
+    (acceleration,) = rates(read(tmp_path, turned), "O", [-0.2], [-2.0])
+    assert acceleration == pytest.approx(-eksergian(1.2, 2.0, 9.8), rel=1e-7)
+
+
 ARM = bar("arm", 1, 2) + "\n" + pin("j", "world", "arm")
 
 
@@ -282,7 +309,7 @@ ARM = bar("arm", 1, 2) + "\n" + pin("j", "world", "arm")
             ("</xyz>", "</xyz><dynamics><damping>-1</damping></dynamics>"),
             "has damping = '-1', which must not be negative",
         ),
-        (("<joint", "<drake:ball_constraint/><joint"), "drake:ball_constraint is not read; leave it out, if"),
+        (("<joint", "<drake:linear_bushing_rpy/><joint"), "drake:linear_bushing_rpy is not read; leave it out, if"),
         (("<joint", "<include><uri>https://x.org/a</uri></include><joint"), "names 'https://x.org/a'; load the model"),
         (("<joint", "<include><uri>model://none</uri></include><joint"), "names 'model://none', which is not there"),
         (("<joint", '<include merge="1"><uri>a</uri></include><joint'), "include is to be merged, which is not read"),

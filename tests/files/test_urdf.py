@@ -144,6 +144,9 @@ def test_actuators(tmp_path):
     assert [body.inertia for body in machine.bodies[2:]] == [0.5, 0.5]
     with pytest.raises(mbd.FileError, match="joint 'n' names the joint 'n', which does not exist"):
         read(tmp_path, text + control.replace('name="j"', 'name="n"'))
+    (tmp_path / "r.urdf").write_text(f'\n <?xml version="1.0"?><robot name="r">{text}\n<leg/></robot>')
+    with pytest.raises(mbd.FileError, match="line 5: leg is not known"):
+        mbd.read_urdf(tmp_path / "r.urdf")
     fixed = text.replace('name="k" type="revolute"', 'name="k" type="fixed"')
     assert len(read(tmp_path, fixed + transmission.format("k")).inputs) == 0
 
@@ -170,6 +173,34 @@ def test_dampers_of_planar_joints(tmp_path):
     assert state[mbd.time_derivative(x.speed)] == pytest.approx(-1 * 3 / 2, rel=1e-9)
     with pytest.raises(mbd.FileError, match="has damping = '1 2 3', which are not finite numbers"):
         read(tmp_path, text.replace("planar", "revolute"))
+
+
+SPRING = """<drake:{0}><drake:{0}_body_A name="world"/><drake:{0}_p_AP value="0 0 1"/>
+  <drake:{0}_body_B name="a"/><drake:{0}_p_BQ value="1 0.5 0"/><drake:{0}_{1} value="1.2"/>
+  <drake:{0}_stiffness value="{2}"/><drake:{0}_damping value="3"/></drake:{0}>"""
+
+
+@pytest.mark.parametrize("kind", [("linear_spring_damper", "free_length"), ("distance_constraint", "distance")])
+def test_springs_and_rods_of_drake(kind, tmp_path):
+    """A spring between points beside each other has its length in space; a rigid distance leaves no freedom."""
+    text = link("a") + joint("j", "world", "a")
+    machine = read(tmp_path, text + SPRING.format(*kind, 40))
+    j = machine.joint("j")
+    state = mbd.assemble(machine, [j.angle == 0.4, j.angular_velocity == 0.7])
+    ends = np.array([0, 0, 1]), np.array([np.cos(0.4), 0.5, -np.sin(0.4)])
+    span = ends[1] - ends[0]
+    length = np.linalg.norm(span)
+    lever = span @ np.array([-np.sin(0.4), 0, -np.cos(0.4)]) / length  # dl/dangle
+    moment = -lever * (40 * (length - 1.2) + 3 * lever * 0.7) + 2 * 9.81 * 0.5 * np.cos(0.4)
+    rate = state[mbd.time_derivative(j.angular_velocity)]
+    assert rate == pytest.approx(moment / (2 * GYRATION**2), rel=1e-9)
+    if kind[0] == "distance_constraint":
+        rigid = read(tmp_path, text + SPRING.format(*kind, "inf"))
+        assert mbd.check(rigid).degrees_of_freedom == 0
+        # 1 + 1 + 2 sin a + 1/4 = 1.44
+        assert mbd.assemble(rigid)[rigid.joint("j").angle] == pytest.approx(np.arcsin((1.44 - 2.25) / 2), abs=1e-9)
+    with pytest.raises(mbd.FileError, match="names the body 'c', which does not exist"):
+        read(tmp_path, text + SPRING.format(*kind, 40).replace('name="a"', 'name="c"'))
 
 
 def test_a_base_that_floats_obliquely(tmp_path):
