@@ -8,6 +8,7 @@ import pytest
 
 import mbdcasadi as mbd
 from mbdcasadi.optimal_control.friction.switched_solution import Switch, time_error
+from mbdcasadi.optimal_control.search.search import Search
 
 G = 9.81
 
@@ -300,6 +301,21 @@ def test_simulation_that_switches_otherwise():
     assert verified.final_error > 1e-3
     assert np.isinf(verified.time_error) or verified.time_error > 1e-3
     assert "off by" in repr(verified)
+
+
+def test_first_motion_is_searched_for_in_all_ways(monkeypatch):
+    """A solver that runs out of iterations is no end of the search, unless the user limits these."""
+    seen = []
+
+    def solve(self, *_, **__):
+        seen.append(self.settings.options)
+        raise mbd.OptimizationError("no motion", partial=None)
+
+    monkeypatch.setattr(Search, "solve", solve)
+    for options in ({}, {"ipopt.max_iter": 7}):
+        with pytest.raises(mbd.OptimizationError, match="no motion"):
+            mbd.optimize(moved(*pushed()), options=options)
+    assert [options.get("ipopt.max_iter") for options in seen] == [None, 7]
 
 
 def test_what_is_refused():

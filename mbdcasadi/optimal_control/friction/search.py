@@ -42,8 +42,10 @@ SWITCH_TOLERANCE, MOVES = 1e-6, 3
 #: Phases up to this share of the duration are left out unless the motion costs as large a share more without them than
 #: with friction as a force.
 BRIEF = 1e-2
-#: Options of IPOPT for these: their solutions tell the modes alone.
-ROUGH = {"ipopt.tol": 1e-5, "ipopt.constr_viol_tol": 1e-6, "ipopt.max_iter": 300}
+#: Options of IPOPT for these: their solutions tell the modes alone; and of all but the first, of which the last iterate
+#: does, too.
+ROUGH = {"ipopt.tol": 1e-5, "ipopt.constr_viol_tol": 1e-6}
+CONTINUED = {"ipopt.max_iter": 300}
 
 
 @dataclass(frozen=True)
@@ -127,8 +129,9 @@ class FrictionSearch:
         meshes = [
             replace(mesh, longest=LONGEST / mesh.count).with_moving(range(1, mesh.count)) for mesh in motion.meshes
         ]
+        continued = replace(settings, options=CONTINUED | settings.options)
         for share in shares:
-            solver = ProblemSolver(problem, settings, {**given, relaxation.share: share}, None, best)
+            solver = ProblemSolver(problem, continued, {**given, relaxation.share: share}, None, best)
             try:
                 motion = solver.solve(meshes, solver.motion_of(motion), warm=True, limit_tolerance=np.inf)
             except OptimizationError as error:

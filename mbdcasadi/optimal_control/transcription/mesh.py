@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...numerics.lazy import cached_property
+from ...numerics.tolerances import NEGLIGIBLE
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,16 +124,30 @@ class Mesh:
         return np.r_[segment_times[segment] + fraction * np.diff(segment_times)[segment], segment_times[-1]]
 
     def moved(self, times: np.ndarray) -> Mesh:
-        """Return the mesh with its moving points at the times that were found, those of all knots (k,), s."""
+        """Return the mesh with its moving points at the times that were found, those of all knots (k,), s.
+
+        Points that have met, or passed each other in a program that was not solved, are a negligible share apart.
+        """
         if not self.moving:
             return self
         points = times[self.piece] + self.begin * np.diff(times)[self.piece]
         ends = times[np.searchsorted(self.knots, np.r_[0, self.waypoints, self.count])]
         segment = self.positions[:-1].astype(int)
         positions = segment + (points - ends[segment]) / np.diff(ends)[segment]
-        positions = np.r_[positions, self.positions[-1]]
+        positions = self._apart(np.r_[positions, self.positions[-1]])
         mesh = Mesh.through(positions, positions[list(self.moving)], positions[list(self.pinned)])
         return replace(mesh, longest=self.longest)
+
+    def _apart(self, positions: np.ndarray) -> np.ndarray:
+        """Positions of points that stay in their segments, in order and a negligible share apart; waypoints stay."""
+        if np.min(np.diff(positions)) >= NEGLIGIBLE:
+            return positions
+        segment, room = self.positions.astype(int), NEGLIGIBLE * np.arange(positions.size)
+        ordered = np.maximum.accumulate(np.clip(positions, segment, segment + 1) - room) + room
+        fixed = np.r_[0, self.waypoints, self.count]
+        ordered[fixed] = self.positions[fixed]
+        apart: np.ndarray = np.minimum.accumulate((ordered - room)[::-1])[::-1] + room
+        return apart
 
     def refined(self, pieces: np.ndarray) -> Mesh:
         """Mesh with intervals split into so many pieces (N,)."""
