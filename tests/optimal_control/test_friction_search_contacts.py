@@ -206,3 +206,26 @@ def test_what_is_refused():
         model = mbd.Mechanism([block], [rail], forces=[contact])
         with pytest.raises(mbd.ModelError, match=words):
             mbd.OptimalControlProblem(model, 1.0, initial=[block.x == 0])
+
+
+def flung_back(initial):
+    """A block at a wall is to be half a metre away from it at rest; the initial conditions are a function of it."""
+    block, rail = on_rail("block")
+    force = mbd.Input("force", lower=-50, upper=50)
+    wall = mbd.RigidContact("wall", mbd.Point(block.at(0, 0)), mbd.HalfPlane(mbd.ground.at(0, 0, angle=np.pi / 2)))
+    push = mbd.Force("push", block.at(0, 0), (force, 0))
+    model = mbd.Mechanism([block], [rail], forces=[push, wall], inputs=[force])
+    ends = {"initial": initial(model, block), "final": [block.x == -0.5, block.vx == 0]}
+    return mbd.OptimalControlProblem(model, 1.0, running_cost=force**2, **ends)
+
+
+@pytest.mark.parametrize("as_state", [False, True])
+def test_strike_at_the_start_is_refused_at_once(as_state):
+    """A contact that is closed and closes with a speed is struck."""
+
+    def initial(model, block):
+        conditions = [block.x == 0, block.vx == 2.0]
+        return mbd.assemble(model, conditions) if as_state else conditions
+
+    with pytest.raises(mbd.ConditionError, match="wall is closed and closes at 2 m/s"):
+        mbd.optimize(flung_back(initial))

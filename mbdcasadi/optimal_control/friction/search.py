@@ -10,8 +10,12 @@ import numpy as np
 
 from ...arguments.values import pairs_of
 from ...errors import ConditionError, MechanismError, ModelError, OptimizationError
+from ...model.conditions import Condition
+from ...numerics.tolerances import MET
+from ...results.state import State
 from ..measures.switches import UnresolvedSwitches
 from ..problem import OptimalControlProblem
+from ..program.problem_setup import ProblemSetup
 from ..program.setup import PhaseSetup, Settings
 from ..search.budgets import BUDGETS
 from ..search.first_mesh import INTERVALS, first_meshes, is_automatic
@@ -21,7 +25,9 @@ from ..search.search import Search, Several
 from ..solution import Solution, same_cost
 from ..solve.best_so_far import BestSoFar
 from ..solve.problem_solver import ProblemSolver
-from ..statement.sites import Relaxation
+from ..statement.condition_rank import ranks_of
+from ..statement.phase import on_states
+from ..statement.sites import Relaxation, gap_of
 from ..transcription.mesh import Mesh
 from .pattern import Piece, joined, order_of, pattern_of, with_rests, without_flights
 from .phases import PhasedFriction, PhaseMaker
@@ -120,6 +126,8 @@ class FrictionSearch:
         settings, best = replace(self.settings, options=ROUGH | self.settings.options), BestSoFar()
         given = dict(pairs_of(parameters, "parameters="))
         count = max(PIECES, problem.phases[0].fewest_intervals)
+        if relaxation.touches:
+            self._refuse_strike_at_start(ProblemSetup(problem, settings, given))
         first, *shares = TOUCH_SHARES if relaxation.touches else SHARES
         for one in starts if isinstance(starts, list) else [] if guess is None else [guess]:
             solver = ProblemSolver(problem, settings, {**given, relaxation.share: first})
@@ -140,6 +148,28 @@ class FrictionSearch:
                 motion = error.partial
             meshes = list(motion.meshes)
             yield motion, share
+
+    def _refuse_strike_at_start(self, setup: ProblemSetup) -> None:
+        """Refuse a start at which a contact is closed and closes with a speed, if conditions decide both.
+
+        Raises
+        ------
+        ConditionError
+            Naming the place, its speed, and what to give.
+        """
+        part, initial = setup.setups[0], setup.initial
+        ranks = ranks_of(setup.problem, part.phase, part.numeric, timed=False)
+        for site in (site for site in self._relaxation.sites if site.place is not None):
+            rows = gap_of(site), site.element.normal_speeds[site.place]
+            (gap, speed), (length, typical) = (float(setup.start[row]) for row in rows), part.sizes.of_changes(rows)
+            if abs(gap) > MET * length or speed > -MET * typical:
+                continue
+            conditions = [Condition(row, True, site.name) for row in rows]
+            if isinstance(initial, State) or all(ranks.fixed(conditions, on_states(initial))):
+                raise ConditionError(
+                    f"initial: {site.name} is closed and closes at {-speed:.3g} m/s, which is an impact; give the "
+                    "state after it, as simulate(…).events[0].after, or a start before it, with a gap"
+                )
 
     # --- in phases ------------------------------------------------------------------------------------
     def in_phases(self, maker: PhaseMaker, pieces: list[Piece], parameters: Any) -> InPhases:
