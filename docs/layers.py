@@ -29,6 +29,7 @@ LAYERS: tuple[dict[str, str], ...] = (
         "linear": "linear models, modes",
         "sensitivity": "derivatives of motions",
         "fmu": "functional mock-up units",
+        "writing": "model files of others",
     },
     {"simulation": "runs, events, impacts, stick and slip"},
     {"kinematics": "driven motion, check"},

@@ -149,6 +149,7 @@ if _typing.TYPE_CHECKING:
     from .visual.plots.plot import plot
     from .visual.plots.solution_plots import plot_solution
     from .visual.symbols import Glyph, glyph
+    from .writing.mjcf import write_mjcf
 
 #: Modules that are imported at the first use of one of their names, and these names.
 _LATER = {
@@ -205,6 +206,7 @@ _LATER = {
     "visual.plots.plot": "plot",
     "visual.plots.solution_plots": "plot_solution",
     "visual.symbols": "Glyph glyph",
+    "writing.mjcf": "write_mjcf",
 }
 _PLACES = {name: module for module, names in _LATER.items() for name in names.split()}
 #: All public names: type checkers, ``import *``, ``help`` and ``inspect`` go by these.
@@ -239,7 +241,7 @@ __all__ = [
     "plot_residuals", "plot_solution", "positive_part", "reachable", "read_acf", "read_adm", "read_keyframes",
     "read_linkages", "read_mjcf", "read_sdf", "read_solution", "read_trajectory", "read_urdf", "rise",
     "sensitivities", "shaking_force", "simulate", "smoothing_spline", "soft", "stability", "sweep", "synthesize", "t",
-    "time_derivative",
+    "time_derivative", "write_mjcf",
 ]  # fmt: skip
 __all__ += _expressions.__all__
 

@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import FileError, MechanismError, warn
 from ..model.bodies import Body, Marker, ground
 from ..model.element import Element, at_poses
-from ..model.forces.applied import Force, GeneralizedForce
+from ..model.forces.applied import Force
 from ..model.forces.field import Gravity
 from ..model.forces.friction.joint_friction import LoadIndependentFriction
 from ..model.forces.laws import HuntCrossley
@@ -29,7 +29,7 @@ from ..model.rates import time_derivative
 from ..model.symbols import values_of
 from ..numerics.lazy import cached_property
 from .robot_contacts import RobotContacts, Yielding
-from .robots import Coordinate, Link, Loop, Robot, SpatialJoint, Tendon
+from .robots import Coordinate, CoordinateForce, Link, Loop, Robot, SpatialJoint, Tendon
 from .tendons import strand_length
 
 #: Angle by which axes that are meant to be parallel may differ, rad: files give angles to a few digits.
@@ -304,7 +304,7 @@ class PlanarBuilder:
         self.coordinates[joint.name] = along
         force = -joint.damping * along.rate - joint.stiffness * (along.value - joint.rest)
         if joint.damping or joint.stiffness:
-            self.forces.append(GeneralizedForce(f"{joint.name} spring and damper", [(along.value, force)]))
+            self.forces.append(CoordinateForce(f"{joint.name} spring and damper", along, force))
         self._limit(joint, link, along)
         self._rub(joint, link, element)
         if joint.armature:
@@ -360,12 +360,14 @@ class PlanarBuilder:
             (strand.share * strand_length(strand, self._at, self.plane.normal) for strand in tendon.strands), ca.SX(0)
         )
         reference = float(at_poses(value))
-        self.coordinates[tendon.key] = along = Coordinate(value, time_derivative(value), reference)
+        points = [strand.start for strand in tendon.strands] + [strand.end for strand in tendon.strands[-1:]]
+        markers = tuple(self._at(link, point) for link, point in points)
+        along = self.coordinates[tendon.key] = Coordinate(value, time_derivative(value), reference, markers)
         lower, upper = tendon.rest or (2 * (self._at_rest(tendon, value),))
         is_linear = lower == upper
         if tendon.damping or (tendon.stiffness and is_linear):
             force = -tendon.damping * along.rate - (tendon.stiffness * (value - lower) if is_linear else 0.0)
-            self.forces.append(GeneralizedForce(f"{tendon.key} spring and damper", [(value, force)]))
+            self.forces.append(CoordinateForce(f"{tendon.key} spring and damper", along, force))
         if tendon.stiffness and not is_linear:
             self._hold_within(f"{tendon.key} {{}} spring", tendon, (lower, upper), HuntCrossley(tendon.stiffness, 1))
         if tendon.limits:

@@ -10,10 +10,11 @@ from typing import TypeVar
 import casadi as ca
 import numpy as np
 
+from ..model.bodies import Marker
 from ..model.element import Element
 from ..model.expressions import fmax, fmin
 from ..model.forces.applied import GeneralizedForce
-from ..model.symbols import Input
+from ..model.symbols import Input, Scalar
 from .markup import XmlElement
 
 
@@ -170,6 +171,26 @@ class Coordinate:
     value: ca.SX
     rate: ca.SX
     reference: float
+    #: points between which a tendon runs
+    markers: tuple[Marker, ...] = ()
+
+
+class CoordinateForce(GeneralizedForce):
+    """Force along the coordinate of a joint or tendon: ``δW = force · δvalue``.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    along : Coordinate
+        The coordinate.
+    force : float or expression
+        N, or N m.
+    """
+
+    def __init__(self, name: str, along: Coordinate, force: Scalar):
+        super().__init__(name, [(along.value, force)])
+        self.markers = along.markers
 
 
 def actuator_law(
@@ -181,12 +202,12 @@ def actuator_law(
 ) -> Law:
     """Force ``gear f`` along a coordinate, ``f = k u + k_x gear x + k_v gear v + k_0`` within its limits."""
 
-    def law(coordinates: Sequence[Coordinate]) -> GeneralizedForce:
+    def law(coordinates: Sequence[Coordinate]) -> CoordinateForce:
         along = coordinates[0]
         force = gains[0] * drive + gear * (gains[1] * along.value + gains[2] * along.rate) + gains[3]
         force = force if limits[0] == -np.inf else fmax(force, limits[0])
         force = force if limits[1] == np.inf else fmin(force, limits[1])
-        return GeneralizedForce(name, [(along.value, gear * force)])
+        return CoordinateForce(name, along, gear * force)
 
     return law
 
