@@ -160,6 +160,9 @@ class _Writer:
         for element in (*self.mechanism.joints, *self.mechanism.drivers):
             if element not in self.tree.elements and (element.rows.numel() or element.velocity_rows.numel()):
                 self._constraint(element)
+        for body in self.mechanism.bodies:
+            if body in self.bodies and min(float(self.state[ca.SX(x)]) for x in (body.mass, body.inertia)) <= 0:
+                raise _refusal(body, "has no mass or no inertia, which MuJoCo does not take", "give it some")
         self._write_actuators()
         self._write_springs()
         self._write_ranges()
@@ -185,8 +188,6 @@ class _Writer:
                     ref=_text(joint.reference),
                 )  # fmt: skip
             mass, inertia = (float(self.state[ca.SX(x)]) for x in (body.mass, body.inertia))
-            if min(mass, inertia) <= 0:
-                raise _refusal(body, "has no mass or no inertia, which MuJoCo does not take", "give it some")
             ET.SubElement(element, "inertial", pos="0 0 0", mass=_text(mass), diaginertia=_text(*[inertia] * 3))
 
     def _site(self, marker: Marker, name: str) -> str:
@@ -476,4 +477,4 @@ class _Writer:
         inertia = float(self.state[ca.SX(rotor.body.inertia)]) * ratio**2
         known = float(self.joints[joint].get("armature", "0"))
         self.joints[joint].set("armature", _text(known + inertia))
-        self.bodies[ground].remove(self.bodies[rotor.body])
+        self.bodies[ground].remove(self.bodies.pop(rotor.body))

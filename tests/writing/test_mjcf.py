@@ -258,6 +258,9 @@ def test_what_is_left_out_is_named(tmp_path):
         mbd.write_mjcf(machine, tmp_path / "m.xml")
     held = again(arm(drivers=lambda b, f, p: [mbd.Driver("hold", p.angle, 0.3)]), tmp_path)
     assert mbd.assemble(held)[held.joint("pin").angle] == pytest.approx(0.3)
+    light = mbd.Body("light", 0.0, 0.0)
+    with pytest.raises(mbd.ModelError, match="body 'light' has no mass or no inertia, which MuJoCo does not take"):
+        mbd.write_mjcf(mbd.Mechanism([light], [mbd.Weld("w", GROUND.at(0, 0), light.at(0, 0))]), tmp_path / "m.xml")
     with pytest.raises(mbd.MechanismError, match="expected a Mechanism, got 3"):
         mbd.write_mjcf(3, tmp_path / "m.xml")
 
