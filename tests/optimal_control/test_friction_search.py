@@ -130,8 +130,8 @@ def test_switches_are_paired_by_name():
     planned = [Switch(1.0, "a stops", "forth", "sticks"), Switch(1.1, "b stops", "forth", "sticks")]
     in_order, swapped = [("a stops", 1.01), ("b stops", 1.1)], [("b stops", 1.0), ("a stops", 1.1)]
 
-    def off(found, near=1e-3, end=3.0):
-        return time_error(planned, [SimpleNamespace(name=name, t=t) for name, t in found], near, end)
+    def off(found, near=1e-3, end=3.0, **more):
+        return time_error(planned, [SimpleNamespace(name=name, t=t) for name, t in found], near, end, **more)
 
     assert off(in_order) == pytest.approx(0.01)
     assert off(swapped) == pytest.approx(0.1)
@@ -139,6 +139,8 @@ def test_switches_are_paired_by_name():
     assert off([]) == np.inf
     assert off([*in_order, ("a stops", 2.0)]) == np.inf
     assert off([*in_order, ("a stops", 2.0)], end=2.0) == pytest.approx(0.01)
+    # the nearest ones belong together; what else switches on the same way decides nothing
+    assert off([("a stops", 0.2), *in_order], is_same=True) == pytest.approx(0.01)
 
 
 @pytest.mark.slow

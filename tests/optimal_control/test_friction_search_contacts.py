@@ -170,7 +170,10 @@ def test_hopper_without_given_phases():
     solution = mbd.optimize(problem)
     assert solution.cost == pytest.approx(12238.758, rel=1e-3)
     assert [s.name for s in solution.switches] == ["sole opens"]
-    assert solution.verify().final_error < 1e-5
+    verified = solution.verify()
+    assert verified.final_error < 1e-5 and verified.time_error < 1e-6
+    # the foot bears nothing for a while, and the simulation may have it open there
+    assert all(name.startswith("sole") for name in verified.further) and "otherwise" not in repr(verified)
 
 
 @pytest.mark.slow

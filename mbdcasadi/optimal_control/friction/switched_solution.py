@@ -17,6 +17,7 @@ from ...model.sites import WHAT, Site
 from ...numerics.console import without_warnings
 from ...numerics.lazy import cached_property
 from ...numerics.symbolic import symbolic
+from ...numerics.tolerances import MET
 from ...results.phases import PhasedTrajectory, places_in
 from ...results.state import Arrays, EventOccurrence
 from ...results.steps import Direct
@@ -125,7 +126,9 @@ class SwitchedSolution(Solution):
         """Simulate the mechanism of the problem with the inputs of the solution: its switches are found anew.
 
         ``final_error`` tells whether the simulation ends where the solution does. If it switches otherwise, ``repr``
-        says so, and ``time_error`` is infinite; ``event_times`` are those of its switches.
+        says so, and ``time_error`` is infinite; ``event_times`` are those of its switches. If it is the same motion all
+        the same, something is at the border of its law, as a contact that is closed and bears nothing, or friction at
+        its limit: what switches there decides nothing, and does not count.
         """
         first, mechanism = self.trajectory.initial, self.mechanism
         motion: Trajectory | None = None
@@ -146,6 +149,7 @@ class SwitchedSolution(Solution):
         deviations = np.zeros((1, 1)) if motion is None else self._deviations(motion)
         names = {f"{site.name} {what}" for site in self._sites for what in WHAT}
         found = [] if motion is None else [event for event in motion.events if event.name in names]
+        is_same = stopped is None and self._is_same(deviations)
         return SwitchVerification(
             motion,
             float(np.max(deviations[-1])) if stopped is None else np.inf,
@@ -153,11 +157,12 @@ class SwitchedSolution(Solution):
             0.0 if motion is None else motion.drift.position,
             np.vstack([defects_of(part) for part in self.phases]),
             np.array([event.t for event in found]),
-            self._time_error(found),
+            self._time_error(found, is_same=is_same),
             growth=max(part.largest_growth for part in self.phases),
             stopped=stopped,
             planned=self.switches,
             found=tuple(f"{e.name} at t = {e.t:.6g} s" for e in found),
+            further=tuple(f"{e.name} at t = {e.t:.6g} s" for e in self._further(found) if is_same),
         )
 
     def _refuse_phases(self, name: str, remedy: str) -> None:
@@ -179,24 +184,39 @@ class SwitchedSolution(Solution):
         ranges = np.max([part.state_ranges for part in self.phases], axis=0)
         return np.abs(np.hstack([one.q - other.q, (one.z - other.z) / ranges]))
 
-    def _time_error(self, found: Sequence[EventOccurrence]) -> float:
+    def _is_same(self, deviations: np.ndarray) -> bool:
+        """True if a simulation, with its differences at the mesh points (k, n), is the same motion."""
+        sizes = np.r_[self.phases[0].program.scales.q, np.ones(deviations.shape[1])][: deviations.shape[1]]
+        return len(deviations) == self.mesh_times.size and bool(np.all(deviations <= MET * sizes))
+
+    def _further(self, found: Sequence[EventOccurrence]) -> list[EventOccurrence]:
+        """Switches that were not planned, but for those just at the end."""
+        return [event for event in _paired(self.switches, found)[2] if event.t < (1 - SHORTEST) * self.duration]
+
+    def _time_error(self, found: Sequence[EventOccurrence], *, is_same: bool) -> float:
         """Largest difference of the time of a switch; infinite if others take place, unless just at the end."""
         near = SHORTEST * self.duration
-        return time_error(self.switches, found, near, self.duration - near)
+        return time_error(self.switches, found, near, self.duration - near, is_same=is_same)
 
 
 @dataclass(frozen=True)
 class SwitchVerification(Verification):
-    """A verification with the switches of the solution and of the simulation."""
+    """A verification with the switches of the solution and of the simulation, and those that decide nothing."""
 
     planned: tuple[Switch, ...] = ()
     found: tuple[str, ...] = ()
+    further: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         text = super().__repr__()
         if np.isinf(self.time_error):
             planned = ", ".join(f"{s.name} at t = {s.t:.6g} s" for s in self.planned) or "nothing switches"
             text += f"; the simulation switches otherwise: {', '.join(self.found) or 'never'}; planned: {planned}"
+        if self.further:
+            text += (
+                f"; the motion is that of the plan, also where the simulation has {', '.join(self.further)}: a contact "
+                "that bears nothing there, or friction at its limit, may be in either mode"
+            )
         return text
 
 
@@ -216,21 +236,32 @@ def _what(before: str, after: str) -> str:
     return "breaks away" if before == "sticks" else "stops"
 
 
-def time_error(planned: Sequence[Switch], found: Sequence[Any], near: float, end: float) -> float:
+def time_error(
+    planned: Sequence[Switch], found: Sequence[Any], near: float, end: float, *, is_same: bool = False
+) -> float:
     """Return the largest difference of the times, s, of switches that were planned and found, paired by their names.
 
     It is infinite if one has no other. More may be found from the time `end` on, s; and of what switches at one
-    instant, nearer than a time, s, as where one motion makes several frictions slide, one may be found alone.
+    instant, nearer than a time, s, as where one motion makes several frictions slide, one may be found alone. If the
+    motion is the same, what switches on its way besides does not count.
     """
-    left, paired, errors = list(planned), list[Switch](), [0.0]
-    for event in found:
-        alike = [switch for switch in left if switch.name == event.name]
-        if alike:
-            paired.append(min(alike, key=lambda switch: abs(switch.t - event.t)))
-            errors.append(abs(paired[-1].t - event.t))
-            left.remove(paired[-1])
-        elif event.t < end:
-            return np.inf
-    if any(all(abs(one.t - other.t) > near for other in paired) for one in left):
+    pairs, left, further = _paired(planned, found)
+    errors = [0.0, *(abs(switch.t - event.t) for switch, event in pairs)]
+    missing = any(all(abs(one.t - switch.t) > near for switch, _ in pairs) for one in left)
+    if not is_same and (missing or any(event.t < end for event in further)):
         return np.inf
     return max(errors)
+
+
+def _paired(
+    planned: Sequence[Switch], found: Sequence[Any]
+) -> tuple[list[tuple[Switch, Any]], list[Switch], list[Any]]:
+    """Switches that were planned and found under the same name, the nearest ones first; and those that are left."""
+    left, further, pairs = list(planned), list(found), list[tuple[Switch, Any]]()
+    near = [(s, e) for s in planned for e in found if s.name == e.name]
+    for switch, event in sorted(near, key=lambda pair: abs(pair[0].t - pair[1].t)):
+        if any(one is switch for one in left) and any(one is event for one in further):
+            pairs.append((switch, event))
+            left = [one for one in left if one is not switch]
+            further = [one for one in further if one is not event]
+    return pairs, left, further
