@@ -94,9 +94,11 @@ class Frames:
             raise frame.source.refuse(f"has the name of another frame, '{name}'")
         self._table[name] = frame
 
-    def has_link(self, name: str) -> bool:
-        """Return True if a full name is that of a link."""
-        return name in self._table and self._table[name].moves_with == name
+    def joint(self, name: str, scope: str) -> str:
+        """Full name of the frame of a joint that is named inside a model, other than that of a link."""
+        name = self.full(name, scope)
+        is_link = name in self._table and self._table[name].moves_with == name
+        return f"{name} (joint)" if is_link else name
 
     @staticmethod
     def full(name: str, scope: str) -> str:
@@ -152,8 +154,7 @@ def add_joint_frame(frames: Frames, joint: XmlElement, scope: str) -> str:
     child = Frames.full(joint.get(f"{prefix}child").strip(), scope)
     relative = reference_of(joint, "pose", "relative_to")
     base = Frames.full(relative, scope) if relative else child
-    name = Frames.full(joint.get("name"), scope)
-    name = f"{name} (joint)" if frames.has_link(name) else name
+    name = frames.joint(joint.get("name"), scope)
     frames.add(name, Frame(joint, base, *pose_of(joint), child))
     return name
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import mbdcasadi as mbd
+from mbdcasadi.__main__ import main
 
 
 def bar(name, length, mass, pose="", more=""):
@@ -251,11 +252,31 @@ def test_included_models(tmp_path):
     assert read(tmp_path, f'<world name="w">{placed}</world>').bodies[0].pose_estimate[0] == 3.5
 
 
+def test_models_in_models(tmp_path, capsys):
+    """Joints and poses reach into them, and across the models of a world; a frame is that of its model's first link."""
+    inner = f"""<model name="in"><pose>1 0 0 0 0 0</pose>{bar("arm", 1, 2)}
+      <frame name="tip"><pose>1 0 0 0 0 0</pose></frame></model>"""
+    text = f"""<world name="w"><frame name="up"><pose>0 0 3 0 0 0</pose></frame>
+      <model name="m"><pose relative_to="up">0 0 0 0 0 0</pose><link name="base"/>{inner}
+      {pin("j", "base", "in", axis='<xyz expressed_in="in::__model__">0 1 0</xyz>')}
+      {bar("hand", 1, 1, '<pose relative_to="in::tip"/>')}{pin("k", "in::tip", "hand")}</model>
+      <joint name="f" type="fixed"><parent>world</parent><child>m::base</child></joint></world>"""
+    machine = read(tmp_path, text)
+    assert [body.name for body in machine.bodies] == ["arm", "hand"]
+    assert machine.body("hand").pose_estimate[:2] == pytest.approx([2.5, 3.0])
+    # both bars of the chain, horizontal
+    (first, second) = rates(machine, "jk", [0.0, 0.0], [0.0, 0.0])
+    known = np.linalg.solve([[2 / 3 + 1, 0.5], [0.5, 1 / 3]], 9.8 * np.array([2 * 0.5 + 1, 0.5]))
+    assert [first, first + second] == pytest.approx(known, rel=1e-9)
+    assert main(["check", str(tmp_path / "m.sdf")]) == 0
+    assert "degrees of freedom  2" in capsys.readouterr().out
+
+
 def test_axes_of_old_files(tmp_path):
     """Before 1.5 they are those of the model, afterwards if the file says so, else those of the joint."""
     text = bar("arm", 1, 2, "<pose>0 0 0 0 0 1.5707963267948966</pose>") + pin("j", "world", "arm")
     parent = text.replace("<axis>", "<axis><use_parent_model_frame>1</use_parent_model_frame>")
-    for version, form, turns in (("1.4", text, 0.0), ("1.6", text, 1.0), ("1.6", parent, 0.0)):
+    for version, form, turns in (("1.4", text, 0.0), ("1.6", text, 1.0), ("1.10", text, 1.0), ("1.6", parent, 0.0)):
         machine = read(tmp_path, form.replace("1.5707963267948966", "0") if turns else form, version)
         assert abs(rates(machine, "j", [0.0], [0.0])[0]) == pytest.approx(turns * 9.8 * 1.5, abs=1e-8)
 
@@ -310,6 +331,7 @@ ARM = bar("arm", 1, 2) + "\n" + pin("j", "world", "arm")
             "has damping = '-1', which must not be negative",
         ),
         (("<joint", "<drake:linear_bushing_rpy/><joint"), "drake:linear_bushing_rpy is not read; leave it out, if"),
+        (("<joint", "<include><uri>m.sdf</uri><name>b</name></include><joint"), "includes m.sdf, which includes it"),
         (("<joint", "<include><uri>https://x.org/a</uri></include><joint"), "names 'https://x.org/a'; load the model"),
         (("<joint", "<include><uri>model://none</uri></include><joint"), "names 'model://none', which is not there"),
         (("<joint", '<include merge="1"><uri>a</uri></include><joint'), "include is to be merged, which is not read"),
