@@ -428,6 +428,8 @@ class _Writer:
                     element, "is neither a pin, a weld or a constant length, nor linear in coordinates of joints",
                     "take it out, or put a body between that slides on one and turns on the other",
                 )  # fmt: skip
+            if len(rows) == 1 and self._is_armature(row, factors):
+                return
             self._couple(element.name if len(rows) == 1 else f"{element.name} {name}", factors)
 
     def _couple(self, name: str, factors: np.ndarray) -> None:
@@ -437,13 +439,6 @@ class _Writer:
         if len(joints) > 2:
             self._hold(name, factors)
         elif joints:
-            for rotor, other, ratio in (
-                (joints[0], joints[-1], factors[places[-1]] / factors[places[0]]),
-                (joints[-1], joints[0], factors[places[0]] / factors[places[-1]]),
-            ):
-                if rotor is not other and self._is_rotor(rotor):
-                    self._add_armature(rotor, other, float(ratio))
-                    return
             ratio = -factors[places[-1]] / factors[places[0]] if len(joints) == 2 else 0.0
             coupled = {"joint2": joints[1].name} if len(joints) == 2 else {}
             ET.SubElement(
@@ -455,26 +450,32 @@ class _Writer:
         self._tendon(name, along)
         ET.SubElement(self.sections["equality"], "tendon", name=name, tendon1=name, polycoef="0 0 0 0 0")
 
-    def _is_rotor(self, joint: TreeJoint) -> bool:
-        """Return True if a body turns about its centre of mass on the ground, and only one constraint acts on it."""
-        body = joint.body
-        acting = [
-            element
-            for element in (*self.mechanism.joints, *self.mechanism.drivers, *self.mechanism.forces)
-            if body in element.bodies and element not in self.tree.elements
-        ]
-        return (
-            self.tree.carrier[body].is_ground
-            and joint.kind == "hinge"
-            and len(self.tree.joints_of(body)) == 1
-            and not np.any(joint.place)
-            and len(acting) == 1
-            and body not in self.tree.carrier.values()
-        )
+    def _is_armature(self, row: ca.SX, factors: np.ndarray) -> bool:
+        """Put the inertia of a rotor, which turns by a multiple of one coordinate, in the place of its body.
 
-    def _add_armature(self, rotor: TreeJoint, joint: TreeJoint, ratio: float) -> None:
-        """Put the inertia of a rotor, which turns by a ratio, in the place of its body."""
-        inertia = float(self.state[ca.SX(rotor.body.inertia)]) * ratio**2
-        known = float(self.joints[joint].get("armature", "0"))
-        self.joints[joint].set("armature", _text(known + inertia))
-        self.bodies[ground].remove(self.bodies.pop(rotor.body))
+        A rotor is a body on a pin, without mass, or with its centre of mass on a pin to the ground, on which nothing
+        else acts.
+        """
+        for place, rotor in enumerate(self.tree.joints):
+            if factors[place] and self._may_be_rotor(rotor):
+                rest = self.samples.factors(row - factors[place] * rotor.direction[0] * rotor.body.phi)
+                single = None if rest is None else self._single(rest)
+                if single is not None:
+                    joint, ratio = single[0], single[1] / factors[place]
+                    inertia = float(self.state[ca.SX(rotor.body.inertia)]) * ratio**2
+                    known = float(self.joints[joint].get("armature", "0"))
+                    self.joints[joint].set("armature", _text(known + inertia))
+                    self.bodies[self.tree.carrier[rotor.body]].remove(self.bodies.pop(rotor.body))
+                    return True
+        return False
+
+    def _may_be_rotor(self, joint: TreeJoint) -> bool:
+        body, elements = joint.body, (*self.mechanism.joints, *self.mechanism.drivers, *self.mechanism.forces)
+        acting = [each for each in elements if body in each.bodies and each not in self.tree.elements]
+        is_light = float(self.state[ca.SX(body.mass)]) == 0
+        return (
+            joint.kind == "hinge"
+            and len(self.tree.joints_of(body)) == len(acting) == 1
+            and body not in self.tree.carrier.values()
+            and (is_light or (self.tree.carrier[body].is_ground and not np.any(joint.place)))
+        )
