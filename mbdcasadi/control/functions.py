@@ -27,7 +27,7 @@ class ControlFunctions(TreeModel):
     mechanism : Mechanism
         That of the problem, without inputs that stand for parts of the cost.
     functions : tuple of casadi.Function
-        ``pose (t, q, v, p) -> rows of the pose, slopes by q, rows of the velocities, slopes by v, slopes by q``;
+        ``pose (t, q, v, z, p) -> rows of the pose, of the velocities, slopes``, as :meth:`TreeModel.pose` has them;
         ``point (t, q, v, z, u, p) -> (a, rate of z, running cost), slopes by (q, v, z, u), curvature of the cost``;
         ``rows (t, q, v, z, u, p) -> limits, slopes by (q, v, z, u)``;
         ``end (t, q, v, z, p) -> terminal cost, its slopes, its curvature, limits at the end, slopes by (q, v, z),
@@ -53,7 +53,7 @@ class ControlFunctions(TreeModel):
         limits = [c for c in phase.path if not c.equality]
         limits += [
             Condition(side, False, f"limit of {u.label}")
-            for u in phase.mechanism.inputs
+            for u in (*phase.mechanism.inputs, *phase.mechanism.states)
             for side, limit in ((u - u.upper, u.upper), (u.lower - u, u.lower))
             if np.isfinite(limit)
         ]

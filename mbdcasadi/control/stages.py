@@ -55,11 +55,10 @@ class StageFunctions:
         self._n, self._length = model.q.numel(), length
         x, t, q, v, p = model.state, eom.t, model.q, model.v, eom.p
         s = ca.vertcat(q, v, eom.z)
-        rows, _, speeds, *_ = (pose := model.pose())(t, q, v, p)
-        theta = _picked(p, self.unknown)
+        rows, speeds, *_ = (pose := model.pose())(t, q, v, eom.z, p)
+        theta, known = _picked(p, self.unknown), [t, q, v, eom.z, p]
         slopes = [ca.jacobian(rows, theta), ca.jacobian(speeds, theta)]
-        self._pose, self._pose_by_unknown = pose, model.function("estimator_pose", [t, q, v, p], slopes)
-        known = [t, q, v, eom.z, p]
+        self._pose, self._pose_by_unknown = pose, model.function("estimator_pose", known, slopes)
         state = model.along(x)
         self._state = model.function("estimator_state", known, [state, ca.jacobian(state, ca.vertcat(s, theta))])
         y, moving = model.along(measured), ca.vertcat(s, _picked(eom.u, self.disturbed), theta)
@@ -97,8 +96,9 @@ class StageFunctions:
         """Close the loops in a state, from coordinates of the tree that are near; None if they do not close."""
         n, positions, rates = self._n, self.model.independent.positions.numel(), self.model.independent.rates.numel()
         p, q, still, last = self.parameters(x, p), near[:n].copy(), np.zeros(n), np.inf
+        z = x[positions + rates : x.size - len(self.unknown)]
         for _ in range(POSE_STEPS):
-            rows, by_q = (m.full() for m in self._pose(t, q, still, p)[:2])
+            rows, _, by_q, *_ = (m.full() for m in self._pose(t, q, still, z, p))
             miss = rows.ravel()
             miss[n - positions :] -= x[:positions]
             change = solved(by_q, -miss)
@@ -109,14 +109,13 @@ class StageFunctions:
                 break
         if not last <= POSE_CHANGE:
             return None
-        by_q, speeds, by_v = (m.full() for m in self._pose(t, q, still, p)[1:4])
+        _, speeds, _, by_v, *_ = (m.full() for m in self._pose(t, q, still, z, p))
         speeds[n - rates :, 0] -= x[positions : positions + rates]
         v = solved(by_v, -speeds.ravel())
         if v is None:
             return None
-        bend = self._pose(t, q, v, p)[4].full()
-        slopes = self.model.slopes(by_q, by_v, bend, *(m.full() for m in self._pose_by_unknown(t, q, v, p)))
-        z = x[positions + rates : x.size - len(self.unknown)]
+        known = t, q, v, z, p
+        slopes = self.model.slopes(*(m.full() for m in (*self._pose(*known)[2:], *self._pose_by_unknown(*known))))
         return None if slopes is None else TreePoint(np.concatenate([q, v, z]), slopes)
 
     def advance(

@@ -70,12 +70,6 @@ class TreeModel:
             setup.numeric, self.start, chosen, analysis=analysis, argument="state="
         )
         self._numeric = setup.numeric
-        if eom.follows_states:
-            servo = eom.row_elements[eom.following_rows[0]].description
-            raise ModelError(
-                f"{analysis}: {servo} follows first-order states, for which no code is written; take a force or a "
-                f"torque in its place in the mechanism of the {analysis.lower()}"
-            )
         if eom.Q_depends_on_lam:
             raise ModelError(
                 f"{analysis}: a force depends on reactions, and no code is written for that; take "
@@ -96,25 +90,22 @@ class TreeModel:
         """Runge-Kutta steps over an interval (s), as many as the fastest mode of the start needs."""
         return max(1, math.ceil(self.fastest * length / TURN))
 
-    def slopes(
-        self, by_q: np.ndarray, by_v: np.ndarray, bend: np.ndarray, *by_unknown: np.ndarray
-    ) -> np.ndarray | None:
+    def slopes(self, by_q: np.ndarray, by_v: np.ndarray, bend: np.ndarray, *others: np.ndarray) -> np.ndarray | None:
         """Slopes of (q, v, z) of the tree by the states and unknown parameters (n_s, n_x); None if there are none.
 
         Parameters
         ----------
         by_q, by_v, bend : numpy.ndarray
             Slopes of the rows of :meth:`pose` by q and v, and of those of velocities by q.
-        by_unknown : numpy.ndarray
-            Slopes of both by unknown parameters, if there are any.
+        others : numpy.ndarray
+            Slopes of both by first-order states, and by unknown parameters, if there are any.
         """
         n, positions, rates = self.q.numel(), self.independent.positions.numel(), self.independent.rates.numel()
-        known = len(self.names)
-        wanted = np.zeros((2, n, known + (by_unknown[0].shape[1] if by_unknown else 0)))
+        known, driven = len(self.names), np.concatenate([others[k : k + 2] for k in range(0, len(others), 2)], axis=2)
+        wanted = np.zeros((2, n, positions + rates + driven.shape[2]))
         wanted[0, n - positions :, :positions] = np.eye(positions)
         wanted[1, n - rates :, positions : positions + rates] = np.eye(rates)
-        if by_unknown:
-            wanted[:, :, known:] -= by_unknown
+        wanted[:, :, positions + rates :] -= driven
         q_by_x = solved(by_q, wanted[0])
         v_by_x = None if q_by_x is None else solved(by_v, wanted[1] - bend @ q_by_x)
         if q_by_x is None or v_by_x is None:
@@ -177,7 +168,11 @@ class TreeModel:
         return float(np.max(np.abs(np.linalg.eigvals(whole)), initial=0.0)) if np.isfinite(whole).all() else 0.0
 
     def pose(self) -> ca.Function:
-        """``(t, q, v, p) -> rows of the pose, slopes by q, rows of the velocities, slopes by v, slopes by q``."""
+        """``(t, q, v, z, p) -> rows of the pose, of the velocities, slopes``.
+
+        These are of the pose by q, of the velocities by v and q, and of both by z, on which rows depend if drivers
+        follow states.
+        """
         eom, chosen = self.eom, self.independent
         left = self.tree.left
         position = {int(row): place for place, row in enumerate(eom.position_rows)}
@@ -189,11 +184,11 @@ class TreeModel:
                 f"{self._analysis}: the constraints of the assembled pose are not independent; see check for the rows "
                 "that are redundant"
             )
-        slopes = [ca.jacobian(rows, self.q), ca.jacobian(speeds, self.v), ca.jacobian(speeds, self.q)]
-        results = [rows, slopes[0], speeds, *slopes[1:]]
-        pose = self.function("controller_pose", [eom.t, self.q, self.v, eom.p], results)
+        slopes = [(rows, self.q), (speeds, self.v), (speeds, self.q), (rows, eom.z), (speeds, eom.z)]
+        results = [rows, speeds, *(ca.jacobian(*pair) for pair in slopes)]
+        pose = self.function("controller_pose", [eom.t, self.q, self.v, eom.z, eom.p], results)
         places, start = self.tree.independent, self.start
-        _, by_q, _, by_v, _ = pose(start.t, start.q[places], start.v[places], start.parameters)
+        _, _, by_q, by_v, *_ = pose(start.t, start.q[places], start.v[places], start.z, start.parameters)
         if any(dependent_rows(unit_rows(m.full())) for m in (by_q, by_v)):
             raise SingularityError(
                 f"{self._analysis}: the states {', '.join(self.names)} do not describe the motion at t = "

@@ -26,7 +26,8 @@
 /* Newton's steps to a pose, and the change below which the next one would be rounding (m or rad). */
 #define POSE_STEPS 20
 #define POSE_CHANGE 1e-7
-/* Way of a position (m or rad) at once, so that loops stay on their branch, and the most such ways. */
+/* Way of a position, or of a driver that follows states (m or rad), at once, so that loops stay on their branch, and
+   the most such ways. */
 #define POSE_WAY 0.2
 #define POSE_WAYS 500
 /* Steps of the interior point method, and the gap between program and dual, relative to the cost, at which it ends. */
@@ -107,16 +108,18 @@ static void solve_factored(const double* a, const int* pivot, double* b, int n) 
 
 /* --- a pose and its velocities from a state ---------------------------------------------------------------- */
 
-/* Move the coordinates q to those of a state; 0 if the loops do not close. */
-static int close_loops(double t, const double* x, const double* p, double* q, double* w) {
+/* Move the coordinates q to those of a state but for a share of what the rows missed; 0 if the loops do not close. */
+static int close_loops(double t, const double* x, const double* p, double share, const double* missed, double* q,
+                       double* w) {
   double rows[CONTROLLER_SIZE(NQ)], slopes[CONTROLLER_SIZE(NQ * NQ)], still[CONTROLLER_SIZE(NQ)];
   int pivot[CONTROLLER_SIZE(NQ)];
   set_zero(still, NQ);
   for (int step = 0; step < POSE_STEPS; ++step) {
-    const double* arg[4] = {&t, q, still, p};
-    double* res[5] = {rows, slopes, 0, 0, 0};
+    const double* arg[5] = {&t, q, still, x + NW + NB, p};
+    double* res[7] = {rows, 0, slopes, 0, 0, 0, 0};
     controller_pose(arg, res, w);
     for (int i = 0; i < NW; ++i) rows[NQ - NW + i] -= x[i];
+    for (int i = 0; i < NQ; ++i) rows[i] -= share * missed[i];
     if (!factorise(slopes, pivot, NQ)) return 0;
     solve_factored(slopes, pivot, rows, NQ);
     if (!all_finite(rows, NQ)) return 0;
@@ -132,18 +135,17 @@ static int close_loops(double t, const double* x, const double* p, double* q, do
 
 /* The same over a way of any length, from positions that q has. */
 static int follow_loops(double t, const double* x, const double* p, double* q, double* w) {
-  double from[CONTROLLER_SIZE(NQ)], still[CONTROLLER_SIZE(NQ)], at[CONTROLLER_SIZE(NX)], way = 0.0;
-  const double* arg[4] = {&t, q, still, p};
-  double* res[5] = {from, 0, 0, 0, 0};
+  double missed[CONTROLLER_SIZE(NQ)], still[CONTROLLER_SIZE(NQ)], way = 0.0;
+  const double* arg[5] = {&t, q, still, x + NW + NB, p};
+  double* res[7] = {missed, 0, 0, 0, 0, 0, 0};
   set_zero(still, NQ);
   controller_pose(arg, res, w);
-  for (int i = 0; i < NW; ++i) way = fmax(way, fabs(x[i] - from[NQ - NW + i]));
+  for (int i = 0; i < NW; ++i) missed[NQ - NW + i] -= x[i];
+  for (int i = 0; i < NQ; ++i) way = fmax(way, fabs(missed[i]));
   if (!(way <= POSE_WAY * POSE_WAYS)) return 0;
   const int ways = 1 + (int)(way / POSE_WAY);
-  for (int j = 1; j <= ways; ++j) {
-    for (int i = 0; i < NW; ++i) at[i] = from[NQ - NW + i] + (x[i] - from[NQ - NW + i]) * j / ways;
-    if (!close_loops(t, at, p, q, w)) return 0;
-  }
+  for (int j = 1; j <= ways; ++j)
+    if (!close_loops(t, x, p, 1.0 - (double)j / ways, missed, q, w)) return 0;
   return 1;
 }
 
@@ -151,13 +153,14 @@ static int follow_loops(double t, const double* x, const double* p, double* q, d
 static int tree_state(double t, const double* x, const double* p, double* q, double* s, double* slopes, double* w) {
   double rows[CONTROLLER_SIZE(NQ)], by_q[CONTROLLER_SIZE(NQ * NQ)], by_v[CONTROLLER_SIZE(NQ * NQ)];
   double bend[CONTROLLER_SIZE(NQ * NQ)], column[CONTROLLER_SIZE(NQ)];
+  double rows_by_z[CONTROLLER_SIZE(NQ * NZ)], speeds_by_z[CONTROLLER_SIZE(NQ * NZ)];
   int pivot_q[CONTROLLER_SIZE(NQ)], pivot_v[CONTROLLER_SIZE(NQ)];
   if (!follow_loops(t, x, p, q, w)) return 0;
   double* v = s + NQ;
   copy_to(s, q, NQ);
   set_zero(v, NQ);
-  const double* arg[4] = {&t, q, v, p};
-  double* at_rest[5] = {0, by_q, rows, by_v, 0};
+  const double* arg[5] = {&t, q, v, x + NW + NB, p};
+  double* at_rest[7] = {0, rows, by_q, by_v, 0, rows_by_z, 0};
   controller_pose(arg, at_rest, w);
   if (!factorise(by_q, pivot_q, NQ) || !factorise(by_v, pivot_v, NQ)) return 0;
   for (int i = 0; i < NB; ++i) rows[NQ - NB + i] -= x[NW + i];
@@ -165,7 +168,7 @@ static int tree_state(double t, const double* x, const double* p, double* q, dou
   for (int i = 0; i < NQ; ++i) v[i] = -rows[i];
   copy_to(s + 2 * NQ, x + NW + NB, NZ);
   if (!slopes) return all_finite(s, NS);
-  double* moving[5] = {0, 0, 0, 0, bend};
+  double* moving[7] = {0, 0, 0, 0, bend, 0, speeds_by_z};
   controller_pose(arg, moving, w);
   set_zero(slopes, NY * ND);
   for (int j = 0; j < NW; ++j) {
@@ -182,7 +185,16 @@ static int tree_state(double t, const double* x, const double* p, double* q, dou
     of_v[NQ - NB + j] = 1.0;
     solve_factored(by_v, pivot_v, of_v, NQ);
   }
-  for (int j = 0; j < NZ; ++j) slopes[(NW + NB + j) * NY + 2 * NQ + j] = 1.0;
+  for (int j = 0; j < NZ; ++j) {
+    double* of_z = slopes + (NW + NB + j) * NY;
+    for (int i = 0; i < NQ; ++i) of_z[i] = -rows_by_z[i + j * NQ];
+    solve_factored(by_q, pivot_q, of_z, NQ);
+    copy_to(column, speeds_by_z + j * NQ, NQ);
+    add_product(column, bend, of_z, NQ, NQ, 1, NQ);
+    solve_factored(by_v, pivot_v, column, NQ);
+    for (int i = 0; i < NQ; ++i) of_z[NQ + i] = -column[i];
+    of_z[2 * NQ + j] = 1.0;
+  }
   for (int j = 0; j < NU; ++j) slopes[(NX + j) * NY + NS + j] = 1.0;
   return all_finite(s, NS);
 }
@@ -285,8 +297,8 @@ static int linearise_interval(controller* m, int k) {
   double by_v[CONTROLLER_SIZE(NQ * NQ)], turn[CONTROLLER_SIZE(NQ * NQ)];
   const double end = t0 + CONTROLLER_INTERVAL;
   if (NI > 0) linearise_rows(m, k, end, s, slopes, 1);
-  const double* arg[4] = {&end, s, s + NQ, m->p};
-  double* res[5] = {rows, by_q, speeds, by_v, turn};
+  const double* arg[5] = {&end, s, s + NQ, s + 2 * NQ, m->p};
+  double* res[7] = {rows, speeds, by_q, by_v, turn, 0, 0};
   controller_pose(arg, res, m->w);
   for (int i = NX + NU; i < ND; ++i) h[i + i * ND] = 1.0; /* places of the end alone */
   double *map = m->map + k * NX * ND, *miss = m->miss + k * NX;

@@ -115,16 +115,15 @@ class FeedbackLaw:
         t, q, v, _, z, _, u, _ = self.part.polynomials.at(k, tau)
         tree, p = self.model.tree.independent, self.part.numeric.p
         q, v = q[:, tree], v[:, tree]
-        slopes = self._slopes(t, q, v, p)
+        slopes = self._slopes(t, q, v, z, p)
         state, rate, bend = _by_row(self._along, t, q, v, z, u, p)
         moving = np.zeros((k.size, bend.shape[1], slopes.shape[2] + len(self._places)))
         moving[:, : slopes.shape[1], : slopes.shape[2]] = slopes
         moving[:, slopes.shape[1] :, slopes.shape[2] :] = np.eye(len(self._places))
         return state[:, :, 0], u[:, self._places], rate @ moving, moving.transpose(0, 2, 1) @ bend @ moving
 
-    def _slopes(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, p: np.ndarray) -> np.ndarray:
-        _, by_q, _, by_v, bend = _by_row(self._pose, t, q, v, p)
-        found = [self.model.slopes(*parts) for parts in zip(by_q, by_v, bend, strict=True)]
+    def _slopes(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, p: np.ndarray) -> np.ndarray:
+        found = [self.model.slopes(*parts) for parts in zip(*_by_row(self._pose, t, q, v, z, p)[2:], strict=True)]
         lost = [float(time) for time, slopes in zip(t.ravel(), found, strict=True) if slopes is None]
         if lost:
             raise SingularityError(
@@ -176,7 +175,7 @@ class FeedbackLaw:
         t, q, v, _, z, *_ = self.part.polynomials.at(np.array([self.part.mesh_times.size - 2]), np.ones(1))
         tree, p = self.model.tree.independent, self.part.numeric.p
         q, v = q[:, tree], v[:, tree]
-        slopes = self._slopes(t, q, v, p)[0]
+        slopes = self._slopes(t, q, v, z, p)[0]
         (bend,) = _by_row(self._end, t, q, v, z, p)
         return slopes.T @ bend[0] @ slopes
 
