@@ -48,7 +48,7 @@ class Plane:
         slides = [(joint, link.rotation @ joint.axis) for link, joint in moving if joint.kind == "slide"]
         if not moving:
             raise robot.source.refuse("has no joint that moves")
-        normal = self._normal(hinges, slides, robot)
+        normal = self.normal_of([axis for _, axis in hinges], [axis for _, axis in slides], robot)
         for joint, axis in hinges:
             if np.linalg.norm(np.cross(axis, normal)) > PARALLEL:
                 raise joint.source.refuse(
@@ -72,15 +72,11 @@ class Plane:
         self.axes = np.array([across, up, normal])
 
     @staticmethod
-    def _normal(
-        hinges: Sequence[tuple[SpatialJoint, np.ndarray]],
-        slides: Sequence[tuple[SpatialJoint, np.ndarray]],
-        robot: Robot,
-    ) -> np.ndarray:
-        """Normal of the plane: that of the hinges, else across two slides, or a slide and gravity."""
-        if hinges:
-            return hinges[0][1]
-        directions = [axis for _, axis in slides] + [robot.gravity, *np.eye(3)]
+    def normal_of(hinges: Sequence[np.ndarray], slides: Sequence[np.ndarray], robot: Robot) -> np.ndarray:
+        """Return the normal: that of the hinges, else across two of the slides, gravity, and the axes of the world."""
+        if len(hinges) > 0:
+            return hinges[0]
+        directions = [*slides, *([robot.gravity] if np.any(robot.gravity) else []), *np.eye(3)]
         for second in directions[1:]:
             across = np.cross(directions[0], second)
             if np.linalg.norm(across) > PARALLEL * max(float(np.linalg.norm(second)), 1e-12):

@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from ..model.joints.constraints import Constraint
 from ..model.symbols import Input
 from .markup import XmlElement
+from .planar import Plane
 from .robots import (
     Law,
     Link,
@@ -130,19 +131,18 @@ def _turned(connection: Connection, links: Mapping[str, Link]) -> list[SpatialJo
 def _lay_into_plane(robot: Robot) -> None:
     """Make joints by which links float planar: two slides of the three, and a hinge about the other axis.
 
-    The other axis is that of the three along which the hinges of the robot nearly point, turned to them.
+    The other axis is that of the three along which the normal of the plane nearly points, turned to it.
     """
-    hinges = [link.rotation @ joint.axis for link, joint in robot.joints if joint.kind == "hinge"]
-    for link in robot.links:
-        if len(link.joints) != 3 or any(joint.kind != "slide" for joint in link.joints):
-            continue
+    floating = [link for link in robot.links if [joint.kind for joint in link.joints] == 3 * ["slide"]]
+    held = [(joint.kind, link.rotation @ joint.axis) for link, joint in robot.joints if link not in floating]
+    hinges, slides = ([axis for kind, axis in held if kind == each] for each in ("hinge", "slide"))
+    normal = Plane.normal_of(hinges, slides, robot) if floating else np.zeros(3)
+    for link in floating:
         source, name = link.joints[0].source, link.joints[0].name.rpartition("/")[0]
-        if not hinges:
-            raise source.refuse("floats, and no joint of the robot turns: it has no plane; give it a hinge")
         frame = np.column_stack([joint.axis for joint in link.joints])
-        along = frame.T @ link.rotation.T @ hinges[0]
+        along = frame.T @ link.rotation.T @ normal
         k = int(np.argmax(np.abs(along)))
-        turned = _turn_between(frame[:, k], np.sign(along[k]) * link.rotation.T @ hinges[0]) @ frame
+        turned = _turn_between(frame[:, k], np.sign(along[k]) * link.rotation.T @ normal) @ frame
         slides = [replace(joint, axis=turned[:, i]) for i, joint in enumerate(link.joints) if i != k]
         link.joints = [*slides, SpatialJoint(source, f"{name}/theta", "hinge", turned[:, k], np.zeros(3))]
         robot.left_out.append(f"the motion of {source.tag} '{name}' out of the plane")

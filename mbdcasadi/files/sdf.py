@@ -28,13 +28,13 @@ def read_sdf(path: str | Path, *, gravity: Sequence[float] | None = None, contac
 
     All hinges must be parallel, and slides lie across them. Joints of the types revolute, continuous, prismatic and
     fixed are read, and Drake's ``planar`` ones; joints may close loops, and so may Drake's connections of points (see
-    :func:`read_urdf`). One whose limits are both zero is fixed. A model that is not static and that no joint
-    connects with the world moves freely in the plane of the hinges: if its first link is ``base``, with the slides
-    ``base/x`` and ``base/z`` along axes of the world, and the hinge ``base/theta``. Models may hold models, and
-    ``include`` them from files by their paths; ``model://name`` and ``package://name`` are folders beside the file,
-    or beside a folder that holds it. The plane is seen so that gravity points down and the axes of the world to the
-    right; the pose of the file has ``phi = 0`` for all bodies. The coordinate of each joint has the sense and the zero
-    of the file: ``mechanism.joint(name).angle`` of a hinge, ``.displacement`` of a slide.
+    :func:`read_urdf`). One whose limits are both zero is fixed. A model that is not static and that no joint connects
+    with the world moves freely in the plane of the hinges (without any: of gravity and the x axis): if its first link
+    is ``base``, with the slides ``base/x`` and ``base/z`` along axes of the world, and the hinge ``base/theta``. Models
+    may hold models, and ``include`` them from files by their paths; ``model://name`` and ``package://name`` are folders
+    beside the file, or beside a folder that holds it. The plane is seen so that gravity points down and the axes of the
+    world to the right; the pose of the file has ``phi = 0`` for all bodies. The coordinate of each joint has the sense
+    and the zero of the file: ``mechanism.joint(name).angle`` of a hinge, ``.displacement`` of a slide.
 
     Collisions, limits, dry friction and springs of joints are the elements of :func:`read_urdf`, by the same laws
     (instead of the softness and restitution of the file); links of one model touch if it says ``self_collide``. A

@@ -37,7 +37,8 @@ def read_urdf(path: str | Path, *, gravity: Sequence[float] = (0.0, 0.0, -9.81),
     others become one body with them. All hinges must be parallel, and slides lie across them. A ``planar`` joint
     ``base`` is the slides ``base/x`` and ``base/y`` and the hinge ``base/theta``, along the x and y axes of its
     frame, after the shortest turn that brings the z axis to the axis of the joint, and about that; of a ``floating``
-    joint those of the three axes of its frame that lie in the plane of the hinges, and the turn about the third. The
+    joint those of the three axes of its frame that lie in the plane of the hinges (without any: of gravity and the x
+    axis), and the turn about the third. The
     plane is seen so that gravity points down and the axes of the world to the right; the pose of the file,
     with all joints at zero, has ``phi = 0`` for all bodies. The coordinate of each joint has the sense and the zero of
     the file: ``mechanism.joint(name).angle`` of a hinge, ``.displacement`` of a slide. A joint of a ``transmission``,

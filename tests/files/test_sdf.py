@@ -204,6 +204,18 @@ def test_a_cart_on_a_floor(tmp_path):
         assert not any(isinstance(force, mbd.Contact) for force in read(tmp_path, apart).forces)
 
 
+def test_a_ball_that_falls(tmp_path):
+    """Without hinges the plane is that of gravity and the x axis; a free body has its names."""
+    ball = '<link name="ball"><pose>0 0 1 0 0 0.5</pose>' + BALL.format("", 0.3) + "</link>"
+    with pytest.warns(mbd.MechanismWarning, match="the motion of link 'ball' out of the plane$"):
+        machine = read(tmp_path, f'<world name="w">{FLOOR}<model name="m">{ball}</model></world>')
+    assert [joint.name for joint in machine.joints] == ["ball/x", "ball/z", "ball/theta"]
+    body, z = machine.bodies[0], machine.joint("ball/z")
+    assert body.mass == 1.0 and body.inertia == 1.0  # by the format, if a file gives none
+    run = mbd.simulate(machine, duration=0.4, initial=[body.vx == 2.0, z.speed == 0, z.displacement == 0])
+    assert run.final[body.position] == pytest.approx([0.8, 1 - 9.8 * 0.4**2 / 2], rel=1e-6)
+
+
 def test_limits_friction_efforts_and_mimic(tmp_path):
     limits = "<limit><lower>-inf</lower><upper>0.4</upper><effort>7</effort></limit>"
     follow = '<mimic joint="j"><multiplier>-2</multiplier><reference>0.1</reference><offset>0.3</offset></mimic>'
