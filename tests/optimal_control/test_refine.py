@@ -511,13 +511,14 @@ def test_a_peak_of_a_voltage_does_not_hide_that_the_rest_gets_better():
     assert mbd.optimize(problem, tolerance=1e-5).cost == pytest.approx(0.6878057, rel=1e-6)
 
 
-@pytest.mark.nightly  # a quarter of an hour: programs that lead to no motion are solved on finer and finer meshes
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:the motion is unstable")
 def test_a_tolerance_begins_at_a_solution_that_is_a_motion():
     """A flywheel of free inertia and a pump turn once in a cycle of least effort; the crank nearly stops on its way.
 
-    On 40 intervals a sixth of the cost is enough, for what is no motion and leads to none on finer meshes.
+    On 40 intervals half of the cost is enough, for what is no motion and leads to none on finer meshes. The motion has
+    the least inertia allowed, and is integrated by hand: with Simpson's rule, 0.704620 on 1600 intervals and 0.704666 on
+    3200.
     """
     radius, load, speed = 0.168, 23.4, 5.2
     torque, inertia = mbd.Input("torque"), mbd.Parameter("inertia", 0.05, 0.002, 0.5)
@@ -542,7 +543,7 @@ def test_a_tolerance_begins_at_a_solution_that_is_a_motion():
     )
     solution = mbd.optimize(problem, tolerance=1e-4)
     assert solution.mesh_error < 1e-4 and np.max(solution.verify().defects) < 1e-4
-    assert solution.cost == pytest.approx(mbd.optimize(problem).cost, rel=2e-3)
+    assert solution.cost == pytest.approx(0.70467, rel=1e-4)
 
 
 def test_the_last_pass_counts(sharp, monkeypatch):

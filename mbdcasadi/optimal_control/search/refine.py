@@ -44,7 +44,7 @@ PLACED_AGAIN = 0.01
 #: Multiple of a loss, which is estimated, by which the cost may be wrong.
 UNCERTAIN = 100.0
 #: Multiple of the work of the first solve, in iterations times intervals, after which a solution with small local
-#: errors is not improved, unless the last pass did so.
+#: errors is not improved, unless the last pass did so, and one that is no motion is given up.
 WORK = 20
 #: Number of iterations that a first solve counts at least: one of a few is no measure of what a solution is worth.
 USUAL_ITERATIONS = 25
@@ -290,7 +290,7 @@ class Refinement:
         meshes = self._meshes()
         if meshes is None or (not near and all(map(Mesh.is_same, meshes, self.solution.meshes))):
             return "the errors do not fall any further"
-        if near and not self.gains and self._work() > WORK:
+        if (is_lost(self.solution) or (near and not self.gains)) and self._work() > WORK:
             return f"the passes took {self._work():.0f} times the work of the first solve"
         if interval_count(meshes) > INTERVALS:
             return f"the next mesh would have {interval_count(meshes)} intervals"
@@ -301,9 +301,13 @@ class Refinement:
 
     def _work(self) -> float:
         """Work of all passes but the first one, as a multiple of that."""
-        first, *others = self.passes
-        work = sum(max(one.iterations, 1) * one.intervals for one in others)
-        return work / (max(first.iterations, USUAL_ITERATIONS) * first.intervals)
+        return sum(max(one.iterations, 1) * one.intervals for one in self.passes[1:]) / self._unit
+
+    @property
+    def _unit(self) -> int:
+        """Work of the first solve, in iterations times intervals."""
+        first = self.passes[0]
+        return max(first.iterations, USUAL_ITERATIONS) * first.intervals
 
     def _meshes(self) -> list[Mesh] | None:
         """Meshes of the next pass; None if there is none that is better."""
@@ -409,8 +413,9 @@ class Refinement:
         structures = [mesh.structure for mesh in solution.meshes]
         self.resolves = self.error <= 1.0 and structures != [mesh.structure for mesh in meshes]
         guess, slack = solution.as_guess(solver.problem), self.limit_tolerance
+        left = int((WORK - self._work()) * self._unit / interval_count(meshes)) if is_lost(solution) else BUDGETS.finer
         try:
-            found = solver.solve(meshes, guess, warm=True, limit=BUDGETS.finer, limit_tolerance=slack)
+            found = solver.solve(meshes, guess, warm=True, limit=min(left, BUDGETS.finer), limit_tolerance=slack)
         except OptimizationError as failure:
             self.failure = failure
             return False
