@@ -209,6 +209,9 @@ class DrivenAgain(Continuation):
         followed = rates(places.t[None], *state, self._numeric.p).full().T
         return motion.a, followed.reshape(places.t.size, len(eom.followed_states))  # also of none
 
+    def on_constraints(self, places: Places, states: States) -> States:
+        return self._states(self._corrected(places, states))
+
     def complete(self, places: Places, states: States) -> Arrays:
         motion, eom = self._corrected(places, states), self._numeric.eom
         lam = np.full((places.t.size, eom.lam.numel()), np.nan)

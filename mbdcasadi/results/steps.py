@@ -145,6 +145,10 @@ class Continuation(ABC):
         """Return accelerations (k, n) and rates of first-order states (k, n_z) at states."""
 
     @abstractmethod
+    def on_constraints(self, places: Places, states: States) -> States:
+        """Return states on the constraints near to others."""
+
+    @abstractmethod
     def complete(self, places: Places, states: States) -> Arrays:
         """Return ``q, v, a, z, lam, u`` on the constraints at states near to them."""
 
@@ -155,6 +159,21 @@ class Continuation(ABC):
     @abstractmethod
     def again(self, stretches: Sequence[Stretch]) -> list[States]:
         """Return the states of stretches at their times, or at those before the motion could not be followed."""
+
+
+class _Knots(NamedTuple):
+    """Knots (k,) of a stretch that are joined to known states: where it starts, and what follows.
+
+    Those that are known are `stored`, and `joined` are the changes of rates by which the others are joined to these.
+    """
+
+    span: int
+    start: float
+    first: States
+    times: np.ndarray
+    states: States
+    stored: np.ndarray
+    joined: np.ndarray
 
 
 @dataclass
@@ -436,10 +455,27 @@ class Refined(Interpolation):
             others.append(divided)
         if not others:
             return steps
-        numbers, t0, t1 = (np.concatenate([x[j] for x in others]) for j in range(3))
-        starts, ends_of = (States(*(np.concatenate([x[j][i] for x in others]) for i in range(3))) for j in (3, 4))
-        joined = np.concatenate([x[5] for x in others])
-        return steps.replaced(np.concatenate(replaced), self._through(numbers, t0, t1, starts, ends_of, joined))
+        return steps.replaced(np.concatenate(replaced), self._between_knots(others))
+
+    def _between_knots(self, stretches: list[_Knots]) -> _Steps:
+        """Steps between knots of stretches, once these are on the constraints, which weights leave by second order."""
+        spans = np.concatenate([np.full(one.times.size, one.span) for one in stretches])
+        starts = np.concatenate([np.r_[one.start, one.times[:-1]] for one in stretches])
+        times, joined, stored = (
+            np.concatenate([getattr(one, name) for one in stretches]) for name in ("times", "joined", "stored")
+        )
+        last = States(*(np.concatenate(parts) for parts in zip(*(one.states for one in stretches), strict=True)))
+        inner = np.flatnonzero(~stored)
+        if inner.size:
+            places = Places(spans, *self._moments(spans, starts, times, times))
+            projected = self._motion.on_constraints(Places(*(x[inner] for x in places)), last.at(inner))
+            for whole, part in zip(last, projected, strict=True):
+                whole[inner] = part
+        begin = np.cumsum([0, *(one.times.size for one in stretches[:-1])])
+        first = States(*(np.roll(whole, 1, axis=0) for whole in last))
+        for whole, parts in zip(first, zip(*(one.first for one in stretches), strict=True), strict=True):
+            whole[begin] = parts
+        return self._through(spans, starts, times, first, last, joined)
 
     def _leave(self, steps: _Steps, k: int) -> None:
         """Leave a very short step as it is, from whose start the motion cannot be integrated: forces jump in it.
@@ -468,8 +504,8 @@ class Refined(Interpolation):
 
     def _joined(
         self, steps: _Steps, bad: np.ndarray, stretch: Stretch, states: States
-    ) -> tuple[int, tuple[np.ndarray, np.ndarray, np.ndarray, States, States, np.ndarray]]:
-        """Return how many of some steps are divided by states of a stretch, and the steps in their place.
+    ) -> tuple[int, _Knots]:
+        """Return how many of some steps are divided by states of a stretch, and the knots in their place.
 
         These are joined to the stored states; from where they have parted too far from these on, nothing is divided.
         """
@@ -499,11 +535,12 @@ class Refined(Interpolation):
         last = States(*joined)
         for whole, known in zip(last, stored, strict=True):
             whole[ends[:count]] = known[:count]
-        first = States(*(np.vstack([x[None], y[:-1]]) for x, y in zip(stretch.state, last, strict=True)))
+        is_stored = np.zeros(used, bool)
+        is_stored[ends[:count]] = True
         length = (steps.t1 - steps.t0)[bad, None]
         change = np.abs(np.diff(np.hstack([off.v, off.z]), axis=0, prepend=0.0))
-        joined = (2 * change / length + steps.joined[bad])[step]
-        return count, (np.full(used, stretch.span), np.r_[stretch.start, times[:-1]], times, first, last, joined)
+        changed = (2 * change / length + steps.joined[bad])[step]
+        return count, _Knots(stretch.span, stretch.start, stretch.state, times, last, is_stored, changed)
 
 
 class Direct(Interpolation):

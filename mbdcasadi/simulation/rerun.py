@@ -174,14 +174,20 @@ class RunAgain(Continuation):
                 rates[rows] = eom.function(eom.z_rate)(t[None], q.T, v.T, here.T, z.T, lam.T, u.T, p).full().T
         return a, rates
 
+    def on_constraints(self, places: Places, states: States) -> States:
+        q, v = np.zeros_like(states.q), np.zeros_like(states.v)
+        for mode, rows in self._by_mode(places):
+            recovery, t, z = self._outputs_in(mode).recovery, places.t[rows], states.z[rows]
+            q[rows] = recovery.positions(t, states.q[rows], z)
+            v[rows] = recovery.velocities(t, q[rows], states.v[rows], z)
+        return States(q, v, states.z)
+
     def complete(self, places: Places, states: States) -> Arrays:
         found: list[tuple[np.ndarray, ...]] = []
+        states = self.on_constraints(places, states)
         for mode, rows in self._by_mode(places):
             some = Places(*(x[rows] for x in places))
-            recovery = self._outputs_in(mode).recovery
-            q = recovery.positions(some.t, states.q[rows], states.z[rows])
-            v = recovery.velocities(some.t, q, states.v[rows], states.z[rows])
-            block = self._whole.whole_block(mode, self._block(mode, some, States(q, v, states.z[rows])))
+            block = self._whole.whole_block(mode, self._block(mode, some, states.at(rows)))
             found.append((rows, *block[1:]))
         rows, *columns = (np.concatenate(parts) for parts in zip(*found, strict=True))
         order = np.argsort(rows)
@@ -203,11 +209,8 @@ class RunAgain(Continuation):
         span = self._spans[stretch.span]
         if span.mode not in self._modes:
             self._modes[span.mode] = _HeldMode(self._whole, span.mode)
-        modes, recovery = self._modes[span.mode], self._outputs_in(span.mode).recovery
+        modes = self._modes[span.mode]
         modes.levels[:] = span.levels
-        at, (q, v, z) = np.array([stretch.start]), (x[None] for x in stretch.state)
-        q = recovery.positions(at, q, z)
-        stretch = stretch._replace(state=States(q, recovery.velocities(at, q, v, z), stretch.state.z))
         t, q, v, _, z, _, _ = run.again(modes, stretch, interruption)
         rows = np.searchsorted(t, stretch.times[stretch.times <= t[-1]])
         return States(q[rows], v[rows], z[rows])

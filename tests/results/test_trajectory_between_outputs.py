@@ -33,6 +33,19 @@ def test_a_spinning_linkage_with_four_outputs(method):
     assert motion.at(fine.t).drift.position < 1e-12
 
 
+def test_knots_follow_each_other_without_jumps():
+    """A crank that comes to turn twenty times a second, with outputs a turn apart: knots lie where its motion needs them.
+
+    Where speeds jumped from one knot to the next, more and more would lie next to each other.
+    """
+    model = mbd.library.slider_crank()
+    arguments = {"inputs": {model.tau: 4.0 - 0.05 * model.crank.omega}}
+    motion = mbd.simulate(model.mechanism, np.linspace(0, 1.5, 31), **arguments)
+    fine = mbd.simulate(model.mechanism, np.linspace(0, 1.5, 301), reltol=1e-11, abstol=1e-11, **arguments)
+    assert np.max(np.abs(motion[model.crank.omega])) > 100 and np.min(np.diff(motion.knots)) > 1e-5
+    close(motion, fine, [model.crank.phi, model.crank.omega], 1e-5)
+
+
 @pytest.mark.parametrize("method", ["idas", "dop853"])
 def test_bounces_by_an_event_between_outputs(method):
     """Each rebound keeps 0.8 of the speed: parabolas, with jumps of the speed between the outputs."""
