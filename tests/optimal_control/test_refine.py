@@ -516,9 +516,8 @@ def test_a_peak_of_a_voltage_does_not_hide_that_the_rest_gets_better():
 def test_a_tolerance_begins_at_a_solution_that_is_a_motion():
     """A flywheel of free inertia and a pump turn once in a cycle of least effort; the crank nearly stops on its way.
 
-    On 40 intervals half of the cost is enough, for what is no motion and leads to none on finer meshes. The motion has
-    the least inertia allowed, and is integrated by hand: with Simpson's rule, 0.704620 on 1600 intervals and 0.704666 on
-    3200.
+    On 40 intervals half of the cost is enough, for what is no motion and leads to none on finer meshes. By hand,
+    with Simpson's rule and the least inertia: 0.704620 on 1600 intervals and 0.704666 on 3200.
     """
     radius, load, speed = 0.168, 23.4, 5.2
     torque, inertia = mbd.Input("torque"), mbd.Parameter("inertia", 0.05, 0.002, 0.5)

@@ -34,7 +34,7 @@ def test_a_spinning_linkage_with_four_outputs(method):
 
 
 def test_knots_follow_each_other_without_jumps():
-    """A crank that comes to turn twenty times a second, with outputs a turn apart: knots lie where its motion needs them.
+    """A crank that comes to turn twenty times a second, with outputs a turn apart: knots lie where it needs them.
 
     Where speeds jumped from one knot to the next, more and more would lie next to each other.
     """
