@@ -502,10 +502,8 @@ class Refined(Interpolation):
             times = np.union1d(times[~near], inside)
         return times
 
-    def _joined(
-        self, steps: _Steps, bad: np.ndarray, stretch: Stretch, states: States
-    ) -> tuple[int, _Knots]:
-        """Return how many of some steps are divided by states of a stretch, and the knots in their place.
+    def _joined(self, steps: _Steps, bad: np.ndarray, stretch: Stretch, states: States) -> tuple[int, _Knots]:
+        """Return how many of some steps are divided by a stretch, and the knots in their place.
 
         These are joined to the stored states; from where they have parted too far from these on, nothing is divided.
         """
