@@ -33,6 +33,15 @@ class Switching:
     sliding_speed: ca.SX
 
     @property
+    def frictions(self) -> tuple[Any, ...]:
+        """What sticks and slides, each by itself: the element, or its places, by which its mode is a tuple."""
+        return (self,)
+
+    def sliding_force(self, mode: Any) -> ca.SX:
+        """Force in a mode of the element in which it does not stick, N or N m."""
+        return self.in_mode(mode).force  # type: ignore[attr-defined]
+
+    @property
     def exactness(self) -> str:
         """What an analysis that cannot follow its modes says of it."""
         return f"switches exactly between sticking and sliding, which this analysis cannot follow; {self.instead} here"

@@ -272,7 +272,7 @@ def _rubs_by_reactions(friction: Any) -> bool:
     if isinstance(friction, RigidContact):
         return friction.friction is not None
     lam = ca.vertcat(*[part.multipliers for part in (friction, getattr(friction, "joint", friction))])
-    return any(ca.depends_on(ca.SX(limit), lam) for limit in friction.limits_of_pull)
+    return any(ca.depends_on(ca.SX(limit), lam) for one in friction.frictions for limit in one.limits_of_pull)
 
 
 def _is_stiff(numeric: NumericEquations, start: State, grid: np.ndarray, redundant: bool) -> bool:

@@ -124,7 +124,7 @@ class Held:
     @staticmethod
     def _sense(element: Any, closed: Sequence[int]) -> Any:
         if not isinstance(element, RigidContact):
-            return "sticks"
+            return tuple("sticks" for _ in element.frictions) if isinstance(element.free_mode, tuple) else "sticks"
         stands = "closed" if element.friction is None else "sticks"
         return tuple(stands if k in closed else "open" for k in range(len(element.places)))
 
@@ -146,11 +146,11 @@ class Held:
         if isinstance(element, RigidContact):
             return [law for k in self._closed_places[element] for law in self._laws_of_place(element, k)]
         eom = equations(self.mechanism)
-        pull = eom.lam[eom.row_names.index(element.sticking_row)]
-        limits = zip((1, -1), element.limits_of_pull, strict=True)
+        pulls = {friction: eom.lam[eom.row_names.index(friction.sticking_row)] for friction in element.frictions}
         return [
-            Law(element.description, limit - sign * pull, sign * pull, ca.SX(limit))
-            for sign, limit in limits
+            Law(friction.description, limit - sign * pull, sign * pull, ca.SX(limit))
+            for friction, pull in pulls.items()
+            for sign, limit in zip((1, -1), friction.limits_of_pull, strict=True)
             if known_value(limit) != np.inf
         ]
 

@@ -391,10 +391,13 @@ def test_crane_servo(found):
 
 @pytest.mark.slow
 def test_hoist(found):
-    """A quarter of weight and inertia of the load, and the drum."""
-    assert np.ptp(found["run"][found["load"].y]) == pytest.approx(1.25, abs=1e-9)
-    np.testing.assert_allclose(found["couple"], found["by_hand"], rtol=1e-9)
-    np.testing.assert_allclose(found["run"][found["rope"].tensions][250], 2000 * 9.81 / 4, rtol=1e-9)
+    """Euler's formula on each of four pulleys, at the least and the greatest couple and while the load rises."""
+    holds, rope, e = found["holds"], found["rope"], found["e"]
+    assert holds.greatest == pytest.approx(2000 * 9.81 * 0.25 / found["rising"], rel=1e-9)
+    assert holds.least == pytest.approx(2000 * 9.81 * 0.25 / found["sinking"], rel=1e-9)
+    for state, ratio in ((holds.at_greatest, 1 / e), (holds.at_least, e), (found["run"].final, 1 / e)):
+        np.testing.assert_allclose(state[rope.tensions][1:] / state[rope.tensions][:-1], ratio, rtol=1e-9)
+    assert found["run"].final[found["load"].y] - 0.6 == pytest.approx(2 * found["a"], rel=1e-7)
 
 
 @pytest.mark.slow

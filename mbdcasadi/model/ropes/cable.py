@@ -11,14 +11,13 @@ from ...errors import ModelError
 from ...numerics.lazy import cached_property
 from ..bodies import Marker
 from ..element import BEYOND_COORDINATES, ConstraintElement, Element, refuse_kinds
-from ..forces.friction.laws import Resistance
 from ..joints.base import from_estimate
-from ..rates import time_derivative
 from ..switching import Switching
 from ..symbols import Scalar, check_name
-from ..validity import Smoothing, ValidityCondition
+from ..validity import ValidityCondition
 from .path import RopePath
 from .pulleys import Drum, Pulley
+from .rubbing import CableInMode, Rubbing, differences
 
 
 class Cable(Switching, ConstraintElement):
@@ -31,7 +30,8 @@ class Cable(Switching, ConstraintElement):
     winds up; bodies turn by any angle.
 
     If it rubs on a pulley, the tensions before and after differ by at most
-    ``|T_2 - T_1| <= (T_1 + T_2) tanh(μ θ/2)`` with the angle θ of the wrap: if it slips, ``T_2/T_1 = exp(±μ θ)``.
+    ``|T_2 - T_1| <= (T_1 + T_2) tanh(μ θ/2)`` with the angle θ of the wrap: if it slips, ``T_2/T_1 = exp(±μ θ)``. On
+    several pulleys each sticks or slips by itself.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Cable(Switching, ConstraintElement):
     a, b : Marker or Drum
         Its ends.
     over : sequence of Pulley, optional
-        What it runs over, on the way from `a` to `b`. It may rub on one of them.
+        What it runs over, on the way from `a` to `b`.
     length : float or expression in time and parameters, optional
         Length of strands and wraps together at the estimated poses, m, also on pulleys that grip, without what is on
         drums there; by default what it is there. Sections share what is not on pulleys that grip as their lengths at
@@ -53,13 +53,13 @@ class Cable(Switching, ConstraintElement):
     path : RopePath
         Its strands, wraps and sections.
     sliding_speed, friction_force : casadi.SX
-        Speed at which it slips over the pulley on which it rubs, towards `a`, m/s; tension after that pulley less
-        that before it, N.
+        Speed at which it slips over each pulley on which it rubs (k,), towards `a`, m/s; tension after that pulley
+        less that before it, N.
 
     Raises
     ------
     ModelError
-        For what is no marker, drum or pulley, ends inside pulleys, and friction on more than one pulley.
+        For what is no marker, drum or pulley, ends inside pulleys, and a law that is not proportional to the load.
 
     See Also
     --------
@@ -93,12 +93,9 @@ class Cable(Switching, ConstraintElement):
         self.length = None if length is None else self.read(length, "length", above=0.0)
         if length is not None:
             refuse_kinds(self.length, ("position", *BEYOND_COORDINATES), what, "its length depends on time only")
-        rubbing = [k for k, pulley in path.pulleys if pulley.friction is not None]
-        if len(rubbing) > 1:
-            raise ModelError(
-                f"{what} rubs on {len(rubbing)} pulleys, and may on one; let it grip or run freely on others"
-            )
-        self._post = rubbing[0] if rubbing else None
+        posts = [k for k, pulley in path.pulleys if pulley.friction is not None]
+        labels_of_posts = [""] if len(posts) == 1 else [f".{k}" for k in range(len(posts))]
+        self.rubbing = tuple(Rubbing(self, *each) for each in zip(posts, labels_of_posts, strict=True))
         if length is None:
             rows = ca.vertcat(*[from_estimate(section) for section in path.sections])
         else:
@@ -106,18 +103,21 @@ class Cable(Switching, ConstraintElement):
             rows = ca.vertcat(*[section - between * share for section, share in shares])
         rows *= path.known
         labels = tuple(f"section {k}" for k in range(rows.numel())) if rows.numel() > 1 else ()
-        self.switches_modes = self._law is not None and self._law.exact
-        slip = None
-        if self.switches_modes:
-            slip, labels = self.sliding_speed, (*(labels or ("length",)), "slip")
-        super().__init__(name, rows, labels, path.markers, velocity_rows=slip)
+        self.switches_modes = bool(self.frictions)
+        slips = None
+        if self.frictions:
+            slips = ca.vertcat(*[one.sliding_speed for one in self.frictions])
+            own = (one.sticking_row.removeprefix(f"{name}.") for one in self.frictions)
+            labels = (*(labels or ("length",)), *own)
+        super().__init__(name, rows, labels, path.markers, velocity_rows=slips)
+        laws = self.resolved_laws = tuple(one.law for one in self.rubbing)
         self.validity_conditions = (*path.validity_conditions(), *self._pulls())
-        self.limits = (*self.limits, *path.limits)
-        if self._law is not None:
-            self.limits, self.resolved_laws = (*self.limits, *self._law.limits), (self._law,)
-            if not self.switches_modes:
-                self.rates: Mapping[Any, ca.SX] = self._resistance.rates
-                self.virtual_work = ((self._slip, self.friction_force),)
+        self.limits = (*self.limits, *path.limits, *(limit for law in laws for limit in law.limits))
+        smoothed = [one for one in self.rubbing if not one.law.exact]
+        self.rates: Mapping[Any, ca.SX] = {z: rate for one in smoothed for z, rate in one.resistance.rates.items()}
+        self.smoothings = tuple(smoothing for one in smoothed for smoothing in one.smoothings)
+        forces = self.differences()
+        self.virtual_work = tuple((one.slip, forces[one]) for one in smoothed)
 
     def _pulls(self) -> tuple[ValidityCondition, ...]:
         pushes = f"{self.description}: a strand would have to push; a Rope is slack instead"
@@ -128,104 +128,43 @@ class Cable(Switching, ConstraintElement):
         """Tension of each strand, N."""
         by_section = [self.multipliers[k] for k in range(len(self.path.sections))]
         tensions = [by_section[k] for k in self.path.section_of]
-        if self._post is not None:
+        for one, difference in self.differences().items():
             for strand, section in enumerate(self.path.section_of):
-                if section == self._section:
-                    tensions[strand] += self.friction_force / 2 * (1 if strand >= self._post else -1)
+                if section == one.section:
+                    tensions[strand] += difference / 2 * (1 if strand >= one.node else -1)
         return ca.vertcat(*tensions)
 
-    # --- friction on a pulley -----------------------------------------------------------------------
-    @property
-    def _law(self) -> Any:
-        return None if self._post is None else self.path.nodes[self._post].friction
-
-    @property
-    def _section(self) -> int:
-        """Section that rubs."""
-        return self.path.section_of[self._post]  # type: ignore[index]
-
+    # --- friction on pulleys ------------------------------------------------------------------------
     @cached_property
-    def _slip(self) -> ca.SX:
-        """Half of what is longer before the pulley on which it rubs than after it, m."""
-        if self._post is None:
+    def frictions(self) -> tuple[Rubbing, ...]:
+        """Pulleys on which it sticks and slides exactly."""
+        return tuple(one for one in self.rubbing if one.law.exact)
+
+    def _of_rubbing(self, values: Sequence[ca.SX]) -> ca.SX:
+        if not self.rubbing:
             raise ModelError(f"{self.description} rubs on no pulley; give one a friction=")
-        strands = [k for k, section in enumerate(self.path.section_of) if section == self._section]
-        return (self.path.piece(strands[0], self._post) - self.path.piece(self._post, strands[-1] + 1)) / 2
+        return ca.vertcat(*values)
 
     @cached_property
     def sliding_speed(self) -> ca.SX:
-        """Speed at which it slips over the pulley on which it rubs, towards its first end, m/s."""
-        return time_derivative(self._slip)
-
-    def grip(self, coefficient: Any) -> ca.SX:
-        """Largest difference of the tensions at the pulley on which it rubs, N, with a coefficient of friction."""
-        both = 2 * ca.fabs(self.multipliers[self._section])
-        return both * ca.tanh(coefficient * self.path.wraps[self._post] / 2)  # type: ignore[index]
-
-    @cached_property
-    def _resistance(self) -> Resistance:
-        """Friction by a smoothed law, whose part for each newton of load is a coefficient of friction."""
-        load = ca.SX.sym("load")
-        unit = self._law.resistance(self.name, self.sliding_speed, load)
-        if not ca.substitute(unit.force, load, 0).is_zero() or ca.depends_on(ca.gradient(unit.force, load), load):
-            raise ModelError(f"{self.description}: {self._law!r} is not proportional to the load of the pulley")
-        coefficient = ca.substitute(unit.force, load, 1)
-        return Resistance(self.grip(coefficient), unit.rates, unit.smoothed)
+        """Speed at which it slips over each pulley on which it rubs (k,), towards its first end, m/s."""
+        return self._of_rubbing([one.sliding_speed for one in self.rubbing])
 
     @cached_property
     def friction_force(self) -> ca.SX:
-        """Tension after the pulley on which it rubs less that before it, N."""
-        _ = self._slip  # without friction there is none
-        return -self.multipliers[-1] if self.switches_modes else self._resistance.force
+        """Tension after each pulley on which it rubs less that before it (k,), N."""
+        return self._of_rubbing(list(self.differences().values()))
 
-    @cached_property
-    def smoothings(self) -> tuple[Smoothing, ...]:  # type: ignore[override]
-        """Quantities that change within a short time: the smoothed sign of the friction."""
-        smoothed = () if self._law is None or self.switches_modes else self._resistance.smoothed
-        return tuple(Smoothing(s, 2.0, "its change of direction", self._law.remedy) for s in smoothed)
-
-    # --- exact friction ----------------------------------------------------------------------------
-    @property
-    def sticking_limit(self) -> ca.SX:
-        """Largest friction at rest, N."""
-        return self.grip(self._law.static_coefficient)
+    def differences(self, mode: Sequence[str] | None = None) -> dict[Rubbing, ca.SX]:
+        """Return what each friction adds to the tension, N, in a mode or, without one, by the multipliers."""
+        senses = {} if mode is None else dict(zip(self.frictions, mode, strict=True))
+        return differences(self.rubbing, senses, self.multipliers)
 
     @property
-    def falls(self) -> bool:
-        """True if friction in motion may be below that at rest."""
-        return bool(self._law.falls)
+    def free_mode(self) -> tuple[str, ...]:
+        """Mode in which it rubs on none of the pulleys whose friction is exact."""
+        return ("free",) * len(self.frictions)
 
-    @property
-    def sticking_row(self) -> str:
-        """Name of the row that is active while it sticks."""
-        return f"{self.name}.slip"
-
-    def in_mode(self, mode: str) -> Element:
-        """Return the cable in one mode: with a row if it sticks, with a force if it slides or is at its limit."""
-        if mode == "sticks":
-            return _CableInMode(self, None)
-        coefficient = self._law.static_coefficient if mode.startswith("pulled") else self._law.coefficient
-        sign = 0 if mode == "free" else 1 if mode.endswith("back") else -1
-        return _CableInMode(self, sign * self.grip(coefficient))
-
-
-class _CableInMode(Element):
-    """A cable that sticks on a pulley, or slips with a given friction; its multipliers are those of the cable."""
-
-    kind = "cable"
-
-    def __init__(self, cable: Cable, force: ca.SX | None):
-        super().__init__(cable.name)
-        self.cable, self.markers, self.limits = cable, cable.markers, cable.limits
-        self.rows = cable.rows
-        self.multipliers = cable.multipliers if force is None else cable.multipliers[:-1]
-        self.row_names = cable.row_names if force is None else cable.row_names[:-1]
-        if force is None:
-            self.velocity_rows = cable.sliding_speed
-        else:
-            self.force, self.virtual_work = force, ((cable._slip, force),)
-
-    @property
-    def bodies(self) -> tuple[Any, ...]:
-        """Bodies on which it acts."""
-        return self.cable.bodies
+    def in_mode(self, mode: Sequence[str]) -> Element:
+        """Return the cable with a row for each pulley on which it sticks, and a force on each on which it slides."""
+        return CableInMode(self, mode)

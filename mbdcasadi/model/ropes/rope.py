@@ -61,7 +61,7 @@ class Rope(OneSided):
 
     See Also
     --------
-    Cable : does not stretch, and may rub on a pulley.
+    Cable : does not stretch, and may rub on pulleys.
     Distance : a massless rod of constant length, which pushes as well as pulls.
 
     Notes

@@ -18,7 +18,7 @@ from ...equations.impact_law import impulse_response
 from ...equations.numeric import NumericEquations
 from ...errors import SimulationError, SingularityError
 from ...model.events import Event
-from ...model.forces.friction.modes import Senses, switching, variant_in
+from ...model.forces.friction.modes import Senses, modes_by_element, switching, variant_in
 from ...model.mechanism import Mechanism
 from ...model.quantities import known_value
 from ...model.rates import time_derivative
@@ -62,6 +62,15 @@ class FrictionMode:
 
     senses: Senses
     held: tuple[int, ...] = ()
+
+    @property
+    def motion(self) -> Senses:
+        """What rests and slides, however the forces share it."""
+        return tuple("sticks" if self.is_held(i) else sense for i, sense in enumerate(self.senses))
+
+    def is_held(self, i: int) -> bool:
+        """True for a friction that rests until something else slides."""
+        return i in self.held and (self.senses[i] == "free" or "sticks" in self.senses)
 
 
 class SwitchingModes(Modes):
@@ -144,7 +153,8 @@ class FrictionModes(SwitchingModes):
 
     def __init__(self, setup: Setup):
         super().__init__(setup)
-        self.frictions = switching(setup.mechanism)
+        self.elements = switching(setup.mechanism)
+        self.frictions = tuple(friction for element in self.elements for friction in element.frictions)
 
     # --- mechanisms in one mode ------------------------------------------------------------------
     @property
@@ -152,7 +162,12 @@ class FrictionModes(SwitchingModes):
         return FrictionMode(("free",) * len(self.frictions))
 
     def variant(self, mode: FrictionMode) -> Mechanism:
-        return variant_in(self.mechanism, mode.senses)
+        return variant_in(self.mechanism, tuple(modes_by_element(self.elements, mode.senses).values()))
+
+    def in_mode(self, mode: FrictionMode, expression: Any) -> ca.SX:
+        """An expression in multipliers, of which those of what slides are given, in the symbols of a mode."""
+        expression, lam = ca.SX(expression), equations(self.mechanism).lam
+        return ca.substitute(expression, lam, self.reactions(mode)) if ca.depends_on(expression, lam) else expression
 
     @property
     def loads(self) -> list[tuple[str, ca.SX]]:
@@ -175,9 +190,10 @@ class FrictionModes(SwitchingModes):
         stops, breaks = friction.event_names
         if sense == "sticks":
             lam = equations(self.variant(mode)).lam[self.row(mode, friction)]
-            excess = ca.mmax(ca.vertcat(*[sign * lam - limit for sign, limit in _limits(friction)]))
+            limits = [(sign, self.in_mode(mode, limit)) for sign, limit in _limits(friction)]
+            excess = ca.mmax(ca.vertcat(*[sign * lam - limit for sign, limit in limits]))
             return Event(breaks, excess, direction=1, terminal=True)
-        if i in mode.held and (sense == "free" or "sticks" in mode.senses):  # at rest until something else slides
+        if mode.is_held(i):
             leaves = ca.fabs(friction.sliding_speed) - self.rest
             return Event(breaks, leaves, direction=1, terminal=True)
         return Event(stops, friction.sliding_speed, direction=-int(SENSE[sense]), terminal=True)
@@ -188,6 +204,9 @@ class FrictionModes(SwitchingModes):
         ]
         changes = zip(self.frictions, *rest, strict=True)
         return [friction.event_names[0 if rests else 1] for friction, rested, rests in changes if rested != rests]
+
+    def continues(self, before: FrictionMode, after: FrictionMode) -> bool:
+        return before.motion == after.motion
 
     def row(self, mode: FrictionMode, friction: Any) -> int:
         """Row of a friction that sticks."""
@@ -202,25 +221,27 @@ class FrictionModes(SwitchingModes):
     def _reactions(self, mode: FrictionMode) -> ca.SX:
         eom, variant = equations(self.mechanism), equations(self.variant(mode))
         terms = ca.SX(eom.lam)
+        modes = modes_by_element(self.elements, mode.senses)
         sliding = {
-            f.sticking_row: (f, sense)
-            for f, sense in zip(self.frictions, mode.senses, strict=True)
-            if sense != "sticks"
+            f.sticking_row: (element, f)
+            for element in self.elements
+            for f in element.frictions
+            if mode.senses[self.frictions.index(f)] != "sticks"
         }
         for k, name in enumerate(eom.row_names):
             if name in sliding and eom.row_elements[k] is sliding[name][0]:
-                friction, sense = sliding[name]
-                terms[k] = -friction.in_mode(sense).force
+                element, friction = sliding[name]
+                terms[k] = -friction.sliding_force(modes[element])
             else:
                 terms[k] = variant.lam[variant.row_names.index(name)]
         return terms
 
     # --- which mode holds -----------------------------------------------------------------------------
-    def pull(self, index: int, state: State) -> float:
-        """Sense in which what sticks is pulled beyond its limit."""
+    def pull(self, index: int, mode: FrictionMode, state: State) -> float:
+        """Sense in which what sticks in a mode is pulled beyond its limit."""
         friction = self.frictions[index]
         lam = state.lam[state.equations.row_names.index(friction.sticking_row)]
-        return float(max(_limits(friction), key=lambda limit: limit[0] * lam - float(state[ca.SX(limit[1])]))[0])
+        return float(max(_limits(friction), key=lambda one: one[0] * lam - float(state[self.in_mode(mode, one[1])]))[0])
 
     def decided(
         self, state: State, events: Sequence[Event] = (), before: FrictionMode | None = None
@@ -229,7 +250,7 @@ class FrictionModes(SwitchingModes):
         names = {event.name for event in events}
         for i, friction in enumerate(self.frictions):
             if before is not None and friction.event_names[1] in names and before.senses[i] == "sticks":
-                broken[i] = self.pull(i, state)
+                broken[i] = self.pull(i, before, state)
         holding = self.holding(state, broken)
         if holding is not None:
             return holding
@@ -438,7 +459,7 @@ class FrictionModes(SwitchingModes):
                 lam = trial.lam[self.row(mode, friction)]
                 # without load, reactions that are rounding are no pull
                 rounding = sign * ROUNDING * largest(trial.lam)
-                limits = [(to * lam, trial[ca.SX(limit)]) for to, limit in _limits(friction)]
+                limits = [(to * lam, trial[self.in_mode(mode, limit)]) for to, limit in _limits(friction)]
                 if not all(pull <= limit * (1 + sign * FRICTION_TOLERANCE) + rounding for pull, limit in limits):
                     return False
                 continue

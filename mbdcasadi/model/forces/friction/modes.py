@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -28,6 +29,13 @@ def switching(mechanism: Mechanism) -> tuple[Any, ...]:
     return mechanism.cache.get_or_create(
         "exact friction", lambda: tuple(element for element in mechanism.elements if switches(element))
     )
+
+
+def modes_by_element(elements: Sequence[Any], senses: Senses) -> dict[Any, Any]:
+    """Modes of elements with exact dry friction, from those of all that sticks and slides in them."""
+    rest = iter(senses)
+    modes = {element: tuple(next(rest) for _ in element.frictions) for element in elements}
+    return {element: mode if isinstance(element.free_mode, tuple) else mode[0] for element, mode in modes.items()}
 
 
 def variant_in(mechanism: Mechanism, senses: Senses) -> Mechanism:
