@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from mbdcasadi.simulation.changes.complementarity import Complementarity, Spot
+from mbdcasadi.simulation.changes import complementarity
+from mbdcasadi.simulation.changes.complementarity import Complementarity
+from mbdcasadi.simulation.changes.spots import Spot
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -48,3 +50,25 @@ def test_what_no_force_moves_neither_closes_nor_sticks():
     (solution,) = Complementarity(d, np.array([0.0, -2.0]), np.ones(2), spots).solutions()
     assert solution.statuses == ("idle", "closed")
     np.testing.assert_allclose(solution.forces, [0, 2])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_inequalities_leave_out_no_solution(seed, monkeypatch):
+    """Choices that are left out before all places are decided, beside every choice looked at by itself."""
+    generator = np.random.default_rng(seed)
+    stuck = ("sticks", "forth", "back", "open")
+    found, number = [], 0
+    for _ in range(15):
+        rows = generator.standard_normal((6, 4))
+        if generator.random() < 0.5:
+            rows[4] = rows[3] * generator.choice([-1, 1])  # two places slide together
+        d, c = rows @ rows.T, rows @ generator.standard_normal(4)
+        frictions = generator.choice([0.2, 1.5], 3)
+        spots = [Spot(k, 3 + k, stuck, mu, mu * generator.choice([1, 1.2])) for k, mu in enumerate(frictions)]
+        both = []
+        for few in (4**3, 1):
+            monkeypatch.setattr(complementarity, "FEW", few)
+            both.append({solution.statuses for solution in Complementarity(d, c, np.diag(d), spots).solutions()})
+        found.append(both)
+        number += len(both[0])
+    assert all(every == left for every, left in found) and number > 10

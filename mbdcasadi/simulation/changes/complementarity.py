@@ -1,10 +1,11 @@
-"""Small problems of unilateral contact and dry friction: every choice of open, sticking and sliding is looked at."""
+"""Problems of unilateral contact and dry friction: all choices of open, sticking and sliding that meet the laws."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from itertools import product
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import combinations, product
 
 import numpy as np
 
@@ -14,97 +15,25 @@ from ...numerics.least_squares import largest
 from ...numerics.tolerances import MET, RANK
 from .events import ROUNDING
 from .friction_modes import FRICTION_TOLERANCE, NO_EFFECT, SENSE
+from .relaxation import Relaxation
+from .spots import Loads, Solution, Spot, is_pulled
 
 #: Difference of a cosine from one below which two places slide together.
 TOGETHER = 1e-12
 #: Senses as one sees them from the other side.
 OPPOSITE = {"forth": "back", "back": "forth", "pulled forth": "pulled back", "pulled back": "pulled forth"}
+#: What a spot may be without a sense in which it slides.
+NO_SENSE = frozenset({"open", "closed", "free"})
+#: Choices that are looked at one by one, which takes less time than leaving some of them out.
+FEW = 64
+#: Parts of a choice that are looked at for one instant, at most: ten seconds.
+CHOICES = 10_000
 #: Steps in which loads that are norms of reactions follow the friction that depends on them.
 ITERATIONS = 50
 
 
-@dataclass(frozen=True, eq=False)
-class Spot:
-    """One place of the problem.
-
-    Attributes
-    ----------
-    normal, tangent : int or None
-        Its rows.
-    options : sequence of str
-        ``"open"``, ``"closed"``, ``"sticks"``, ``"forth"``, ``"back"``, ``"free"``: what it may be; ``"pulled forth"``
-        and ``"pulled back"`` at its limit at rest, if it is above that in motion.
-    sliding, static : float
-        Coefficients of friction.
-    target : float
-        Rate of the normal row of what is closed, which is the least one of what is open.
-    rests : bool
-        True if it does not slide until then: its rate along the tangent has the sense in which it slides.
-    clear : bool
-        True if it sticks only below its limit by more than rounding.
-    """
-
-    normal: int | None
-    tangent: int | None
-    options: Sequence[str]
-    sliding: float = 0.0
-    static: float = 0.0
-    target: float = 0.0
-    rests: bool = True
-    clear: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """A choice that meets all laws.
-
-    Attributes
-    ----------
-    statuses : tuple of str
-        By spot; ``"idle"`` of one that is open and does not part; ``"shares"`` of one that sticks by the row of another
-        spot; ``"pulled forth"`` and ``"pulled back"`` of one at its limit that does not begin to slide.
-    forces, rates : numpy.ndarray
-        By row (r,).
-    shares : tuple of (int, int, float)
-        A spot that sticks, one that shares its friction, and how fast the latter slides beside the former.
-    """
-
-    statuses: tuple[str, ...]
-    forces: np.ndarray
-    rates: np.ndarray
-    shares: tuple[tuple[int, int, float], ...]
-
-    @property
-    def sticking(self) -> int:
-        """Number of spots that rest by friction."""
-        return sum(status in ("sticks", "shares") or _is_pulled(status) for status in self.statuses)
-
-
-@dataclass(frozen=True, eq=False)
-class Loads:
-    """Loads of spots without a normal row, by the forces.
-
-    Attributes
-    ----------
-    at : callable
-        ``forces -> (values (s,), slopes (s, r))``.
-    depend : numpy.ndarray of bool
-        Loads that depend on the force of a row (s, r).
-    """
-
-    at: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-    depend: np.ndarray
-
-    def of(self, spots: Sequence[int], rows: Sequence[int]) -> Loads:
-        """Return those of some spots, of which the loads depend on some rows alone."""
-        whole = np.zeros(self.depend.shape[1])
-
-        def at(forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            whole[rows] = forces
-            values, slopes = self.at(whole)
-            return values[spots], slopes[np.ix_(spots, rows)]
-
-        return Loads(at, self.depend[np.ix_(spots, rows)])
+class TooManyChoicesError(Exception):
+    """There are more choices than are looked at."""
 
 
 class Complementarity:
@@ -131,7 +60,7 @@ class Complementarity:
         loads: Loads | None = None,
     ):
         self._d, self._c, self._spots, self._loads = matrix, constant, tuple(spots), loads
-        self._without_joints = without_joints
+        self._without_joints, self._looked = without_joints, 0
         diagonal = np.diag(matrix)
         #: True for rows along which a force moves something
         self._acts = diagonal > NO_EFFECT * without_joints
@@ -156,16 +85,6 @@ class Complementarity:
         spots = [replace(s, tangent=None, options=("closed", "open")) for s in self._spots if s.normal is not None]
         return Complementarity(self._d, self._c, self._without_joints, spots)
 
-    def without_pulled(self) -> Complementarity:
-        """The problem without what is at its limit at rest above that in motion."""
-        spots = [replace(s, options=[o for o in s.options if not _is_pulled(o)]) for s in self._spots]
-        return Complementarity(self._d, self._c, self._without_joints, spots, self._loads)
-
-    @property
-    def count(self) -> int:
-        """Number of choices."""
-        return int(np.prod([len(choices) for _, choices in self._together], dtype=float))
-
     @property
     def may_fall(self) -> bool:
         """True if friction in motion may be below that at rest."""
@@ -184,21 +103,6 @@ class Complementarity:
             options = list(dict.fromkeys("open" if o == "open" else stands for o in options))
         return options
 
-    @cached_property
-    def _together(self) -> list[tuple[list[int], list[tuple[str, ...]]]]:
-        """Spots that slide together, and what they may be: in one sense, all or those that are not open."""
-        groups: list[list[int]] = []
-        for k in range(len(self._spots)):
-            group = next((group for group in groups if self._ratio(group[0], k)), None)
-            if group is None:
-                groups.append([k])
-            else:
-                group.append(k)
-        return [
-            (group, [c for c in product(*[self._options(self._spots[k]) for k in group]) if self._agree(group, c)])
-            for group in groups
-        ]
-
     def _ratio(self, one: int, other: int) -> float:
         """How fast a spot slides beside another one; zero if they need not slide together."""
         row, own = self._spots[one].tangent, self._spots[other].tangent
@@ -207,24 +111,59 @@ class Complementarity:
         cosine = self._cosines[own, row]
         return float(np.sign(cosine) * self._unit[own] / self._unit[row]) if abs(cosine) > 1 - TOGETHER else 0.0
 
-    def _agree(self, group: Sequence[int], statuses: Sequence[str]) -> bool:
+    @cached_property
+    def _pairs(self) -> list[tuple[int, int, float]]:
+        """Spots that slide together, and how fast the second one does beside the first."""
+        pairs = combinations(range(len(self._spots)), 2)
+        return [(j, k, ratio) for j, k in pairs if (ratio := self._ratio(j, k))]
+
+    def _agree(self, statuses: Sequence[str]) -> bool:
         """True if spots that slide together do so, or rest, in one sense."""
-        senses = set[str]()
-        for k, status in zip(group, statuses, strict=True):
-            if status not in ("open", "closed", "free"):
-                senses.add(status if self._ratio(group[0], k) > 0 else OPPOSITE.get(status, status))
-        return len(senses) <= 1
+        for j, k, ratio in self._pairs:
+            one, other = statuses[j], statuses[k]
+            if NO_SENSE.isdisjoint((one, other)) and other != (one if ratio > 0 else OPPOSITE.get(one, one)):
+                return False
+        return True
 
     def solutions(self) -> list[Solution]:
-        """Choices that meet all laws; first those in which most sticks."""
-        found = []
-        order = np.argsort([k for members, _ in self._together for k in members])
-        for choice in product(*[choices for _, choices in self._together]):
-            statuses = [status for part in choice for status in part]
-            solution = self._solved(tuple(statuses[k] for k in order))
-            if solution is not None:
-                found.append(solution)
-        return sorted(found, key=lambda s: (-s.sticking, sum(map(_is_pulled, s.statuses))))
+        """Choices that meet all laws; first those in which most sticks.
+
+        Raises
+        ------
+        TooManyChoicesError
+            If there are too many to be looked at.
+        """
+        self._looked = 0
+        choices = self._choices([self._options(spot) for spot in self._spots])
+        found = [solution for choice in choices if (solution := self._solved(choice)) is not None]
+        return sorted(found, key=lambda s: (-s.sticking, sum(map(is_pulled, s.statuses))))
+
+    def _choices(self, options: Sequence[Sequence[str]]) -> Iterator[tuple[str, ...]]:
+        """Choices that may meet all laws: all if they are few, else what inequalities leave of each place in turn."""
+        left = list(options)
+        if _number(left) > FEW:
+            for k, own in enumerate(left):
+                if len(own) > 1:
+                    left[k] = [option for option in own if self._allows([*left[:k], [option], *left[k + 1 :]])]
+        if _number(left) <= FEW:
+            yield from filter(self._agree, product(*left))
+            return
+        k = min((k for k, own in enumerate(left) if len(own) > 1), key=lambda k: len(left[k]))
+        for option in left[k]:
+            yield from self._choices([*left[:k], [option], *left[k + 1 :]])
+
+    def _allows(self, options: Sequence[Sequence[str]]) -> bool:
+        """False if no choice among options can meet all laws."""
+        self._looked += 1
+        if self._looked > CHOICES:
+            raise TooManyChoicesError
+        decided = tuple(own[0] if len(own) == 1 else "open" for own in options)
+        members = [member for _, member, _ in self._shares(decided)]
+        return self._agree(decided) and self._relaxation.allows(options, members)
+
+    @cached_property
+    def _relaxation(self) -> Relaxation:
+        return Relaxation(self._cosines, self._c / self._unit, self._unit, self._spots)
 
     def different(self, one: Solution, other: Solution) -> bool:
         """True if two solutions are different motions."""
@@ -268,7 +207,7 @@ class Complementarity:
                 -slack[k] if spot.clear else slack[k]
             ):
                 return None
-            if _is_pulled(status) and abs(rates[spot.tangent]) > wrong:
+            if is_pulled(status) and abs(rates[spot.tangent]) > wrong:
                 return None
             if SENSE.get(status) and spot.rests:
                 onset = SENSE[status] * rates[spot.tangent]
@@ -332,12 +271,13 @@ class Complementarity:
                 matrix[spot.tangent] = self._cosines[spot.tangent]
                 right[spot.tangent] = -self._c[spot.tangent] / unit[spot.tangent]
             elif status.endswith(("forth", "back")):
-                coefficient = spot.static if _is_pulled(status) else spot.sliding
+                coefficient = spot.static if is_pulled(status) else spot.sliding
                 limit = -SENSE[status.removeprefix("pulled ")] * coefficient * unit[spot.tangent]
                 matrix[spot.tangent] -= limit * slopes[k] / unit
                 right[spot.tangent] = limit * constant[k]
         return matrix, right
 
 
-def _is_pulled(status: str) -> bool:
-    return status.startswith("pulled")
+def _number(options: Sequence[Sequence[str]]) -> int:
+    """Number of choices."""
+    return math.prod(map(len, options))

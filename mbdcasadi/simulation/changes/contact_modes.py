@@ -27,14 +27,12 @@ from ...numerics.least_squares import largest, least_norm
 from ...numerics.tolerances import ACCURACY, NEGLIGIBLE, ZERO_VALUE
 from ...results.state import State
 from ...results.trajectory import Trajectory
-from .complementarity import Complementarity, Loads, Solution, Spot
+from .complementarity import Complementarity, TooManyChoicesError
 from .events import at_rest
 from .friction_modes import FRICTION_TOLERANCE, NO_EFFECT, SENSE, FrictionModes, SwitchingModes
 from .modes import Strike
 from .shared_forces import Bearing, SharedForces
-
-#: Choices of open, sticking and sliding that are looked at for one instant, at most.
-CHOICES = 4096
+from .spots import Loads, Solution, Spot
 
 
 @dataclass(frozen=True)
@@ -625,15 +623,14 @@ class ContactModes(SwitchingModes):
             If there is none, or more than one, and if there are too many choices.
         """
         for problem in attempts:
-            if problem.count > CHOICES:
-                problem = problem.without_pulled()
-            if problem.count > CHOICES:
+            try:
+                found = problem.solutions()
+            except TooManyChoicesError:
                 raise SimulationError(
                     f"{self._names(sites)}: {len(sites)} places that act on each other are closed at t = {time:.6g} s, "
                     'more than are sorted out at once; take a Contact with a stiffness, and method="bdf"',
                     time=time,
-                )
-            found = problem.solutions()
+                ) from None
             if not found:
                 continue
             if problem.may_fall:  # what can stick does not slide
