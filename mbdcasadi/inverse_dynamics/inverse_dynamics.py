@@ -21,7 +21,7 @@ from ..errors import MechanismError, SingularityError, warn
 from ..kinematics.kinematics import check_driven, driven_motion, kinematic_trajectory
 from ..kinematics.mobility import mobility
 from ..model.drivers import Driver
-from ..model.geometry.splines import LEAST_SAMPLES, expression_of, through_samples
+from ..model.geometry.splines import expression_of, knots_of, through_samples
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries, refuse_twice, yes_or_no
 from ..model.symbols import Input, Numbers, place_of, positive
@@ -78,7 +78,8 @@ def inverse_dynamics(
         freedom, as measured markers, are met in the least-squares sense: the sum of
         ``(expression - value)**2`` is least at each time, in m and rad, and a
         note in ``.statistics`` has what is missed; ``{w * e: w * value}`` gives one the weight ``w**2``.
-        Noise is amplified by accelerations: smooth samples by :func:`smoothing_spline`.
+        Noise is amplified by accelerations: smooth samples by :func:`smoothing_spline`. They and splines of SciPy are
+        looked at for that; expressions are taken as they are.
     efforts : sequence of Input
         Inputs to find, on which the forces depend linearly. If they are more
         than the degrees of freedom (two motors on one shaft, cables, muscles),
@@ -146,9 +147,7 @@ def inverse_dynamics(
             remedy = "raise the limits, name more inputs in efforts=, or move more slowly"
             least = LeastEfforts(efforts, weights, "inverse_dynamics", "efforts=", "make the motion", remedy)
             result = _of_motion(setup, *_course(setup, motion, progress), unknown, least, tolerance)
-            if not isinstance(motion, Trajectory) and any(
-                _is_sampled(value) for _, value in pairs_of(motion, "motion=")
-            ):
+            if _holds_samples(motion, setup.grid):
                 every_second = partial(_course, setup, motion, False, every=2)
                 _report_noise(result, lambda: _of_motion(setup, *every_second(), unknown, least, tolerance), unknown)
         result.statistics.method, result.statistics.formulation = "inverse dynamics", "Phi_q^T lam = Q - M a"
@@ -283,35 +282,38 @@ def _as_driver(index: int, expression: Any, value: Any, grid: np.ndarray, every:
     if not isinstance(expression, ca.SX):
         raise MechanismError(f"inverse_dynamics: motion= takes {{expression: course}}, got the key {expression!r}")
     name = f"motion {index + 1} ({expression})"
+    knots = _knots_of_samples(value, grid)
+    if knots is not None and (every > 1 or not callable(value)):
+        samples = value(knots) if callable(value) else value
+        if len(samples) != knots.size:
+            raise MechanismError(f"{name}: one sample for each of the {grid.size} times is needed, got {len(samples)}")
+        kept = np.unique(np.r_[0 : knots.size : every, knots.size - 1])
+        return Driver(name, expression, through_samples(time, knots[kept], [samples[k] for k in kept]))
     course = expression_of(time, value)
-    if callable(course) and not isinstance(course, ca.SX):
-        course = course(time)
-    elif _is_sampled(course):
-        if len(course) != grid.size:
-            raise MechanismError(f"{name}: one sample for each of the {grid.size} times is needed, got {len(course)}")
-        kept = np.unique(np.r_[0 : grid.size : every, grid.size - 1])
-        course = through_samples(time, grid[kept], [course[k] for k in kept])
-    return Driver(name, expression, course)
+    return Driver(name, expression, course(time) if callable(course) and not isinstance(course, ca.SX) else course)
 
 
-def _is_sampled(value: Any) -> bool:
-    return isinstance(value, Sequence | np.ndarray) and bool(np.ndim(value))
+def _knots_of_samples(value: Any, grid: np.ndarray) -> np.ndarray | None:
+    """Times of samples, or of the knots of a curve with more of them than every second output; None without."""
+    if isinstance(value, Sequence | np.ndarray) and np.ndim(value):
+        return grid
+    knots = knots_of(value)
+    return None if knots is None or 2 * knots.size <= grid.size else knots
 
 
-def _holds_samples(motion: Any) -> bool:
-    return not isinstance(motion, Trajectory) and any(_is_sampled(value) for _, value in pairs_of(motion, "motion="))
+def _holds_samples(motion: Any, grid: np.ndarray) -> bool:
+    if isinstance(motion, Trajectory):
+        return False
+    return any(_knots_of_samples(value, grid) is not None for _, value in pairs_of(motion, "motion="))
 
 
 def _report_noise(result: Trajectory, by_every_second: Callable[[], Trajectory], unknown: Sequence[int]) -> None:
     """Warn of efforts that would be others if every second sample were left out, as noise or gaps make them."""
     notes = result.statistics.notes
-    if result.t.size < 2 * LEAST_SAMPLES - 1:
-        notes.append(f"{result.t.size} samples are too few to see whether noise decides the efforts")
-        return
     try:
         coarser = by_every_second()
     except MechanismError as error:
-        notes.append(f"whether noise decides the efforts is not known: every second sample gives no motion ({error})")
+        notes.append(f"whether noise decides the efforts is not known: by every second sample, {error}")
         return
     efforts = result.inputs[:, unknown]
     size, change = (np.sqrt(np.mean(x**2, axis=0)) for x in (efforts, coarser.inputs[:, unknown] - efforts))

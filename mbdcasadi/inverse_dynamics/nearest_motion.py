@@ -38,10 +38,11 @@ class NearestMotion:
     def __init__(self, numeric: NumericEquations, prescribed: Sequence[Driver]):
         eom = self._eom = numeric.eom
         self._numeric, self._prescribed = numeric, prescribed
-        if eom.position_rows.size < eom.lam.numel():
+        rates = [name for k, name in enumerate(eom.row_names) if k not in eom.position_rows]
+        if rates:
             raise MechanismError(
                 f"inverse_dynamics: motion= prescribes more quantities than the mechanism has degrees of freedom, and "
-                f"its motion is not one of positions alone, since {eom.row_names[-1]} constrains velocities; prescribe "
+                f"its motion is not one of positions alone, since {rates[0]} constrains velocities; prescribe "
                 "as many as there are degrees of freedom"
             )
         self._expression = ca.vertcat(*[driver.expression for driver in prescribed])

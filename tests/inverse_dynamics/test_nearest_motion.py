@@ -148,6 +148,30 @@ def test_least_squares_of_contradicting_data_and_rates(leg):
     assert near[leg.shank.alpha][1] == pytest.approx((found[2] - 2 * found[1] + found[0]) / h**2, rel=1e-4)
 
 
+@pytest.mark.parametrize("curve", ["CubicSpline", "make_interp_spline", "smoothing_spline", "coarse", "few"])
+def test_noise_in_a_spline_is_remarked(curve):
+    """A disc that swings: curves through noisy samples warn, a smooth one and few outputs of a fast motion do not."""
+    from scipy import interpolate
+
+    torque = mbd.Input("torque")
+    disc = mbd.Body("disc", mass=1.0, inertia=2.0)
+    hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), disc.at(0, 0))
+    model = mbd.Mechanism([disc], [hinge], forces=[mbd.Torque("motor", disc, torque)], inputs=[torque])
+    samples = np.sin(4 * TIMES) + 3e-3 * noise(TIMES.size)
+    course, times = {
+        "CubicSpline": lambda: (interpolate.CubicSpline(TIMES, samples), TIMES),
+        "make_interp_spline": lambda: (interpolate.make_interp_spline(TIMES, samples, k=5), TIMES),
+        "smoothing_spline": lambda: (mbd.smoothing_spline(TIMES, samples, cutoff=3), TIMES),
+        "coarse": lambda: (interpolate.CubicSpline(TIMES, np.sin(4 * TIMES)), [0.2, 0.9]),
+        "few": lambda: (np.sin(4 * TIMES[::10]), TIMES[::10]),
+    }[curve]()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        run = mbd.inverse_dynamics(model, times, motion={hinge.angle: course}, efforts=[torque])
+    assert bool(caught) == (curve in ("CubicSpline", "make_interp_spline"))
+    assert any("is not known: by every second sample" in note for note in run.statistics.notes) == (curve == "few")
+
+
 def test_refusals_of_what_leaves_a_part_free(leg):
     motion = list(zip(leg.markers[:4], leg.samples()[:4], strict=True))
     with pytest.raises(mbd.MechanismError, match="under-determined by 1: motion= prescribes 4 quantities"):

@@ -123,22 +123,35 @@ def expression_of(x: ca.SX, curve: Any) -> Any:
     ModelError
         For a curve with several values at a point.
     """
-    if not callable(curve) or isinstance(curve, ca.SX):
+    pieces = _pieces_of(curve)
+    if pieces is None:
         return curve
-    if hasattr(curve, "get_knots") and hasattr(curve, "get_coeffs"):  # UnivariateSpline and those like it
-        xs = np.asarray(curve.get_knots(), float)
-        order = len(curve.get_coeffs()) - len(xs) + 2
-    elif all(hasattr(curve, name) for name in ("t", "c", "k")):  # BSpline
-        xs, order = np.unique(curve.t[curve.k : len(curve.t) - curve.k]), curve.k + 1
-    elif all(hasattr(curve, name) for name in ("x", "c", "derivative")):  # PPoly and those like it
-        xs, order = np.asarray(curve.x, float), len(curve.c)
-    else:
-        return curve
+    xs, order = pieces
     if np.ndim(curve(xs[0])):
         raise ModelError(
             f"{type(curve).__name__}: a curve with one value at each point is needed, this one has several"
         )
     return piecewise(x, xs, xs, _taylor(curve, xs, order), "error")
+
+
+def knots_of(curve: Any) -> np.ndarray | None:
+    """Return the places between which a curve of SciPy is a polynomial (n,); None of anything else."""
+    pieces = _pieces_of(curve)
+    return None if pieces is None else pieces[0]
+
+
+def _pieces_of(curve: Any) -> tuple[np.ndarray, int] | None:
+    """Knots of a curve of SciPy, and the number of coefficients of each piece."""
+    if not callable(curve) or isinstance(curve, ca.SX):
+        return None
+    if hasattr(curve, "get_knots") and hasattr(curve, "get_coeffs"):  # UnivariateSpline and those like it
+        knots = np.asarray(curve.get_knots(), float)
+        return knots, len(curve.get_coeffs()) - len(knots) + 2
+    if all(hasattr(curve, name) for name in ("t", "c", "k")):  # BSpline
+        return np.unique(curve.t[curve.k : len(curve.t) - curve.k]), curve.k + 1
+    if all(hasattr(curve, name) for name in ("x", "c", "derivative")):  # PPoly and those like it
+        return np.asarray(curve.x, float), len(curve.c)
+    return None
 
 
 def through_samples(x: ca.SX, xs: Any, ys: Any) -> ca.SX:
