@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 import mbdcasadi as mbd
+from mbdcasadi.optimal_control.friction.search import with_switches
 from mbdcasadi.optimal_control.friction.switched_solution import Switch, time_error
+from mbdcasadi.optimal_control.motion.limit_excess import largest_share
 from mbdcasadi.optimal_control.search.search import Search
+from mbdcasadi.optimal_control.solve.problem_solver import ProblemSolver
 
 G = 9.81
 
@@ -303,6 +306,19 @@ def test_simulation_that_switches_otherwise():
     assert verified.final_error > 1e-3
     assert np.isinf(verified.time_error) or verified.time_error > 1e-3
     assert "off by" in repr(verified)
+
+
+@pytest.mark.parametrize("fastest", [1.2, 1.3])
+def test_limits_are_kept_between_the_points_at_which_they_are_held(fastest):
+    """Up to its speed a mass speeds up and slows down in parabolas: ``∫F² dt = 8/3 v² / τ``, τ each of these times."""
+    force, block, rail, (push, _) = pushed()
+    model = mbd.Mechanism([block], [rail], forces=[push], inputs=[force])
+    ends = {"initial": [block.x == 0, block.vx == 0], "final": [block.x == 1, block.vx == 0]}
+    problem = mbd.OptimalControlProblem(model, 1.0, running_cost=force**2, path=[block.vx <= fastest], **ends)
+    coarse = mbd.optimize(problem, intervals=7)
+    solution = with_switches(ProblemSolver(problem, coarse.settings), coarse)
+    assert largest_share(coarse) > 1e-4 and largest_share(solution) <= 1e-6
+    assert solution.cost == pytest.approx(8 / 3 * fastest**2 / (1.5 * (1 - 1 / fastest)), rel=1e-7)
 
 
 def test_first_motion_is_searched_for_in_all_ways(monkeypatch):

@@ -13,6 +13,9 @@ from ...errors import ConditionError, MechanismError, ModelError, OptimizationEr
 from ...model.conditions import Condition
 from ...numerics.tolerances import MET
 from ...results.state import State
+from ..measures.cost_error import FalseCost
+from ..measures.limit_error import PassedLimits
+from ..measures.measure import split
 from ..measures.switches import UnresolvedSwitches
 from ..problem import OptimalControlProblem
 from ..program.problem_setup import ProblemSetup
@@ -43,8 +46,8 @@ SHARES, READ_OFF = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7), 1e-4
 #: The same with contacts: open and closed are told apart early, small shares stiffen the motion, large ones soften it.
 TOUCH_SHARES, TOUCH_READ_OFF = (1e2, 1.0, 1e-1, 1e-2, 1e-3, 1e-4), 1e-1
 #: Share of the cost that limits which become active within an interval may change, and passes in which mesh points move
-#: there.
-SWITCH_TOLERANCE, MOVES = 1e-6, 3
+#: there, or intervals are split in which laws are passed: another motion follows in a simulation.
+SWITCH_TOLERANCE, MOVES = 1e-6, 6
 #: Phases up to this share of the duration are left out unless the motion costs as large a share more without them than
 #: with friction as a force.
 BRIEF = 1e-2
@@ -196,7 +199,7 @@ class FrictionSearch:
         ]
         if is_automatic(self.intervals):
             solution, _ = refine_if_coarse(solver, solution)
-            solution = solution if tolerance is not None else _with_switches(solver, solution)
+            solution = with_switches(solver, solution)
         if tolerance is not None:
             solution = refine(solver, solution, tolerance)
         solution.statistics = replace(solution.statistics, starts=starts if len(starts) > 1 else [])
@@ -253,15 +256,21 @@ class _Orders:
         raise [one for one in self._found.values() if isinstance(one, MechanismError)][-1]
 
 
-def _with_switches(solver: ProblemSolver, solution: Solution) -> Solution:
-    """The solution with mesh points at the times at which limits of inputs begin or cease to be active."""
+def with_switches(solver: ProblemSolver, solution: Solution) -> Solution:
+    """Return the solution with mesh points at switches, and with shorter intervals where it passes laws or limits.
+
+    Mesh points move to the times at which limits of inputs begin or cease to be active; else intervals are split. A
+    motion whose cost is wrong by errors of its mesh ends this.
+    """
     for _ in range(MOVES):
-        measure = UnresolvedSwitches(solution, SWITCH_TOLERANCE)
-        meshes = [measure.placed(part, part.mesh) for part in solution.phases]
-        if not measure.moves or all(map(Mesh.is_same, meshes, solution.meshes)):
+        switches, passed = UnresolvedSwitches(solution, SWITCH_TOLERANCE), PassedLimits(solution, MET)
+        meshes = [switches.placed(part, part.mesh) for part in solution.phases]
+        if not switches.moves or all(map(Mesh.is_same, meshes, solution.meshes)):
+            meshes = [split(part, [passed]) for part in solution.phases]
+        if all(map(Mesh.is_same, meshes, solution.meshes)):
             break
         further = solver.solve_further(solution, meshes)
-        if further is None:
+        if further is None or FalseCost(further).largest > 0:
             break
         solution = further
     return solution
