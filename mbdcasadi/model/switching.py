@@ -29,6 +29,8 @@ class Switching:
     instead: str = "take Coulomb, Stribeck or LuGre"
     #: mode in which it does not act
     free_mode: Any = "free"
+    #: units of its sliding speed, and of the force or couple that holds it
+    units: tuple[str, str] = ("m/s", "N")
     name: str
     sliding_speed: ca.SX
 

@@ -29,10 +29,9 @@ def validity_conditions(mechanism: Mechanism) -> tuple[ValidityCondition, ...]:
     )
 
 
-def report_exceeded_limits(motion: Trajectory, analysis: str) -> None:
-    """Warn of inputs of a motion that are beyond their limits, which an analysis does not hold."""
-    for k, u in enumerate(motion.mechanism.inputs):
-        values = motion.inputs[:, k]
+def report_exceeded_limits(motion: Trajectory | State, analysis: str) -> None:
+    """Warn of inputs of a motion or state that are beyond their limits, which an analysis does not hold."""
+    for u, values in zip(motion.mechanism.inputs, np.atleast_2d(motion.inputs).T, strict=True):
         slack = 1e-6 * (1 + np.max(np.abs(values), initial=0.0))
         if np.any(values < u.lower - slack) or np.any(values > u.upper + slack):
             warn(

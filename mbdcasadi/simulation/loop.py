@@ -611,7 +611,7 @@ class Run:
             cause = f"{corner}, and the expression has no accurate derivative close to it; {corner.remedy}"
         else:
             outputs, method = self._arc.stepper.tolerant_outputs, self.integrator.name
-            cause = cause_of_failure(outputs, reached, last, failure.flag, ahead, method)
+            cause = cause_of_failure(outputs, self._arc.ranges, reached, last, failure.flag, ahead, method)
         return SimulationError(
             f"the simulation stopped at t = {reached:.6g} s: {cause}; what was computed is in .partial",
             time=reached,

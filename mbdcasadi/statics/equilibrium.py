@@ -23,7 +23,7 @@ from ..numerics.console import keyboard_interrupts
 from ..numerics.least_squares import largest
 from ..numerics.rank import analyse_rank, unit_rows
 from ..results.state import Conditions, State
-from ..results.validity import report_validity_at
+from ..results.validity import report_exceeded_limits, report_validity_at
 from .amplification import amplification, warn_of
 from .held import Held, free_numeric
 from .search import newton, newton_nearby, to_stable, with_least_efforts
@@ -144,7 +144,7 @@ def equilibrium(
     MechanismWarning
         If the pose is singular, or so near to a singular one that the reactions are amplified a thousandfold; if
         first-order states remember more of the way to rest than the pose; if the pose is one that an element does not
-        allow, such as a cable that would have to push.
+        allow, such as a cable that would have to push; if an input is beyond its limits.
 
     References
     ----------
@@ -161,7 +161,9 @@ def equilibrium(
     """
     with keyboard_interrupts("equilibrium"):
         setup = Setup(mechanism, "equilibrium", t=t, initial=conditions, inputs=inputs, parameters=parameters)
-        return equilibrium_of(setup, inputs_and_parameters(mechanism, unknowns, "unknowns="), prefer, weights)
+        rest = equilibrium_of(setup, inputs_and_parameters(mechanism, unknowns, "unknowns="), prefer, weights)
+        report_exceeded_limits(rest, "equilibrium")
+        return rest
 
 
 def equilibrium_of(

@@ -49,12 +49,15 @@ class Law:
     needed, available : casadi.SX
         Friction that holds the pose, and the largest; of a contact its normal force, and nothing; of the limit of an
         input neither.
+    unit : str
+        Of these.
     """
 
     place: str
     slack: ca.SX
     needed: ca.SX | None = None
     available: ca.SX | None = None
+    unit: str = "N"
 
     @property
     def event(self) -> str:
@@ -148,7 +151,7 @@ class Held:
         eom = equations(self.mechanism)
         pulls = {friction: eom.lam[eom.row_names.index(friction.sticking_row)] for friction in element.frictions}
         return [
-            Law(friction.description, limit - sign * pull, sign * pull, ca.SX(limit))
+            Law(friction.description, limit - sign * pull, sign * pull, ca.SX(limit), friction.units[1])
             for friction, pull in pulls.items()
             for sign, limit in zip((1, -1), friction.limits_of_pull, strict=True)
             if known_value(limit) != np.inf
@@ -249,8 +252,9 @@ class HoldingProgram:
                 "not touch, or change the loads"
             )
         return (
-            f"{law.place} would have to hold {needed:.6g} and holds {available:.6g} (N or N m), so it slides; raise "
-            "its friction, change the loads (holding_range gives those that hold), or start from another pose"
+            f"{law.place} would have to hold {needed:.6g} {law.unit} and holds {available:.6g} {law.unit}, so it "
+            "slides; let it hold more, change the loads (holding_range gives those that hold), or start from another "
+            "pose"
         )
 
     def with_largest_margin(self, x: np.ndarray) -> np.ndarray:

@@ -184,7 +184,16 @@ def test_what_is_wrong_is_named():
         mbd.Clutch("c", a, b, -1.0)
     with pytest.raises(mbd.ModelError, match="static_capacity 0.5 is below the capacity 1"):
         mbd.Clutch("c", a, b, 1.0, static_capacity=0.5)
-    with pytest.raises(mbd.MechanismError, match="'free' moves at t = 0 s in the sense in which it holds, with -1"):
+    with pytest.raises(
+        mbd.MechanismError, match="'free' moves at t = 0 s in the sense in which it holds, with -1 rad/s"
+    ):
         mbd.simulate(model, [0, 1], initial=[a.omega == 1, b.omega == 0])
+    with pytest.raises(mbd.MechanismError, match="a live page does not follow one-way clutch 'free'.*take a Torque"):
+        mbd.animate(model, "page.html", live=True)
+    held = model.replace(joints=[*model.joints[:-1], mbd.OneWayClutch("stop", mbd.ground, a)])
+    back = held.replace(forces=[mbd.Torque("back", a, -1.0)])
+    with pytest.raises(mbd.EquilibriumError, match="'stop' would have to hold 1 N m and holds 0 N m"):
+        mbd.equilibrium(held.replace(forces=[mbd.Torque("on", a, 1.0)]))
+    assert mbd.equilibrium(back)[held.joint("stop").torque] == pytest.approx(1.0)
     with pytest.raises(mbd.ModelError, match="'free' switches exactly.*take a Torque"):
         mbd.equilibrium_path(model.replace(parameters=[load := mbd.Parameter("load", 1.0)]), load, 0.0, 1.0)

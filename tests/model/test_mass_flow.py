@@ -178,6 +178,17 @@ def test_jet_damping_and_coriolis_of_a_flow_inside():
     np.testing.assert_allclose(momentum, np.tile(momentum[0], (times.size, 1)), atol=1e-5)
 
 
+def test_mass_that_runs_out_is_named():
+    """A rocket of fuel alone stops where nothing is left, whose acceleration grows without bound."""
+    fuel = mbd.StateVariable("fuel", 6.0)
+    rocket = mbd.Body("rocket", mass=fuel, inertia=1.0)
+    jet = mbd.MassFlow("jet", rocket.at(0, 0), rate=-2.0, velocity=(0, -100.0))
+    model = mbd.Mechanism([rocket], forces=[jet], states={fuel: -2.0})
+    for method in ("idas", "dop853"):
+        with pytest.raises(mbd.SimulationError, match="at t = (3|2.999.*) s: body 'rocket': mass must be"):
+            mbd.simulate(model, np.linspace(0, 5, 11), method=method)
+
+
 def test_refuses():
     """Rates that disagree, a flow at the ground, masses of anything else, impacts, an empty tank."""
     with pytest.raises(mbd.ModelError, match="'rocket': its mass changes by -3 kg/s, and its flows bring -2 kg/s"):

@@ -89,6 +89,16 @@ def test_a_rest_that_an_element_does_not_allow_is_told():
         mbd.equilibrium(mechanism)
 
 
+def test_inputs_beyond_their_limits_are_told():
+    """What holds the pose is found, and said to be more than the motor has; so are values that are given."""
+    tau = mbd.Input("tau", lower=-2, upper=2)
+    p = pendulum(forces=lambda rod: [mbd.Torque("motor", rod, tau)], inputs=[tau])
+    with pytest.warns(mbd.MechanismWarning, match="input 'tau' .* beyond its limits -2 … 2; equilibrium does not hold"):
+        assert mbd.equilibrium(p.mechanism, [p.rod.phi == 0], unknowns=[tau])[tau] == pytest.approx(0.5 * G)
+    with pytest.warns(mbd.MechanismWarning, match="input 'tau' goes from 2.5"):
+        mbd.equilibrium(p.mechanism, inputs={tau: 2.5})
+
+
 def test_torque_that_holds_a_pose():
     tau = mbd.Input("tau")
     p = pendulum(forces=lambda rod: [mbd.Torque("motor", rod, tau)], inputs=[tau])

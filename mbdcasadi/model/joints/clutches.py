@@ -32,6 +32,7 @@ class ShaftClutch(Switching, ConstraintElement):
 
     kind = "clutch"
     switches_modes = True
+    units = ("rad/s", "N m")
     instead = "take a Torque that depends on the speeds of the shafts"
 
     def __init__(self, name: str, a: Body, b: Body):

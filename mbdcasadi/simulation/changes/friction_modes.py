@@ -380,7 +380,7 @@ class FrictionModes(SwitchingModes):
         if not allowed:
             raise SimulationError(
                 f"{friction.description} moves at t = {state.t:.6g} s in the sense in which it holds, with "
-                f"{float(state[friction.sliding_speed]):.6g}; start it at rest or the other way",
+                f"{float(state[friction.sliding_speed]):.6g} {friction.units[0]}; start it at rest or the other way",
                 time=state.t,
             )
         return allowed

@@ -8,6 +8,7 @@ from ...equations.numeric import NumericEquations
 from ...errors import NOT_FINITE, SimulationError
 from ...integrators.failures import in_words
 from ...kinematics.singular import describe_singularity
+from ...results.ranges import Ranges
 from ...results.validity import broken_at_pose
 from ..outputs import Outputs
 from ..tolerances import narrowest_friction
@@ -18,13 +19,17 @@ NEAR_SINGULAR = 0.02
 NARROW_FRICTION = 1e-6
 
 
-def cause_of_failure(outputs: Outputs, t: float, x: np.ndarray, flag: str, ahead: float, method: str = "") -> str:
+def cause_of_failure(
+    outputs: Outputs, ranges: Ranges, t: float, x: np.ndarray, flag: str, ahead: float, method: str = ""
+) -> str:
     """Likely cause of a failure after the state that was reached last.
 
     Parameters
     ----------
     outputs : Outputs
         What makes the outputs of the run.
+    ranges : Ranges
+        Looks for quantities that leave their ranges just ahead.
     t : float
         Time of the last state.
     x : numpy.ndarray
@@ -40,7 +45,8 @@ def cause_of_failure(outputs: Outputs, t: float, x: np.ndarray, flag: str, ahead
     eom, n = numeric.eom, numeric.eom.q.numel()
     (q, v, z), said = np.split(x, [n, 2 * n]), in_words(flag)
     remarks = "".join(f"; {sentence}" for sentence in broken_at_pose(numeric, t, q))
-    rates = _rates(outputs, t, q, v, z)
+    a, lam, z_rates = _unknowns(outputs, t, q, v, z)
+    rates = np.nan_to_num(np.concatenate([v, a, z_rates]), posinf=0.0, neginf=0.0)
     for time, (pose, speed, z_there) in ((t, (q, v, z)), (t + ahead, np.split(x + ahead * rates, [n, 2 * n]))):
         u = outputs.inputs_at(time, pose, speed, z_there)
         own = [f"input '{i.label}'" for i, value in zip(eom.mechanism.inputs, u, strict=True) if not np.isfinite(value)]
@@ -48,6 +54,10 @@ def cause_of_failure(outputs: Outputs, t: float, x: np.ndarray, flag: str, ahead
             *numeric.rows_not_finite(time, pose, speed, z_there, u),
             *numeric.not_finite(time, pose, speed, z_there, u),
         ]
+        here = [np.atleast_2d(part) for part in (pose, speed, a, z_there, lam, u)]
+        left = ranges.first_broken((np.array([time]), *here))
+        if left is not None:
+            return f"{left[1]} at t = {time:.6g} s as it goes on there ({said}); end the run before, or let it stop"
         if broken:
             return f"{', '.join(broken)} is not finite there: {NOT_FINITE} ({said}){remarks}"
     bent = numeric.not_finite(t, q, v, z, outputs.inputs_at(t, q, v, z), slopes=True)
@@ -78,13 +88,12 @@ def cause_of_failure(outputs: Outputs, t: float, x: np.ndarray, flag: str, ahead
     )
 
 
-def _rates(outputs: Outputs, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Rates of a state ``(q, v, z)``, and zero for those that are not finite."""
+def _unknowns(outputs: Outputs, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Accelerations, multipliers and rates of first-order states."""
     numeric, u = outputs.numeric, outputs.inputs_at(t, q, v, z)
     state = [np.atleast_2d(part) for part in (t, q, v, z, u)]
     a, lam = (rows[0] for rows in numeric.accelerations_of_rows(*state, redundant=True))
-    z_rate = numeric.eom.function(numeric.eom.z_rate)(t, q, v, a, z, lam, u, numeric.p).full().ravel()
-    return np.nan_to_num(np.concatenate([v, a, z_rate]), posinf=0.0, neginf=0.0)
+    return a, lam, numeric.eom.function(numeric.eom.z_rate)(t, q, v, a, z, lam, u, numeric.p).full().ravel()
 
 
 def singular_stop(numeric: NumericEquations, entry: float, time: float, x: np.ndarray) -> SimulationError:
