@@ -62,12 +62,12 @@ def read_mjcf(path: str | Path, *, contacts: bool = True) -> Mechanism:
 
     Geoms that MuJoCo lets touch are a :class:`Contact` ``one on other``: planes, spheres, capsules, cylinders and
     boxes that lie along the plane or across it. A ``range`` of a joint is two of :class:`EndStop`, ``joint lower
-    stop`` and ``joint upper stop``, that of a spatial tendon ``tendon name upper stop``; ``frictionloss`` is a
+    stop`` and ``joint upper stop``, that of a tendon ``tendon name lower stop``, …; ``frictionloss`` is a
     :class:`LoadIndependentFriction` ``joint friction``. The ranges of the forces of an actuator limit its input, or, of
     a servo, the force itself. Softness (``solref``, ``solimp``)
     has no length in a file; the laws are these instead, with the weight W of all bodies and the size h, which is half
     of the least width of the smaller geom, the radius of gyration of what the joint carries, or the greatest length of
-    the tendon:
+    the tendon (of a sum of coordinates, the softest of the stops that its joints would have):
 
     - Contacts and stops are :class:`HuntCrossley` with the exponent 1, ``k = W/δ`` and ``χ = 2/√(g δ)``,
       ``δ = 0.01 h`` (of a hinge ``k h²`` and ``χ h``): they yield by 1 % of the size under the weight of all bodies,
@@ -510,7 +510,9 @@ class _Reader:
         limits = None
         if "limit" not in self.off and self._is_limited(element, "limited", "range"):
             limits = self._range(element, "range")
-            if not self.contacts or element.tag == "fixed":
+            if element.tag == "spatial" and limits[1] <= 0:
+                raise element.refuse(f"has range = '{element.get('range')}', which leaves it no length")
+            if not self.contacts:
                 robot.left_out.append(f"the range of tendon '{name}' (EndStop holds it)")
         if "frictionloss" not in self.off and element.number("frictionloss", "0", least=0.0) > 0:
             robot.left_out.append(f"the dry friction of tendon '{name}'")
@@ -525,7 +527,7 @@ class _Reader:
             0.0 if "damper" in self.off else element.number("damping", "0", least=0.0),
             0.0 if "spring" in self.off else element.number("stiffness", "0", least=0.0),
             None if rest[0] == -1 else (float(rest[0]), float(rest[-1])),
-            limits if self.contacts and element.tag == "spatial" else None,
+            limits if self.contacts else None,
         )
         robot.tendons.append(tendon)
         if self._is_limited(element, "actuatorfrclimited", "actuatorfrcrange"):

@@ -29,7 +29,7 @@ from ..model.rates import time_derivative
 from ..model.symbols import values_of
 from ..numerics.lazy import cached_property
 from .robot_contacts import RobotContacts, Yielding
-from .robots import Coordinate, CoordinateForce, Link, Loop, Robot, SpatialJoint, Tendon
+from .robots import Coordinate, CoordinateForce, CoordinateStop, Link, Loop, Robot, SpatialJoint, Tendon
 from .tendons import strand_length
 
 #: Angle by which axes that are meant to be parallel may differ, rad: files give angles to a few digits.
@@ -367,7 +367,22 @@ class PlanarBuilder:
         if tendon.stiffness and not is_linear:
             self._hold_within(f"{tendon.key} {{}} spring", tendon, (lower, upper), HuntCrossley(tendon.stiffness, 1))
         if tendon.limits:
-            self._hold_within(f"{tendon.key} {{}} stop", tendon, tendon.limits, self.laws.law(tendon.limits[1]))
+            laws = [self.laws.law(tendon.limits[1])] if tendon.strands else self._laws_of_joints(tendon)
+            if laws:
+                softest = min(laws, key=lambda law: float(law.stiffness))
+                self._hold_within(f"{tendon.key} {{}} stop", tendon, tendon.limits, softest)
+            else:
+                self.robot.left_out.append(f"the range of tendon '{tendon.name}', which moves nothing of a size")
+
+    def _laws_of_joints(self, tendon: Tendon) -> list[HuntCrossley]:
+        """Laws of stops on the joints of a tendon, in terms of its value."""
+        factors, laws = dict(tendon.parts), []
+        for link, joint in self.robot.joints:
+            size = self._radius_of_gyration(link, joint) if factors.get(joint.name) else 0.0
+            if size > 0:
+                lever = size if joint.kind == "hinge" else 1.0
+                laws.append(self.laws.law(size, lever / abs(factors[joint.name])))
+        return laws
 
     def _at_rest(self, tendon: Tendon, value: ca.SX) -> float:
         """Value of a tendon with all joints where their springs are free."""
@@ -385,10 +400,10 @@ class PlanarBuilder:
 
     def _hold_within(self, name: str, tendon: Tendon, limits: tuple[float, float], law: HuntCrossley) -> None:
         """Add stops at limits of a tendon; those at which it would have no length are none."""
-        value = self.coordinates[tendon.key].value
+        along = self.coordinates[tendon.key]
         if limits[0] > 0 or tendon.parts:
-            self.forces.append(EndStop(name.format("lower"), value - limits[0], law))
-        self.forces.append(EndStop(name.format("upper"), limits[1] - value, law))
+            self.forces.append(CoordinateStop(name.format("lower"), along, along.value - limits[0], law))
+        self.forces.append(CoordinateStop(name.format("upper"), along, limits[1] - along.value, law))
 
     def _carry(self, link: Link) -> None:
         """Add the force that carries a share of the weight of a link, at its centre of mass."""

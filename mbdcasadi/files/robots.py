@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -14,6 +14,7 @@ from ..model.bodies import Marker
 from ..model.element import Element
 from ..model.expressions import fmax, fmin
 from ..model.forces.applied import GeneralizedForce
+from ..model.forces.stops import EndStop
 from ..model.symbols import Input, Scalar
 from .markup import XmlElement
 
@@ -190,6 +191,26 @@ class CoordinateForce(GeneralizedForce):
 
     def __init__(self, name: str, along: Coordinate, force: Scalar):
         super().__init__(name, [(along.value, force)])
+        self.markers = along.markers
+
+
+class CoordinateStop(EndStop):
+    """Stop on the coordinate of a joint or tendon.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    along : Coordinate
+        The coordinate.
+    gap : casadi.SX
+        Distance from the stop, in units of the coordinate.
+    law : callable
+        That of :class:`EndStop`.
+    """
+
+    def __init__(self, name: str, along: Coordinate, gap: Scalar, law: Callable[[ca.SX, ca.SX], Any]):
+        super().__init__(name, gap, law)
         self.markers = along.markers
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +20,7 @@ from ..model.forces.contact.outlines import Outline
 from ..model.forces.field import Gravity
 from ..model.forces.friction.joint_friction import JointFriction, LoadIndependentFriction
 from ..model.forces.friction.laws import Coulomb, DryFriction
+from ..model.forces.laws import HuntCrossley
 from ..model.forces.stops import EndStop
 from ..model.joints.lower_pairs import Distance, Revolute, Weld
 from ..model.mechanism import Mechanism
@@ -45,8 +47,8 @@ def write_mjcf(mechanism: Mechanism, path: str | Path) -> None:
 
     Forces by their laws: what is linear in a coordinate and its rate is the stiffness and damping of a joint or of a
     tendon, what is linear in one input an actuator of its name; a rotor that is geared to one joint alone is its
-    armature. Two :class:`EndStop` on a coordinate are a range, :class:`LoadIndependentFriction` is ``frictionloss``, a
-    :class:`Contact` a pair of geoms without masses.
+    armature. Two :class:`EndStop` on a coordinate, or one on a length, are a range, :class:`LoadIndependentFriction` is
+    ``frictionloss``, a :class:`Contact` a pair of geoms without masses.
 
     Parameters
     ----------
@@ -64,7 +66,7 @@ def write_mjcf(mechanism: Mechanism, path: str | Path) -> None:
     -----
     MechanismWarning
         For what is left out: laws of contacts, stops and friction, which MuJoCo and :func:`read_mjcf` replace by
-        theirs, inputs that act nowhere, and limits of inputs on one side only.
+        theirs, constraints that other joints hold already, inputs that act nowhere, and their limits on one side only.
 
     See Also
     --------
@@ -99,6 +101,16 @@ def _in_space(vector: Any) -> str:
     return _text(vector[0], 0.0, vector[1])
 
 
+def _name_of_tendon(element: Any) -> str:
+    """Name of the tendon along which an element acts, as read_mjcf names springs and stops."""
+    return str(re.sub(r"^tendon (.*) (spring and damper|(lower|upper) (stop|spring))$", r"\1", element.name))
+
+
+def _way(element: Any) -> ca.SX:
+    """Length from marker to marker of an element, m."""
+    return sum((norm(b.position - a.position) for a, b in pairwise(element.markers)), ca.SX(0))
+
+
 def _turn(angle: Any) -> str:
     """A turn in the plane, counter-clockwise, as a quaternion."""
     return _text(np.cos(angle / 2), 0, -np.sin(angle / 2), 0)
@@ -131,7 +143,10 @@ class _Writer:
         self.bodies: dict[Body, ET.Element] = {ground: ET.SubElement(self.root, "worldbody")}
         self.joints: dict[TreeJoint, ET.Element] = {}
         self.sections = {name: ET.Element(name) for name in ("tendon", "equality", "contact", "actuator")}
-        self.stops: dict[TreeJoint, dict[int, float]] = {}
+        #: limits of the lower (1) and upper (-1) end, by the joint or tendon, and the stiffness of linear springs
+        self.stops: dict[tuple[ET.Element, float | None], dict[int, float]] = {}
+        #: tendons by what they run along
+        self.tendons: dict[tuple[Any, ...], ET.Element] = {}
         #: sums of stiffness, of stiffness times rest, and of damping by joint
         self.springs = {joint: np.zeros(3) for joint in self.tree.joints}
         self.terms: list[_Term] = []
@@ -195,13 +210,18 @@ class _Writer:
         return name
 
     def _tendon(self, name: str, along: np.ndarray | tuple[Marker, ...]) -> ET.Element:
-        """Add a tendon along factors of joints, or from marker to marker."""
+        """The tendon along factors of joints, or from marker to marker; a new one if there is none."""
+        section, is_path = self.sections["tendon"], isinstance(along, tuple)
+        places = [(marker.body, *self.tree.local(marker)) for marker in along] if isinstance(along, tuple) else along
+        if (key := tuple(places)) in self.tendons:
+            return self.tendons[key]
+        while any(other.get("name") == name for other in section):
+            name += " tendon"
+        tendon = self.tendons[key] = ET.SubElement(section, "spatial" if is_path else "fixed", name=name)
         if isinstance(along, tuple):
-            tendon = ET.SubElement(self.sections["tendon"], "spatial", name=name)
             for place, marker in enumerate(along, start=1):
                 ET.SubElement(tendon, "site", site=self._site(marker, f"{name} {place}"))
             return tendon
-        tendon = ET.SubElement(self.sections["tendon"], "fixed", name=name)
         for joint, factor in zip(self.tree.joints, along, strict=True):
             if factor:
                 ET.SubElement(tendon, "joint", joint=joint.name, coef=_text(factor))
@@ -226,8 +246,7 @@ class _Writer:
         """Add a force along an expression."""
         along: Any = self.samples.factors(e)
         if along is None and len(element.markers) > 1:
-            way = sum((norm(b.position - a.position) for a, b in pairwise(element.markers)), ca.SX(0))
-            values = self.samples.of(e, way)
+            values = self.samples.of(e, _way(element))
             is_length = values is not None and np.allclose(values[0], values[1], rtol=NEGLIGIBLE, atol=0)
             along = element.markers if is_length else None
         if isinstance(along, np.ndarray) and not np.any(along):
@@ -239,7 +258,7 @@ class _Writer:
                 _LEAVE,
             )  # fmt: skip
         count = sum(term.element is element for term in self.terms)
-        name = element.name.removeprefix("tendon ").removesuffix(" spring and damper")  # as read_mjcf names them
+        name = _name_of_tendon(element)
         self.terms.append(_Term(element, f"{name} {count + 1}" if count else name, along, law))
 
     def _write_actuators(self) -> None:
@@ -272,8 +291,7 @@ class _Writer:
         """Add an actuator, with a law that it carries besides."""
         single, gear = self._single(along), 1.0
         if single is None:
-            self._tendon(attributes["name"], along)
-            attributes["tendon"] = attributes["name"]
+            attributes["tendon"] = self._tendon(attributes["name"], along).get("name", "")
         else:
             attributes["joint"], gear = single[0].name, single[1]
         if law is None or not (law.constant or law.stiffness or law.damping):
@@ -312,6 +330,9 @@ class _Writer:
                 raise _refusal(term.element, "has a negative free length", "give it one above zero")
             along, rest = -along, -rest
         tendon = self._tendon(term.name, along)
+        if tendon.get("damping"):  # of another spring
+            self.tendons.clear()
+            tendon = self._tendon(term.name, along)
         tendon.set("damping", _text(law.damping))
         if law.stiffness:
             tendon.set("stiffness", _text(law.stiffness))
@@ -321,23 +342,51 @@ class _Writer:
     def _stop(self, stop: EndStop) -> None:
         factors = self.samples.factors(stop.gap) if stop.gap.is_scalar() else None
         single = None if factors is None else self._single(factors)
-        if single is None:
-            raise _refusal(stop, "is no stop on the coordinate of a joint of the tree", _LEAVE)
-        joint, factor = single
-        limit = joint.reference - float(self.state[stop.gap]) / factor
-        ends = self.stops.setdefault(joint, {})
-        if ends.setdefault(int(np.sign(factor)), limit) != limit:
-            raise _refusal(stop, f"is a second stop of joint '{joint.name}' on this side", _LEAVE)
-        self._replaced()
+        if single is not None:
+            limited, reference, factor = self.joints[single[0]], single[0].reference, single[1]
+        elif factors is not None:
+            factor = -1.0 if tuple(-factors) in self.tendons else 1.0
+            name = _name_of_tendon(stop)
+            limited = self._tendon(name, factor * factors)
+            reference = float(factor * factors @ [joint.reference for joint in self.tree.joints])
+        else:
+            way = _way(stop)
+            factor = next((sign for sign in (1.0, -1.0) if self._is_constant(stop.gap - sign * way, way)), 0.0)
+            if not factor or len(stop.markers) < 2:
+                raise _refusal(stop, "is no stop on the coordinate of a joint of the tree, or on a length", _LEAVE)
+            limited, reference = self._tendon(_name_of_tendon(stop), stop.markers), float(self.state[way])
+        stiffness = None if limited.tag == "joint" else self._stiffness(stop)
+        ends = self.stops.setdefault((limited, stiffness), {})
+        if int(np.sign(factor)) in ends:
+            raise _refusal(stop, f"is a second stop of '{limited.get('name')}' on this side", _LEAVE)
+        ends[int(np.sign(factor))] = reference - float(self.state[stop.gap]) / factor
+        if stiffness is None:
+            self._replaced()
+
+    def _stiffness(self, stop: EndStop) -> float | None:
+        """Stiffness of a stop that is a linear spring, which tendons have with play; None of another law."""
+        law: Any = stop.law
+        if not isinstance(law, HuntCrossley) or self._constant(ca.SX(law.exponent)) != 1:
+            return None
+        return self._constant(ca.SX(law.stiffness)) if self._constant(ca.SX(law.damping)) == 0 else None
 
     def _write_ranges(self) -> None:
-        for joint, ends in self.stops.items():
+        for (limited, stiffness), ends in self.stops.items():
+            if limited.tag == "spatial":
+                ends.setdefault(1, 0.0)
+            what = f"{_WHAT}: {limited.tag} '{limited.get('name')}'"
             if len(ends) < 2:
                 raise ModelError(
-                    f"{_WHAT}: joint '{joint.name}' has a stop on one side, and a range of MuJoCo has two ends; add an "
-                    "EndStop on the other side, as far as it may be"
+                    f"{what} has a stop on one side, and a range of MuJoCo has two ends; add an EndStop on the other "
+                    "side, as far as it may be"
                 )
-            self.joints[joint].set("range", _text(ends[1], ends[-1]))
+            if stiffness is None:
+                limited.set("range", _text(ends[1], ends[-1]))
+                continue
+            if limited.get("stiffness"):
+                raise ModelError(f"{what} has several springs, of which one has play; make one of them a joint's")
+            limited.set("stiffness", _text(stiffness))
+            limited.set("springlength", _text(ends[1], ends[-1]))
 
     def _rub(self, friction: LoadIndependentFriction) -> None:
         joint = next((x for x in self.tree.joints if x.name == friction.joint.name), None)
@@ -357,8 +406,12 @@ class _Writer:
     def _constant(self, expression: ca.SX) -> float | None:
         """Value of an expression that does not vary; None if it does."""
         values = self.samples.of(expression)
-        varies = values is None or np.ptp(values) > NEGLIGIBLE * np.max(np.abs(values))
-        return None if values is None or varies else float(values[0, 0])
+        return float(values[0, 0]) if values is not None and self._is_constant(expression, expression) else None
+
+    def _is_constant(self, expression: ca.SX, scale: ca.SX) -> bool:
+        """Return True if an expression does not vary, compared with another one."""
+        values = self.samples.of(expression, scale)
+        return values is not None and bool(np.ptp(values[0]) <= NEGLIGIBLE * np.max(np.abs(values[1])))
 
     def _replaced(self) -> None:
         self.left_out.append(
@@ -375,7 +428,7 @@ class _Writer:
             bound = self._constant(self._coefficient(contact, contact.friction))
             if bound is None:
                 raise _refusal(contact, "has a coefficient of friction that varies", "give it a constant one")
-            pair |= {"condim": "3", "friction": _text(bound, bound, 0.005, 1e-4, 1e-4)}
+            pair |= {"condim": "3", "friction": _text(bound, bound)}
         ET.SubElement(self.sections["contact"], "pair", pair)
         self._replaced()
 
@@ -405,7 +458,11 @@ class _Writer:
 
     # --- constraints --------------------------------------------------------------------------
     def _constraint(self, element: Any) -> None:
-        """Add an equality, or the armature of a joint."""
+        """Add an equality, or the armature of a joint; none for what the tree holds already."""
+        rows = self.samples.of(element.rows) if element.rows.numel() and not element.velocity_rows.numel() else None
+        if rows is not None and np.max(np.abs(rows)) < NEGLIGIBLE:
+            self.left_out.append(f"{element.description}, which the other joints hold already")
+            return
         if isinstance(element, Revolute | Weld):
             names = ["world" if each.body.is_ground else each.body.name for each in (element.a, element.b)]
             attributes = {"name": element.name, "body1": names[0], "body2": names[1]}
@@ -447,8 +504,8 @@ class _Writer:
             )  # fmt: skip
 
     def _hold(self, name: str, along: np.ndarray | tuple[Marker, ...]) -> None:
-        self._tendon(name, along)
-        ET.SubElement(self.sections["equality"], "tendon", name=name, tendon1=name, polycoef="0 0 0 0 0")
+        tendon = self._tendon(name, along).get("name", "")
+        ET.SubElement(self.sections["equality"], "tendon", name=name, tendon1=tendon, polycoef="0 0 0 0 0")
 
     def _is_armature(self, row: ca.SX, factors: np.ndarray) -> bool:
         """Put the inertia of a rotor, which turns by a multiple of one coordinate, in the place of its body.

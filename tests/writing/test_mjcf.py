@@ -188,6 +188,35 @@ def test_a_robot_that_was_read(tmp_path):
     compare(robot, other, start, values, (0.7,))
 
 
+TENDONS = """<mujoco><compiler angle="radian"/><default><geom contype="0"/></default><worldbody>
+  <site name="nail" pos="0 0 2"/><body name="a"><joint name="ja" axis="0 -1 0" ref="0.2"/>
+  <geom size="0.1" mass="2" pos="0.5 0 0"/><site name="eye" pos="0.4 0 0.1"/></body>
+  <body name="b" pos="0 0 3"><joint name="jb" axis="0 1 0"/><geom size="0.1" mass="1" pos="1 0 0"/></body></worldbody>
+  <tendon><fixed name="sum" range="-0.4 0.9" stiffness="20" damping="0.3" springlength="-0.1 0.3">
+  <joint joint="ja" coef="0.5"/><joint joint="jb" coef="-2"/></fixed>
+  <spatial name="string" range="0.2 2.3" damping="2" stiffness="70" springlength="0 1.5"><site site="nail"/>
+  <site site="eye"/></spatial></tendon>
+  <actuator><motor name="u" tendon="sum" gear="3"/><motor name="v" tendon="string"/></actuator></mujoco>"""
+
+
+@pytest.mark.filterwarnings(LEFT_OUT)
+def test_tendons_with_limits_and_play(tmp_path):
+    """Ranges and springs with play of tendons are stops with their names and laws again, forces the same."""
+    (tmp_path / "t.xml").write_text(TENDONS)
+    machine = mbd.read_mjcf(tmp_path / "t.xml")
+    other = again(machine, tmp_path)
+    stops = [force for force in machine.forces if isinstance(force, mbd.EndStop)]
+    names = {"sum lower spring", "sum upper spring", "string upper spring", "sum lower stop", "sum upper stop"}
+    assert {stop.name[7:] for stop in stops} == names | {"string lower stop", "string upper stop"}
+    here, there = mbd.assemble(machine), mbd.assemble(other)
+    for stop in stops:
+        read = other.force(stop.name)
+        assert there[read.gap] == pytest.approx(here[stop.gap], abs=1e-12)
+        assert float(read.law.stiffness) == pytest.approx(float(stop.law.stiffness))
+    start = [coordinates(machine, "ja")[0] == 0.9, coordinates(machine, "ja")[1] == 2.0]
+    compare(machine, other, [*start, coordinates(machine, "jb")[0] == -0.4], ("ja", "jb"), (0.7, -0.4))
+
+
 def arm(*, forces=lambda *_: (), joints=lambda *_: (), drivers=lambda *_: (), inputs=()):
     """A bar on a pin, a body without joints, and more."""
     bar, free = mbd.Body("bar", 1.0, 0.1, (0.4, 0, 0)), mbd.Body("free", 1.0, 0.1, (0.8, 0.1, 0.2))
