@@ -215,3 +215,9 @@ def test_a_force_plate():
     held = run[ankle.reaction_on(foot).force]
     np.testing.assert_allclose(held[:, 0], 1.2 * run[foot.ax] - fx, atol=1e-8)
     np.testing.assert_allclose(held[:, 1], 1.2 * (run[foot.ay] + 9.81) - fy, atol=1e-8)
+    inputs = [mbd.Input(name) for name in ("along", "up", "centre")]
+    read = mbd.Force("plate", mbd.ground.at(inputs[2], 0), (-inputs[0], -inputs[1]), opposite=foot)
+    model = model.replace(forces=[*forces[:2], read], inputs=[torque, *inputs])
+    samples = dict(zip(inputs, (fx, fy, centre), strict=True))
+    again = mbd.inverse_dynamics(model, times, motion={foot.phi: angle}, efforts=[torque], inputs=samples)
+    np.testing.assert_allclose(again[torque], wanted, atol=1e-9)

@@ -44,6 +44,12 @@ class Force(Element):
     References
     ----------
     Haug 1989, section 6.1, eq. (6.1.20).
+
+    Examples
+    --------
+    A force plate with a centre of pressure that moves; the foot takes the reaction, at that place::
+
+        Force("plate", ground.at(centre, 0), (-fx, -fy), opposite=foot)  # inputs, whose samples inputs= takes
     """
 
     kind = "force"
