@@ -93,10 +93,16 @@ class XmlElement:
 Table = Mapping[str, tuple[frozenset[str], frozenset[str]]]
 
 
+#: A comment.
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+
+
 def read_xml(path: str | Path, root: str | None) -> XmlElement:
     """Read a file with a given outermost element, or any; raise a :class:`FileError` for another one."""
     content, path = content_of(path), Path(path)
-    text = content.lstrip()  # people leave lines before the declaration
+    # people leave lines before the declaration, and hyphens in comments; lines keep their numbers
+    content = _COMMENT.sub(lambda comment: b"\n" * comment.group().count(b"\n"), content)
+    text = content.lstrip()
     above = content[: len(content) - len(text)].count(b"\n")
     parser = expat.ParserCreate()
     outermost = XmlElement(path.name, "", 0, {})

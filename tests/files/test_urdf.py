@@ -144,8 +144,8 @@ def test_actuators(tmp_path):
     assert [body.inertia for body in machine.bodies[2:]] == [0.5, 0.5]
     with pytest.raises(mbd.FileError, match="joint 'n' names the joint 'n', which does not exist"):
         read(tmp_path, text + control.replace('name="j"', 'name="n"'))
-    (tmp_path / "r.urdf").write_text(f'\n <?xml version="1.0"?><robot name="r">{text}\n<leg/></robot>')
-    with pytest.raises(mbd.FileError, match="line 5: leg is not known"):
+    (tmp_path / "r.urdf").write_text(f'<!-- a --\n b -->\n <?xml version="1.0"?><robot name="r">{text}\n<leg/></robot>')
+    with pytest.raises(mbd.FileError, match="line 6: leg is not known"):
         mbd.read_urdf(tmp_path / "r.urdf")
     fixed = text.replace('name="k" type="revolute"', 'name="k" type="fixed"')
     assert len(read(tmp_path, fixed + transmission.format("k")).inputs) == 0
