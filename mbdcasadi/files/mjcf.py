@@ -56,7 +56,8 @@ def read_mjcf(path: str | Path, *, contacts: bool = True) -> Mechanism:
     ``position``, ``velocity``, ``general`` with a force that is linear) become inputs of their names. Tendons are sums
     of coordinates (``fixed``) or lengths from site to site (``spatial``), also across the plane, by ``pulley`` and
     around cylinders across the plane and spheres in it, outside of them; the force of a tendon is ``tendon name spring
-    and damper``. ``springdamper`` tunes a spring by the inertia of the joint, as MuJoCo does. The ``armature`` of a
+    and damper``. ``springdamper`` tunes a spring, and ``dampratio`` a servo, by
+    the inertia of the coordinate, as MuJoCo does. The ``armature`` of a
     joint is a rotor, a body beside the others that turns with the coordinate. ``include`` is read;
     :func:`read_keyframes` has the keyframes; sensors and what is only seen change no motion and are not read.
 
@@ -602,7 +603,17 @@ class _Reader:
         is_limited = self._is_limited(element, "forcelimited", "forcerange")
         force = self._range(element, "forcerange") if is_limited else FREE
         gear = float(element.numbers("gear", "1")[0])
-        self._actuators.append(Actuator(element, name, joint, gear, gains_of(element), limits, force))
+        gains = gains_of(element, lambda: self._inertia_along(element, joint, gear))
+        self._actuators.append(Actuator(element, name, joint, gear, gains, limits, force))
+
+    def _inertia_along(self, actuator: XmlElement, key: str, gear: float) -> float:
+        """Inertia of the coordinate of an actuator, ``1/(J M⁻¹ Jᵀ)`` in the pose of the file."""
+        robot = self._robot
+        parts = next((tendon.parts for tendon in robot.tendons if tendon.key == key), [(key, 1.0)])
+        if not parts or gear == 0:
+            raise actuator.refuse("has a damping ratio along a path, which is not read; give the damping itself, as kv")
+        slopes = gear * np.array([dict(parts).get(joint.name, 0.0) for _, joint in robot.joints])
+        return float(1 / (slopes @ np.linalg.solve(robot.inertia(), slopes)))
 
     def _limit_forces(self) -> None:
         """Make inputs and forces of the actuators, within the ranges of theirs and of their joints."""

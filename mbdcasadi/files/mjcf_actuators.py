@@ -7,7 +7,7 @@ general actuator has given them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,12 +22,13 @@ _PLAIN = {
 }  # fmt: skip
 #: Inputs of servos, and attributes that only shape these.
 _INPUTS = {"position": "pos", "velocity": "vel"}
-_OF_SERVOS = ("timeconst", "dampratio", "inheritrange")
+_OF_SERVOS = ("timeconst", "inheritrange")
 
 
 def as_general(element: XmlElement, above: Mapping[str, str]) -> dict[str, str]:
     """Return the attributes of an actuator as those of a general one, with defaults that are so already."""
-    own = {name: text for name, text in element.attributes.items() if name not in ("kp", "kv")}
+    unread = ("kp", "kv", "dampratio") if element.tag == "position" else ("kp", "kv")
+    own = {name: text for name, text in element.attributes.items() if name not in unread}
     values = _PLAIN | dict(above)
     if element.tag == "general":
         for name in ("gainprm", "biasprm"):
@@ -43,7 +44,10 @@ def as_general(element: XmlElement, above: Mapping[str, str]) -> dict[str, str]:
         return {name: text for name, text in values.items() if name not in _OF_SERVOS} | _PLAIN
     gain = element.get("kp" if element.tag == "position" else "kv", values["gainprm"].split()[0])
     if element.tag == "position":
-        rate = _negative(element.get("kv")) if element.has("kv") else values["biasprm"].split()[2]
+        if element.has("kv") and element.has("dampratio"):
+            raise element.refuse("has both kv and dampratio; give one of them")
+        rate = values["biasprm"].split()[2]  # a ratio, if it is positive
+        rate = _negative(element.get("kv")) if element.has("kv") else element.get("dampratio", rate)
         bias = f"0 {_negative(gain)} {rate}"
     else:
         bias, values["dyntype"] = f"0 0 {_negative(gain)}", "none"
@@ -55,8 +59,11 @@ def _negative(text: str) -> str:
     return text[1:] if text.startswith("-") else f"-{text}"
 
 
-def gains_of(actuator: XmlElement) -> tuple[float, float, float, float]:
-    """Factors of the input, of the coordinate and of its rate in the force of a general actuator, and its constant."""
+def gains_of(actuator: XmlElement, inertia: Callable[[], float]) -> tuple[float, float, float, float]:
+    """Factors of the input, of the coordinate and of its rate in the force of a general actuator, and its constant.
+
+    A servo may give a damping ratio ζ: with the inertia m of its coordinate, ``k_v = -2 ζ √(k m)``.
+    """
     for attribute, known in (("dyntype", ("none",)), ("gaintype", ("fixed",)), ("biastype", ("none", "affine"))):
         if actuator.get(attribute) not in known:
             raise actuator.refuse(f"has the {attribute} '{actuator.get(attribute)}'; it must be {' or '.join(known)}")
@@ -65,9 +72,7 @@ def gains_of(actuator: XmlElement) -> tuple[float, float, float, float]:
         return gain, 0.0, 0.0, 0.0
     constant, stiffness, damping = (float(x) for x in actuator.numbers("biasprm")[:3])
     if damping > 0 and stiffness == -gain:
-        raise actuator.refuse(
-            f"has the damping ratio {damping:g} in biasprm, which is not read; give the damping itself, as kv"
-        )
+        damping *= -2 * float(np.sqrt(gain * inertia()))
     return gain, stiffness, damping, constant
 
 

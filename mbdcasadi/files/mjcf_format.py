@@ -40,7 +40,7 @@ _ATTRIBUTES = {
     "spatial geom": "geom sidesite",
     "spatial pulley": "divisor",
     "motor": _ACTUATOR,
-    "position": f"{_ACTUATOR} kp kv",
+    "position": f"{_ACTUATOR} kp kv dampratio",
     "velocity": f"{_ACTUATOR} kv",
     "general": f"{_ACTUATOR} dyntype gaintype biastype dynprm gainprm biasprm input",
 }
@@ -53,7 +53,6 @@ _NEUTRAL = {
     "boundinertia": ("0",),
     "actuatorgravcomp": ("false",),
     "timeconst": ("0",),
-    "dampratio": ("0",),
     "inheritrange": ("0",),
     "actlimited": ("false",),
     "relpose": ("0 1 0 0 0 0 0",),
@@ -95,7 +94,6 @@ _ADVICE = {
         ("boundmass", "boundinertia", "balanceinertia", "inertiagrouprange", "shellinertia"),
         _SAVED.format("masses") + ", so that the attribute can be taken out",
     ),
-    "dampratio": _SAVED.format("stiffness and damping"),
     "inheritrange": _SAVED.format("range"),
 }
 MESH_ADVICE = "give the body an inertial, or " + _SAVED.format("masses")

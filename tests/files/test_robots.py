@@ -594,6 +594,31 @@ def test_tendons_and_carried_weights(tmp_path):
     assert free[force] == pytest.approx(0, abs=1e-9)
 
 
+RATIOS = """<mujoco><compiler angle="radian"/><default><position dampratio="0.7"/></default><worldbody>
+  <body name="a"><joint name="ja" axis="0 -1 0" ref="0.2" armature="0.1"/><geom size="0.1" mass="2" pos="0.5 0 0"/>
+  <body name="b" pos="1 0 0"><joint name="jb" axis="0 1 0"/><geom size="0.1" mass="1" pos="1 0 0"/></body></body>
+  </worldbody><tendon><fixed name="sum"><joint joint="ja" coef="0.5"/><joint joint="jb" coef="-2"/></fixed></tendon>
+  <actuator><position name="u" joint="ja" kp="30" gear="3"/><position name="v" tendon="sum" kp="20" dampratio="1.2"
+  gear="2"/><general name="w" joint="jb" gainprm="9" biastype="affine" biasprm="0 -9 0.4"/></actuator></mujoco>"""
+
+
+def test_damping_ratios_of_servos(tmp_path):
+    """Damping by the inertia of the coordinate in the pose of the file, as MuJoCo 4.0 has it."""
+    machine = read(tmp_path / "m.xml", RATIOS)
+    a, b = (machine.joint(name) for name in ("ja", "jb"))
+    still = mbd.assemble(machine, [a.angle == 0, b.angle == 0])
+    moving = mbd.assemble(machine, [a.angle == 0, b.angle == 0, a.angular_velocity == 2, b.angular_velocity == -1])
+    for name, gear, rate, known in (
+        ("u", 3, 2, -1.99957393),
+        ("v", 2, 0.5 * 2 + 2 * 1, -1.09750745),
+        ("w", 1, -1, -0.87599879),
+    ):
+        ((_, force),) = machine.force(name).virtual_work
+        assert (moving[force] - still[force]) / (gear**2 * rate) == pytest.approx(known, rel=1e-7)
+    with pytest.raises(mbd.FileError, match="position 'v' has both kv and dampratio; give one of them"):
+        read(tmp_path / "m.xml", RATIOS.replace('dampratio="1.2"', 'dampratio="1.2" kv="1"'))
+
+
 def test_tendons_that_are_coupled(tmp_path):
     """A sum of coordinates stays what it is in the pose of the file; ranges and dry friction are named."""
     equality = '<equality><tendon tendon1="ja" polycoef="0.3 0 0 0 0"/></equality>'
