@@ -269,8 +269,8 @@ def _refuse_elements(mechanism: Mechanism) -> None:
     """Raise for elements that a page cannot follow."""
     for element in switching(mechanism):
         raise MechanismError(
-            f"animate: a live page does not follow {element.description}, which switches exactly between sticking and "
-            f"sliding, or touching and not; {element.instead}, or animate a motion of simulate"
+            f"animate: a live page does not follow {element.description}: it {element.exactness}, or animate a motion "
+            "of simulate"
         )
     for element in mechanism.elements:
         missing = unknown_operation(_expressions(element))
