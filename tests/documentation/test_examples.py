@@ -364,6 +364,21 @@ def test_shuffleboard(found):
 
 
 @pytest.mark.slow
+def test_measured_kick(found):
+    """Power of the torques is the rate of the energy; samples as they are give many times the torques."""
+    exact, smooth, rough, leg = (found[name] for name in ("exact", "found", "rough", "leg"))
+    thigh, shank = leg.bodies
+    hip, knee = found["torques"]
+    power = hip * thigh.omega + knee * (shank.omega - thigh.omega)
+    inertia = sum(b.mass * (b.vx * b.ax + b.vy * (b.ay + 9.81)) + b.inertia * b.omega * b.alpha for b in (thigh, shank))
+    np.testing.assert_allclose(smooth[power], smooth[inertia], atol=1e-9)
+    for torque in (hip, knee):
+        size = np.sqrt(np.mean(exact[torque] ** 2))
+        missed = [np.sqrt(np.mean((run[torque] - exact[torque])[10:-10] ** 2)) / size for run in (smooth, rough)]
+        assert missed[0] < 0.15 and missed[1] > 3
+
+
+@pytest.mark.slow
 def test_elevator(found):
     """Ways, tensions and the least brake by hand."""
     assert found["least"] == pytest.approx(300 * 9.81 * 0.3, rel=1e-9)
