@@ -336,6 +336,13 @@ def test_first_motion_is_searched_for_in_all_ways(monkeypatch):
     assert [options.get("ipopt.max_iter") for options in seen] == [None, 7]
 
 
+def test_failure_does_not_blame_the_law():
+    """The load |N| of a joint bends, which the user can state in no other way."""
+    with pytest.raises(mbd.OptimizationError, match="iterations") as raised:
+        mbd.optimize(moved(*pushed()), options={"ipopt.max_iter": 2})
+    assert "kink" not in str(raised.value)
+
+
 def test_what_is_refused():
     """Each message names the friction, or the argument, and says what to do."""
     force, block, rail, (push, rub) = pushed()

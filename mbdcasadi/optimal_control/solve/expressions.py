@@ -68,10 +68,14 @@ def kinks_in_costs(problem: OptimalControlProblem) -> str:
     return problem.shared.get_or_create("kinks of costs", lambda: _kinks(costs, problem))
 
 
-def kinks_in_path(problem: OptimalControlProblem) -> str:
-    """Return in words the kinks in the path conditions of a problem, found once for it; empty if there are none."""
-    conditions = [(f"path: {c.label}", c.expression) for phase in problem.phases for c in phase.path]
-    return problem.shared.get_or_create("kinks of the path", lambda: _kinks(conditions, problem))
+def kinks_in_path(problem: OptimalControlProblem, *, stated: bool = False) -> str:
+    """Return in words the kinks in the path conditions of a problem, found once for it; empty if there are none.
+
+    Of those that were `stated` alone, laws of friction and contact, as of a load |N|, are none.
+    """
+    path = [c for phase in problem.phases for c in phase.path if not (stated and c.across is not None)]
+    conditions = [(f"path: {c.label}", c.expression) for c in path]
+    return problem.shared.get_or_create(("kinks of the path", stated), lambda: _kinks(conditions, problem))
 
 
 def jump_on_the_way(solution: Solution) -> str:

@@ -101,7 +101,7 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
         worst = "all demands are met at the last iterate"
     elif status not in (REFUSED, "Solved_To_Acceptable_Level"):
         worst = f"least met is: {violations[0]}"
-    kinks = kinks_in_costs(solution.problem) or kinks_in_path(solution.problem)
+    kinks = kinks_in_costs(solution.problem) or kinks_in_path(solution.problem, stated=True)
     wrong = not_finite(solution) if status in ("Invalid_Number_Detected", "Error_In_Step_Computation") else None
     if wrong is not None:
         iterations = solution.statistics.iterations
@@ -236,7 +236,7 @@ def _instead_of(failure: OptimizationError, text: str) -> OptimizationError:
 def _last_iterate(failure: OptimizationError) -> str:
     """Report of a failure without its demands that are not met, which say little beside the least violation."""
     problem = failure.partial.problem
-    kinks = kinks_in_costs(problem) or kinks_in_path(problem)
+    kinks = kinks_in_costs(problem) or kinks_in_path(problem, stated=True)
     return f"{kinks}; {_left(failure.partial)}" if kinks else _left(failure.partial)
 
 
