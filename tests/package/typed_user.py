@@ -69,7 +69,7 @@ def forces(a: mbd.Marker, b: mbd.Marker, pin: mbd.Joint) -> list[mbd.Element]:
         *(mbd.Contact(f"c{n}", o, mbd.HalfPlane(a), hunt, laws[2]) for n, o in enumerate(outlines)),
         mbd.RigidContact("hard", outlines[0], mbd.HalfPlane(a), friction=dry, restitution=0.5),
         mbd.Contact("drum", outlines[0], mbd.HollowCircle(a, 1.0), hunt),
-        mbd.ElasticBelt("chain", a, b, 0.1, 0.005 * k, 1e6, pretension=50.0),
+        mbd.ElasticBelt("chain", a, b, 0.1, 0.005 * k, 1e6, pretension=50.0, slack=1e-3 * k),
         mbd.Backlash("teeth", mbd.Gear("mesh", a, b, 0.2, 0.1), k, hunt),
         mbd.Wheel("tyre", b, a, lambda x: 0.1 * x, 0.3, hunt, laws[1]),
         mbd.TSDA("data", a, b, law=mbd.DataLaw([-0.1, 0, 0.1], [-50, 0, 50], free=0.3)),

@@ -157,8 +157,16 @@ class Cable(Switching, ConstraintElement):
 
     def differences(self, mode: Sequence[str] | None = None) -> dict[Rubbing, ca.SX]:
         """Return what each friction adds to the tension, N, in a mode or, without one, by the multipliers."""
-        senses = {} if mode is None else dict(zip(self.frictions, mode, strict=True))
-        return differences(self.rubbing, senses, self.multipliers)
+        key = None if mode is None else tuple(mode)
+        if key not in self._differences:
+            senses = dict(zip(self.frictions, key or (), strict=key is not None))
+            self._differences[key] = differences(self.rubbing, senses, self.multipliers)
+        return self._differences[key]
+
+    @cached_property
+    def _differences(self) -> dict[tuple[str, ...] | None, dict[Rubbing, ca.SX]]:
+        """The same by mode, made once so that expressions share them."""
+        return {}
 
     @property
     def free_mode(self) -> tuple[str, ...]:

@@ -49,7 +49,7 @@ class Rubbing(Switching):
         """Name of the row that is active while it sticks."""
         return f"{self.cable.name}.slip{self._label}"
 
-    @property
+    @cached_property
     def multipliers(self) -> ca.SX:
         """Multiplier of the row that holds while it sticks, N."""
         return self.cable.multipliers[self.cable.row_names.index(self.sticking_row)]
@@ -63,7 +63,7 @@ class Rubbing(Switching):
         """Exponent ``c θ`` of the ratio of the tensions, of a coefficient of friction with a sign."""
         return coefficient * self.cable.path.wraps[self.node]
 
-    @property
+    @cached_property
     def sticking_limit(self) -> ca.SX:
         """Largest difference of the tensions at rest, ``(T_1 + T_2) tanh(μ θ/2)``, N."""
         both = 2 * self.cable.multipliers[self.section]
