@@ -143,8 +143,8 @@ def _lay_into_plane(robot: Robot) -> None:
         along = frame.T @ link.rotation.T @ normal
         k = int(np.argmax(np.abs(along)))
         turned = _turn_between(frame[:, k], np.sign(along[k]) * link.rotation.T @ normal) @ frame
-        slides = [replace(joint, axis=turned[:, i]) for i, joint in enumerate(link.joints) if i != k]
-        link.joints = [*slides, SpatialJoint(source, f"{name}/theta", "hinge", turned[:, k], np.zeros(3))]
+        kept = [replace(joint, axis=turned[:, i]) for i, joint in enumerate(link.joints) if i != k]
+        link.joints = [*kept, SpatialJoint(source, f"{name}/theta", "hinge", turned[:, k], np.zeros(3))]
         robot.left_out.append(f"the motion of {source.tag} '{name}' out of the plane")
 
 

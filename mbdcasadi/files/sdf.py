@@ -16,8 +16,8 @@ from .markup import XmlElement
 from .planar import PlanarBuilder
 from .robot_tree import FRICTION, Connection, actuate, add_solids, follow, grow, has_effort, inertia_of
 from .robots import Link, Mass, Robot
-from .sdf_frames import Frames, connection, pose_of, reference_of
-from .sdf_models import Models, Scope, is_true, read_file
+from .sdf_frames import Frames, connection, is_true, pose_of, reference_of
+from .sdf_models import Models, Scope, read_file
 
 #: Gravity of the format, m/s².
 _GRAVITY = "0 0 -9.8"
@@ -137,8 +137,7 @@ def _connections(robot: Robot, models: Models) -> list[Connection]:
     found = [Connection(models.links[key][0], key, "", key, []) for key in static]
     names = _short(models.joints)
     for key, (joint, scope) in models.joints.items():
-        along = scope.has_axes or any(is_true(axis, "use_parent_model_frame") for axis in joint.all("axis"))
-        each = connection(robot, models.frames, joint, scope.name, key, names[key], along)
+        each = connection(robot, models.frames, joint, scope.name, key, names[key], scope.has_axes)
         for end in (each.a, each.b):
             if end and end not in models.links:
                 raise joint.refuse(f"names '{end}', which is no link and holds none")

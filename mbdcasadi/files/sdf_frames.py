@@ -37,6 +37,11 @@ def flatten(root: XmlElement) -> None:
         waiting += kept
 
 
+def is_true(element: XmlElement, name: str, default: str = "false") -> bool:
+    """Return a value that is true or false."""
+    return element.get(name, default).strip().lower() in ("true", "1")
+
+
 def pose_of(element: XmlElement) -> tuple[np.ndarray, np.ndarray]:
     """Rotation and position of the ``pose`` of an element in the frame that it is relative to."""
     pose = _inner(element, "pose")
@@ -164,7 +169,8 @@ def connection(
 ) -> Connection:
     """Return what a joint connects, between full names of links; `here` is that of its frame.
 
-    Axes are given in the frame of the joint, or in one that is named, or, in old files, in that of the model.
+    Axes are given in the frame of the joint, or in one that is named, or in that of the model, if the file is old
+    (`is_along_model`) or says so.
     """
     drake = joint.tag.startswith("drake:")
     ends = [Frames.full(joint.get(f"drake:{end}" if drake else end).strip(), scope) for end in ("parent", "child")]
@@ -178,7 +184,8 @@ def connection(
         kind = "fixed"
     if kind not in ("fixed", "planar", "floating"):
         given = reference_of(laws, "xyz", "expressed_in")
-        frame = Frames.full(given, scope) if given else scope if is_along_model else here
+        along_model = is_along_model or is_true(laws, "use_parent_model_frame")
+        frame = Frames.full(given, scope) if given else scope if along_model else here
         axis = frames.pose(frame, joint)[0] @ laws.numbers("xyz", "0 0 1", (3,))
     elif kind == "planar":
         damping = {"damping": joint.get("drake:damping", "0")}

@@ -8,15 +8,10 @@ from pathlib import Path
 from .drake import CONNECTIONS
 from .markup import XmlElement, read_xml, unread
 from .sdf_format import BESIDES, TABLE
-from .sdf_frames import Frame, Frames, add_joint_frame, flatten, pose_of, reference_of
+from .sdf_frames import Frame, Frames, add_joint_frame, flatten, is_true, pose_of, reference_of
 
 #: Version before which axes are given in the frame of the model.
 _AXES_OF_JOINTS = (1, 5)
-
-
-def is_true(element: XmlElement, name: str, default: str = "false") -> bool:
-    """Return a value that is true or false."""
-    return element.get(name, default).strip().lower() in ("true", "1")
 
 
 @dataclass(eq=False)

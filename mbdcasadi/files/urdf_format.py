@@ -30,6 +30,11 @@ _KNOWN = {
     "gazebo": ("reference", "joint material sensor visual collision mu mu1 mu2 kp kd fdir1 maxVel minDepth maxContacts "
                "selfCollide self_collide laserRetro provideFeedback preserveFixedJoint disableFixedJointLumping "
                "static"),
+    # of SDF
+    "gazebo joint": ("name type", "parent child pose axis physics sensor"),
+    "gazebo joint axis": ("", "xyz limit dynamics use_parent_model_frame initial_position"),
+    "gazebo joint axis limit": ("", "lower upper effort velocity stiffness dissipation"),
+    "gazebo joint axis dynamics": ("", "damping friction spring_reference spring_stiffness"),
 }  # fmt: skip
 #: The table for :func:`unread`.
 TABLE = table_of(_KNOWN)

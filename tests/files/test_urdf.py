@@ -1,5 +1,7 @@
 """Contacts, limits, friction, actuators and loops of URDF, with the laws of the other formats."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -113,11 +115,15 @@ def test_the_smaller_friction_holds(inside, beside, coefficient, tmp_path):
 def test_loops_of_gazebo(tmp_path):
     """A parallelogram whose last pin is a joint of SDF: closed form, with the inertia of all about the cranks."""
     loop = """<gazebo><joint name="C" type="revolute"><parent>rocker</parent><child>coupler</child>
-      <pose>2 0 0 0 0 0</pose><axis><xyz>0 1 0</xyz></axis></joint></gazebo>"""
+      <pose>2 0 0 0 0 0</pose><axis><xyz>0 1 0</xyz><dynamics><damping>{}</damping></dynamics></axis>
+      </joint></gazebo>"""
     text = link("base") + link("crank") + link("rocker") + link("coupler") + joint("A", "base", "crank")
     text += joint("B", "base", "rocker", place="2 0 0")
-    text += joint("K", "crank", "coupler", place="0 0 1") + loop
-    machine = read(tmp_path, text)
+    text += joint("K", "crank", "coupler", place="0 0 1")
+    text, turned = text + loop.format(0), text + loop.format(0.5).replace("2 0 0 0 0 0", "2 0 0 0 0 1")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        machine = read(tmp_path, text)
     assert mbd.check(machine).degrees_of_freedom == 1
     A, C = machine.joint("A"), machine.joint("C")
     state = mbd.assemble(machine, [A.angle == 0.3, A.angular_velocity == 0.8])
@@ -126,6 +132,13 @@ def test_loops_of_gazebo(tmp_path):
     inertia = 2 * 2 * GYRATION**2 + 2 * 1**2
     moment = 9.81 * (2 * 2 * 0.5 * np.cos(0.3) + 2 * 1 * np.sin(0.3))
     assert state[mbd.time_derivative(A.angular_velocity)] == pytest.approx(moment / inertia, rel=1e-9)
+    along = turned.replace("</xyz>", "</xyz><use_parent_model_frame>1</use_parent_model_frame>")
+    damped = read(tmp_path, along)
+    rate = mbd.time_derivative(damped.joint("A").angular_velocity)
+    state = mbd.assemble(damped, [damped.joint("A").angle == 0.3, damped.joint("A").angular_velocity == 0.8])
+    assert state[rate] == pytest.approx((moment - 0.5 * 0.8) / inertia, rel=1e-9)
+    with pytest.raises(mbd.FileError, match="turns about the axis"):
+        read(tmp_path, turned.replace("0 0 1</pose>", "1 0 0</pose>"))
     with pytest.raises(mbd.FileError, match="joint 'C' names 'lever', which does not exist"):
         read(tmp_path, text.replace("<parent>rocker", "<parent>lever"))
 
