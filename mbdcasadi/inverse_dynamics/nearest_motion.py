@@ -16,6 +16,7 @@ from ..equations.numeric import NumericEquations
 from ..errors import MechanismError, SingularityError
 from ..model.drivers import Driver
 from ..numerics.console import call_each, quiet
+from ..numerics.lazy import cached_property
 from ..numerics.least_squares import least_norm
 from ..numerics.newton import refine_root, solve
 from ..numerics.rank import analyse_rank, unit_rows
@@ -90,11 +91,14 @@ class NearestMotion:
 
     def _courses(self, times: np.ndarray) -> tuple[np.ndarray, ...]:
         """What is prescribed and its two derivatives in time, each (k, n_y)."""
+        return tuple(part.T for part in call_each(self._derivatives, times[None, :], self._numeric.p))
+
+    @cached_property
+    def _derivatives(self) -> ca.Function:
         t, course = self._eom.t, [self._course]
         for _ in range(2):
             course.append(ca.jacobian(course[-1], t))
-        function = ca.Function("courses", [t, self._eom.p], [ca.densify(part) for part in course])
-        return tuple(part.T for part in call_each(function, times[None, :], self._numeric.p))
+        return ca.Function("courses", [t, self._eom.p], [ca.densify(part) for part in course])
 
     def _motion(self, times: np.ndarray, x: np.ndarray) -> Arrays:
         """Positions, velocities and accelerations of poses (k, n + m); states, multipliers and inputs are not known."""
