@@ -23,7 +23,7 @@ def strand_length(strand: Strand, at: At, normal: np.ndarray) -> ca.SX:
 
     Around a circle the way is ``√(p² - r²) + r θ + √(q² - r²)``, p and q the distances of the ends from its centre and
     θ the angle of the wrap, if the straight way would meet the circle, or passes it on the other side than that of the
-    file; else it is straight.
+    file; else, and while an end is inside the circle, it is straight.
     """
     start, end = (at(*point).position for point in (strand.start, strand.end))
     across = float(normal @ (strand.end[1] - strand.start[1]))
@@ -38,20 +38,23 @@ def _wrapped(strand: Strand, at: At, normal: np.ndarray, start: ca.SX, end: ca.S
     center = at(solid.link, solid.place).position
     p, q = start - center, end - center
     side = None if strand.side is None else at(*strand.side).position - center
-    if min(np.hypot(*each) for each in map(_known, (p, q, p if side is None else side))) <= radius:
-        raise _refusal(strand, "runs inside of it; only outside is read")
+    if side is not None and min(np.hypot(*each) for each in map(_known, (p, q, side))) <= radius:
+        raise _refusal(strand, "runs inside of it, or has its side there; only outside is read")
+    outside = ca.logic_and(ca.sumsqr(p) > radius**2, ca.sumsqr(q) > radius**2)
+    # harmless values while the strand is straight
+    squares = [if_else(outside, ca.sumsqr(each), 2 * radius**2) for each in (p, q)]
     nearest = p + ca.fmin(ca.fmax(-ca.dot(p, q - p) / ca.sumsqr(q - p), 0), 1) * (q - p)
     meets = ca.sumsqr(nearest) < radius**2
     turn = ca.atan2(cross(p, q), ca.dot(p, q))
-    free = ca.acos(radius / norm(p)) + ca.acos(radius / norm(q))
+    free = sum(ca.acos(radius / ca.sqrt(each)) for each in squares)
     if side is None:
         angle = ca.fabs(turn)
     else:
         forward = _sense(_known(p), _known(q), _known(side), radius) * turn
         angle = forward + 2 * np.pi * (forward < 0)
         meets = ca.logic_or(meets, ca.dot(side, nearest) < 0)
-    straight = ca.sqrt(ca.sumsqr(p) - radius**2) + ca.sqrt(ca.sumsqr(q) - radius**2)
-    return if_else(meets, straight + radius * (angle - free), norm(end - start))
+    straight = sum(ca.sqrt(each - radius**2) for each in squares)
+    return if_else(ca.logic_and(outside, meets), straight + radius * (angle - free), norm(end - start))
 
 
 def _known(vector: ca.SX) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Spatial tendons; accelerations against those that MuJoCo 4.0 computes, and closed forms."""
 
+import numpy as np
 import pytest
 
 import mbdcasadi as mbd
@@ -66,10 +67,24 @@ def test_a_string_that_holds_a_ball(tmp_path):
     assert state[machine.joint("z").speed] == 0 and state[ball.ay] == pytest.approx(0, abs=1e-9)
 
 
+def test_an_end_inside_of_what_is_wrapped(tmp_path):
+    """The way round a post, in closed form; straight while the end is inside the post."""
+    text = """<mujoco><default><geom contype="0"/></default><worldbody>
+      <geom name="post" type="cylinder" size="0.3 0.1" zaxis="0 1 0"/><site name="nail" pos="-0.5 0 0"/>
+      <body name="m" pos="0.5 0 0"><joint name="x" type="slide" axis="1 0 0"/><geom size="0.1"/><site name="eye"/>
+      </body></worldbody><tendon><spatial name="t" stiffness="9"><site site="nail"/><geom geom="post"/>
+      <site site="eye"/></spatial></tendon></mujoco>"""
+    machine = read(tmp_path, text)
+    ((length, _),) = machine.force("tendon t spring and damper").virtual_work
+    x = machine.joint("x").displacement
+    round_it = 2 * 0.4 + 0.3 * (np.pi - 2 * np.arccos(0.3 / 0.5))
+    assert [mbd.assemble(machine, [x == at])[length] for at in (0, -0.4)] == pytest.approx([round_it, 0.6], rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ((SIDE, ' sidesite="in"'), "geom 'post' is what a tendon wraps, and runs inside of it; only outside is read"),
+        ((SIDE, ' sidesite="in"'), "geom 'post' is what a tendon wraps, and runs inside of it, or has its side"),
         (('zaxis="0 1 0"', 'zaxis="1 0 0"'), "is none of those that are read: a cylinder across the plane"),
         (('<site site="wall"/><geom', "<geom"), "line 10: geom needs a site before it and one after it"),
         (('<pulley divisor="2"/>', '<geom geom="ball"/><pulley divisor="2"/>'), "pulley must be beside sites"),
