@@ -70,6 +70,7 @@ def crane():
     return mbd.Mechanism(bodies, joints, forces=forces, inputs=[u, w, x], parameters=[k], name="crane")
 
 
+@pytest.mark.slow
 def test_trees_couplings_springs_and_actuators(tmp_path):
     """Accelerations of a machine with everything, in a state far from the pose of the file."""
     machine = crane()
@@ -97,6 +98,7 @@ def test_trees_couplings_springs_and_actuators(tmp_path):
     assert other.name == "crane" and len(other.bodies) == 6
 
 
+@pytest.mark.filterwarnings("ignore:assembly")
 @pytest.mark.parametrize("model", ["four_bar", "slider_crank", "quick_return", "watt"])
 def test_loops_are_equalities(model, tmp_path):
     """Linkages of the library, whose loops are closed by pins."""
