@@ -59,6 +59,36 @@ def test_stop_is_left_at_once():
     assert solution.verify().final_error < 1e-8
 
 
+@pytest.mark.slow
+def test_block_pushes_another_one():
+    """It strikes the other one at the best speed, and both slide to rest: ``F = m (a + μ g)`` with a linear."""
+    force, friction, way = mbd.Input("force", lower=-60, upper=60), 0.3 * G, (0.2, 0.4)
+    (first, rail), (second, other) = on_rail("first"), on_rail("second", mass=0.5)
+    rubs = [mbd.JointFriction(f"{joint.name} rubs", joint, mbd.DryFriction(0.3)) for joint in (rail, other)]
+    face = mbd.HalfPlane(first.at(0, 0, angle=-np.pi / 2))
+    buffer = mbd.RigidContact("buffer", mbd.Circle(second.at(0, 0), 0.1), face)
+    forces = [mbd.Gravity(), mbd.Force("push", first.at(0, 0), (force, 0)), *rubs, buffer]
+    model = mbd.Mechanism([first, second], [rail, other], forces=forces, inputs=[force])
+    solution = mbd.optimize(
+        mbd.OptimalControlProblem(
+            model, 2.5, running_cost=(force / 10) ** 2,
+            initial=[first.x == 0, first.vx == 0, second.x == 0.1 + way[0], second.vx == 0],
+            final=[second.x == 0.1 + sum(way), first.vx == 0, second.vx == 0],
+        )
+    )  # fmt: skip
+
+    def cost(values):
+        before, speed, after = values
+        struck = effort(1.0, before, (0, 0), (way[0], speed), load=friction)
+        return struck + effort(1.5, after, (0, speed / 1.5), (way[1], 0), load=friction)
+
+    best = minimize(cost, [0.5, 1.0, 1.0], method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-12})
+    assert solution.cost == pytest.approx(best.fun, rel=1e-6)
+    names = [switch.name for switch in solution.switches]
+    assert {"rail of first rubs breaks away", "buffer touches", "rail of second rubs breaks away"} <= {*names}
+    assert solution.verify().final_error < 1e-8
+
+
 def juggler(on_stop):
     """A pad that throws a ball and returns within a second; it may stand on a stop."""
     force, up = mbd.Input("force", lower=-100, upper=100), np.pi / 2
@@ -76,11 +106,11 @@ def juggler(on_stop):
     )  # fmt: skip
 
 
-def effort(mass, duration, start, end):
-    """``∫F² dt/100`` with ``F = m (y'' + g)`` and y'' linear, between heights and speeds."""
+def effort(mass, duration, start, end, load=G):
+    """``∫F² dt/100`` with ``F = m (y'' + g)`` and y'' linear, between heights and speeds; g is a load per mass."""
     speed, way = end[1] - start[1], end[0] - start[0] - start[1] * duration
     slope, first = np.linalg.solve([[duration**2 / 2, duration], [duration**3 / 6, duration**2 / 2]], [speed, way])
-    a = first + G
+    a = first + load
     return mass**2 * (a**2 * duration + a * slope * duration**2 + slope**2 * duration**3 / 3) / 100
 
 

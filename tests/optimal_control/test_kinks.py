@@ -12,8 +12,8 @@ from scipy.linalg import expm
 from scipy.optimize import minimize
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.program.sparse_program import MappedBlock
-from mbdcasadi.optimal_control.solve.rounded_program import _borders, _rounded
+from mbdcasadi.optimal_control.program.sparse_program import MappedBlock, SparseProgram
+from mbdcasadi.optimal_control.solve.rounded_program import _borders, _rounded, reaches_kinks
 from mbdcasadi.optimal_control.solve.solvers.ipopt import Ipopt
 
 STIFFNESS, BUFFER, MASS = 50.0, 0.5, 1.0
@@ -55,6 +55,16 @@ def test_rounded_kinks_tend_to_sharp_ones(name):
         assert all(np.isfinite(part).all() for one in found for part in one)
         share = 0.5 if name == "root" else 1.0
         assert max(float(abs(one[0] - one[1]).max()) for one in found) < 12 * of_width**share
+
+
+@pytest.mark.parametrize(
+    ("values", "reached"), [((2, 3, 4), False), ((-2, -3, -4), False), ((2, 3, -4), True), ((2, 1e-3, 4), True)]
+)
+def test_kinks_far_away_are_not_rounded(values, reached):
+    """A load that is never taken off has no kink on the way; one that comes near zero, or changes its sign, has."""
+    x, none = ca.SX.sym("x"), ca.SX(0, 1)
+    piece = MappedBlock(x, none, none, ca.fabs(x), ca.SX(0), np.arange(3)[None, :])
+    assert reaches_kinks(SparseProgram(3, [piece], none), np.array(values, float), np.zeros(0)) is reached
 
 
 def against_buffer(limit):

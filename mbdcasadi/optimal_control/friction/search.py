@@ -43,8 +43,8 @@ LONGEST = 1.5
 #: Shares of typical products of speed and missing friction that sticking may have, one after the other, and the first
 #: one with which modes that are read off are solved.
 SHARES, READ_OFF = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7), 1e-4
-#: The same with contacts: open and closed are told apart early, small shares stiffen the motion, large ones soften it.
-TOUCH_SHARES, TOUCH_READ_OFF = (1e2, 1.0, 1e-1, 1e-2, 1e-3, 1e-4), 1e-1
+#: The same with contacts: open and closed are told apart early, and the motion stiffens soon.
+TOUCH_SHARES, TOUCH_READ_OFF = (1.0, 1e-1, 1e-2, 1e-3, 1e-4), 1e-1
 #: Share of the cost that limits which become active within an interval may change, and passes in which mesh points move
 #: there, or intervals are split in which laws are passed: another motion follows in a simulation.
 SWITCH_TOLERANCE, MOVES = 1e-6, 6
@@ -90,16 +90,13 @@ class FrictionSearch:
         orders, last = _Orders(self, parameters), tuple[Any, ...]()
         try:
             for motion, share in self._motions(parameters, guess, starts):
+                if share and orders.found and orders.least_cost <= motion.cost:
+                    break
                 pieces = pattern_of(motion, relaxation, forces=share > 0)
                 lasting = joined(pieces, BRIEF * motion.duration)
                 if share <= (TOUCH_READ_OFF if relaxation.touches else READ_OFF):
                     maker = PhaseMaker(self.problem, relaxation, motion)
-                    found = orders.solve(maker, lasting)
-                    if found is None:  # forces of impacts throw what cannot jump
-                        orders.solve(maker, without_flights(lasting, relaxation))
-                    if found is None or found.cost > motion.cost + BRIEF * abs(motion.cost):
-                        orders.solve(maker, pieces)
-                    orders.solve(maker, with_rests(lasting, motion, relaxation))
+                    self._solve_orders(orders, maker, pieces, lasting)
                     if share and last == order_of(lasting) and orders.found:
                         break
                 last = order_of(lasting)
@@ -107,6 +104,15 @@ class FrictionSearch:
             if not orders.found:
                 raise
         return self._refined(orders.found or orders.refuse(), tolerance)
+
+    def _solve_orders(self, orders: _Orders, maker: PhaseMaker, pieces: list[Piece], lasting: list[Piece]) -> None:
+        """Solve orders that are read off a motion, the simplest first, until one costs little more; and with rests."""
+        motion, relaxation = maker.motion, self._relaxation
+        for some in (without_flights(lasting, relaxation), lasting, pieces):
+            orders.solve(maker, some)
+            if orders.found and orders.least_cost <= motion.cost + BRIEF * abs(motion.cost):
+                break
+        orders.solve(maker, with_rests(lasting, motion, relaxation))
 
     @property
     def _relaxation(self) -> Relaxation:
@@ -179,7 +185,7 @@ class FrictionSearch:
         """Return the solution in phases of an order; raises as :meth:`solve` does."""
         phased = maker.phased(pieces)
         solver = ProblemSolver(phased.problem, self.settings, parameters, None, self.best)
-        solution = solver.solve(self._meshes(solver.setups, phased), phased.guess, limit=BUDGETS.first)
+        solution = solver.solve(self._meshes(solver.setups, phased), phased.guess, limit=BUDGETS.order)
         phased.refuse_missed(solution)
         return InPhases(solution, solver, phased)
 
@@ -250,6 +256,11 @@ class _Orders:
     def found(self) -> list[InPhases]:
         """Solutions that were found."""
         return [one for one in self._found.values() if isinstance(one, InPhases)]
+
+    @property
+    def least_cost(self) -> float:
+        """Least cost of a solution that was found."""
+        return min(one.solution.cost for one in self.found)
 
     def refuse(self) -> NoReturn:
         """Raise the last failure."""

@@ -316,13 +316,17 @@ class PhaseProgram:
     def _rows_across(
         self, everywhere: list[CollocationPoint], stages: list[CollocationPoint], unknowns: Unknowns
     ) -> list[Rows]:
-        """Products that vanish across the interval: one factor anywhere times the sum of the other over the stages."""
-        groups = []
+        """Products that vanish across the interval: one factor anywhere times the sum of the other over the stages.
+
+        The sum counts as long as the interval lasts, in lengths of equal ones: it is an impulse, which stays as it is
+        if the interval of an impact shrinks.
+        """
+        groups, share_of_length = [], unknowns.interval.length * self.count / self.scales.time
         for condition in self.phase.path:
             if condition.across:
                 first, second, share = condition.across
                 size = float(self.sizes.of_changes([condition.expression])[0])
-                total = sum((self.value(second, at, unknowns) for at in stages), ca.SX(0))
+                total = share_of_length * sum((self.value(second, at, unknowns) for at in stages), ca.SX(0))
                 for at in everywhere:
                     value = self.value(first, at, unknowns) * total - self.value(share, at, unknowns) * size
                     groups += condition_rows({condition: value}, {condition: size}, 1.0, PATH)

@@ -18,6 +18,8 @@ class Budgets:
         The problem itself from a first guess.
     further : int
         From another guess, once a solution is known.
+    order : int
+        In the phases of an order of stick, slip and touch that was read off.
     variant : int
         Without limits.
     closing : int
@@ -34,6 +36,7 @@ class Budgets:
 
     first: int = 300
     further: int = 150
+    order: int = 200
     variant: int = 200
     closing: int = 150
     violation: int = 300

@@ -28,7 +28,7 @@ from ..transcription.mesh import Mesh
 from .best_so_far import BestSoFar
 from .expressions import kinks_in_costs
 from .failure import explain_failure
-from .rounded_program import RoundedProgram
+from .rounded_program import RoundedProgram, reaches_kinks
 from .solvers.base import Beginning, Elsewhere, NLPSolver, Result
 from .solvers.ipopt import Ipopt
 
@@ -164,7 +164,7 @@ class ProblemSolver(ProblemSetup):
         return solution if past is None or past.cost >= solution.cost else past
 
     def _run(self, begin: Beginning, warmth: str, limit: int | None) -> Result:
-        """Run the solver; with rounded kinks if it does not get past one, and else with all its iterations."""
+        """Run the solver; with rounded kinks if it does not get past one it reaches, and else with all iterations."""
         run = partial(self._nlp_solver.run, begin, begin.bounds, warmth, begin.iterate)
         most = SHARP_ITERATIONS if limit is None else min(limit, SHARP_ITERATIONS)
         if not begin.program.nlp.is_kinked or kinks_in_costs(self.problem) or self._has_own_limit:
@@ -173,7 +173,9 @@ class ProblemSolver(ProblemSetup):
         if sharp.interrupted or sharp.statistics.status not in AT_KINKS:
             return sharp
         again = begin.again()
-        rounded = RoundedProgram(begin.program, begin.x, begin.data).solve(self._nlp_solver, again)
+        rounded = None
+        if any(reaches_kinks(begin.program.nlp, x, begin.data) for x in (begin.x, sharp.answer["x"])):
+            rounded = RoundedProgram(begin.program, begin.x, begin.data).solve(self._nlp_solver, again)
         if rounded is None:
             if most == limit or sharp.statistics.status == INFEASIBLE:
                 return sharp

@@ -37,14 +37,11 @@ class RoundedProgram:
 
     def __init__(self, program: CollocationProgram, x: np.ndarray, data: np.ndarray):
         nlp, width = program.nlp, ca.SX.sym("width")
-        borders = [_borders(piece) for piece in nlp.pieces]
-        pieces = [replace(p, rows=b, cost=ca.SX(0)) for p, b in zip(nlp.pieces, borders, strict=True)]
-        values = SparseProgram(nlp.size, pieces, nlp.parameters).evaluate(x, data)[1].full().ravel()
-        ends = np.cumsum([b.numel() * p.index.shape[1] for b, p in zip(borders, pieces, strict=True)])
-        rounded = []
-        for piece, border, own in zip(nlp.pieces, borders, np.split(values, ends[:-1]), strict=True):
-            sizes = np.abs(own).reshape(piece.index.shape[1], border.numel())
-            rounded.append(_rounded(piece, width, np.max(sizes, axis=0, initial=0.0)))
+        values = _at_kinks(nlp, x, data)
+        rounded = [
+            _rounded(piece, width, np.max(np.abs(own), axis=0, initial=0.0))
+            for piece, own in zip(nlp.pieces, values, strict=True)
+        ]
         self._first = nlp.parameters.numel()
         self._program = copy(program)
         self._program.nlp = SparseProgram(nlp.size, rounded, ca.vertcat(nlp.parameters, width))
@@ -73,6 +70,30 @@ class RoundedProgram:
             last = last if result.succeeded else last.after(result)
             return replace(last, interrupted=result.interrupted), reached
         return (result, width) if result.interrupted else None
+
+
+def reaches_kinks(nlp: SparseProgram, x: np.ndarray, data: np.ndarray) -> bool:
+    """Return whether variables are so near to a kink, or on both sides of one, that the widest rounding changes them.
+
+    A program with a magnitude of what stays far from zero, as a load that is never taken off, gains nothing by it.
+    """
+    for values in _at_kinks(nlp, x, data):
+        near = np.min(np.abs(values), axis=0, initial=np.inf)
+        largest = np.max(np.abs(values), axis=0, initial=0.0)
+        both = np.any(values > 0, axis=0) & np.any(values < 0, axis=0)
+        if np.any(both | (near <= WIDTHS[0] * largest)):
+            return True
+    return False
+
+
+def _at_kinks(nlp: SparseProgram, x: np.ndarray, data: np.ndarray) -> list[np.ndarray]:
+    """Values of what passes zero at each kink of the pieces of a program, by copies (n, k)."""
+    borders = [_borders(piece) for piece in nlp.pieces]
+    pieces = [replace(p, rows=b, cost=ca.SX(0)) for p, b in zip(nlp.pieces, borders, strict=True)]
+    values = SparseProgram(nlp.size, pieces, nlp.parameters).evaluate(x, data)[1].full().ravel()
+    ends = np.cumsum([b.numel() * p.index.shape[1] for b, p in zip(borders, pieces, strict=True)])
+    own = zip(np.split(values, ends[:-1]), borders, pieces, strict=True)
+    return [some.reshape(p.index.shape[1], b.numel()) for some, b, p in own]
 
 
 def _in_sharp(begin: Beginning, result: Result) -> Result:

@@ -24,9 +24,6 @@ from ...model.symbols import Input, Parameter
 
 #: Sign of the sliding speed in a mode.
 SENSE = {"forth": 1.0, "back": -1.0}
-#: Share of the typical product of gap and force that a contact may have beside the share of friction: a typical gap is
-#: a length of the mechanism, below which what only slides would float.
-CLOSE = 1e-2
 #: Outlines whose distance from each other is smooth.
 ROUND = (Circle, Point, HalfPlane, HollowCircle)
 
@@ -216,7 +213,8 @@ class Relaxation:
     """Exact friction and contact as forces within their limits, which meet their laws up to shares of typical products.
 
     ``-μ N <= F <= μ N``, ``0 <= N``, ``0 <= g``, and with the sliding speed s and a share σ that goes to zero
-    ``s (μ N + F) <= σ P``, ``-s (μ N - F) <= σ P``, ``g N <= σ W`` between any two points of an interval.
+    ``s (μ N + F) <= σ P``, ``-s (μ N - F) <= σ P``, ``g N <= σ W`` and, with the speed v at which a gap grows,
+    ``v N <= σ P`` between any two points of an interval: impacts throw nothing.
     """
 
     replaced: Replaced
@@ -240,14 +238,16 @@ def relaxation(mechanism: Mechanism) -> Relaxation:
     whole = replaced(mechanism, dict.fromkeys(sites, "free"), more=[share])
     conditions: list[Condition] = []
 
-    def across(first: ca.SX, second: ca.SX, label: str, size: float = 1.0) -> Condition:
-        return Condition(first * second, False, label, across=(first, second, share * size))
+    def across(first: ca.SX, second: ca.SX, label: str) -> Condition:
+        return Condition(first * second, False, label, across=(first, second, share))
 
     for site in sites:
         if site.place is not None:
             gap = gap_of(site)
             conditions.append(Condition(-gap, False, f"{site.name} is not passed", across=()))
-            conditions.append(across(gap, whole.normal[site], f"{site.name} is open or closed", CLOSE))
+            conditions.append(across(gap, whole.normal[site], f"{site.name} is open or closed"))
+            parting = site.element.normal_speeds[site.place]
+            conditions.append(across(parting, whole.normal[site], f"{site.name} does not throw"))
         if site.law is not None:
             conditions += [replace(c, across=()) for c in whole.cone(site)]
             speed, limit, force = site.sliding_speed, whole.limit(site), whole.friction[site]
