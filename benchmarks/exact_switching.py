@@ -1,8 +1,8 @@
-"""Motions with dry friction and contacts whose order is not given: closed forms, random trains of blocks, nosnoc.
+"""Motions with dry friction and contacts whose order is not given: closed forms, balls, carts, nosnoc.
 
-``python exact_switching.py [NAME ...]`` prints the cases, ``python exact_switching.py trains [COUNT [SEED]]`` random
-trains of one to three blocks with friction and buffers. ``python exact_switching.py peers PYTHON`` solves two of the
-cases with nosnoc as well, which the interpreter PYTHON has (``pip install nosnoc``). Times are those of the processor.
+``python exact_switching.py [NAME ...]`` prints the cases; random trains of blocks are in ``random_trains.py``.
+``python exact_switching.py peers PYTHON`` solves two of the cases with nosnoc as well, which the interpreter PYTHON has
+(``pip install nosnoc``). Times are those of the processor.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import itertools
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,8 +24,6 @@ import numpy as np  # noqa: E402
 import mbdcasadi as mbd  # noqa: E402
 
 G = 9.81
-#: Error of a simulated motion, in m, m/s and rad, up to which it counts as the planned one.
-SAME = 1e-5
 HEADER = "| case | cost | by hand | time, s | switches | simulated, error |\n|---|---|---|---|---|---|"
 
 
@@ -90,9 +88,12 @@ class Train(NamedTuple):
     limit: float = 60.0
 
     def problem(
-        self, driven: int, goals: list[float | None], duration: float, *, at_rest: bool = True
+        self, driven: int, goals: list[float | None], duration: float, stiffness: Sequence[float] = ()
     ) -> mbd.OptimalControlProblem:
-        """One block is driven, others may have goals; all are at rest first, and at last if that is asked."""
+        """One block is driven, others may have goals; all are at rest first and last.
+
+        Springs between neighbours, N/m, are as long as these are apart at first.
+        """
         force = mbd.Input("force", lower=-self.limit, upper=self.limit)
         made = [on_rail(f"block {k}", m, x) for k, (m, x) in enumerate(zip(self.masses, self.places, strict=True))]
         blocks, rails = zip(*made, strict=True)
@@ -100,26 +101,16 @@ class Train(NamedTuple):
         forces = [mbd.Gravity(), mbd.Force("push", blocks[driven].at(0, 0), (force, 0))]
         forces += [mbd.JointFriction(f"rub of {b.name}", rail, mbd.DryFriction(mu)) for b, rail, mu in laws if mu > 0]
         forces += [buffer(*pair, gap) for pair, gap in zip(itertools.pairwise(blocks), self.lengths, strict=True)]
+        apart = zip(stiffness, itertools.pairwise(blocks), np.diff(self.places), strict=False)
+        forces += [
+            mbd.TSDA(f"spring {k}", one.at(0, 0), other.at(0, 0), stiffness=c, free_length=length)
+            for k, (c, (one, other), length) in enumerate(apart)
+        ]
         starts = [c for b, x in zip(blocks, self.places, strict=True) for c in (b.x == x, b.vx == 0)]
         ends = [b.x == goal for b, goal in zip(blocks, goals, strict=True) if goal is not None]
         model = mbd.Mechanism(blocks, rails, forces=forces, inputs=[force])
-        rest = [b.vx == 0 for b in blocks] if at_rest else []
+        rest = [b.vx == 0 for b in blocks]
         return mbd.OptimalControlProblem(model, duration, running_cost=force**2, initial=starts, final=[*ends, *rest])
-
-
-def random_train(seed: int, k: int) -> mbd.OptimalControlProblem:
-    """The last of one to three blocks is pushed to its goal by the first, which may come back or stay."""
-    random = np.random.default_rng([seed, k])
-    count = 1 + k % 3
-    lengths = random.uniform(0.1, 0.3, count - 1)
-    gaps = random.uniform(0.05, 0.4, count - 1)
-    places = np.concatenate([[0.0], np.cumsum(lengths + gaps)])
-    train = Train(random.uniform(0.5, 2, count), places, random.uniform(0.1, 0.5, count), lengths)
-    goals: list[float | None] = [None] * count
-    goals[-1] = float(places[-1] + random.uniform(0.3, 0.8))
-    if count > 1 and random.random() < 0.5:
-        goals[0] = float(random.uniform(-0.2, 0.1))
-    return train.problem(0, goals, float(random.uniform(1.5, 3)))
 
 
 def two_balls() -> mbd.OptimalControlProblem:
@@ -210,22 +201,6 @@ def rows(names: list[str]) -> Iterator[str]:
             yield f"| {name} | {cost:.8f} | {hand} | {found.seconds:.1f} | {', '.join(when)} | {found.error:.0e} |"
 
 
-def trains(count: int = 12, seed: int = 20261129) -> None:
-    """Print a row for each random train, and how many were solved and simulated."""
-    print("| train | blocks | cost | time, s | switches | simulated, error |\n|---|---|---|---|---|---|")
-    good = 0
-    for k in range(count):
-        found = solved(random_train(seed, k))
-        good += found.error < SAME
-        cost, switches = (
-            (found.report[:100], "")
-            if found.solution is None
-            else (f"{found.solution.cost:.4f}", len(found.solution.switches))
-        )
-        print(f"| {k} | {1 + k % 3} | {cost} | {found.seconds:.1f} | {switches} | {found.error:.0e} |", flush=True)
-    print(f"\n{good} of {count} are solved and simulated within {SAME:g}")
-
-
 def peers(python: str) -> None:
     """Print cost and time of this package and of nosnoc for the block and the cart-pole."""
     for name in ("least effort, 0.5 m", "cart-pole"):
@@ -242,8 +217,6 @@ def peers(python: str) -> None:
 
 if __name__ == "__main__":
     match sys.argv[1:]:
-        case ["trains", *numbers]:
-            trains(*map(int, numbers))
         case ["peers", python]:
             peers(python)
         case names:
