@@ -12,7 +12,7 @@ import numpy as np
 import mbdcasadi as mbd
 
 OUTPUT = Path(__file__).parent / "output"
-SLOPE, THROW, STROKE, RATE = np.radians(6), np.radians(40), 0.004, 2 * np.pi * 12  # rad, rad, m, rad/s
+SLOPE, THROW, STROKE, RATE = np.radians(10), np.radians(40), 0.004, 2 * np.pi * 12  # rad, rad, m, rad/s
 ALONG, UP = np.array([[np.cos(SLOPE), np.sin(SLOPE)], [-np.sin(SLOPE), np.cos(SLOPE)]])
 
 plate = mbd.Body("plate", mass=4, inertia=0.1, pose=(0, 0, SLOPE))
@@ -31,7 +31,7 @@ for name, friction, place in (("rough", 0.6, 0.03), ("smooth", 0.08, -0.03)):
     contacts.append(lies)
 sorter = mbd.Mechanism([plate, *parts], [springs], [shaker], forces=[mbd.Gravity(), *contacts])
 
-motion = mbd.simulate(sorter, np.linspace(0, 0.6, 301), initial=start)
+motion = mbd.simulate(sorter, np.linspace(0, 0.4, 201), initial=start)
 figure, (places, gaps) = plt.subplots(2, sharex=True, figsize=(7, 5), constrained_layout=True)
 for part, contact, line in zip(parts, contacts, ("-", "--"), strict=True):
     along = ALONG @ motion[part.position - plate.position].T
