@@ -60,7 +60,8 @@ class Uniqueness:
     @staticmethod
     def _on_range(under: np.ndarray, bare: np.ndarray) -> np.ndarray:
         """``I + S⁺ (S' - S)`` (k, m, m), of which the determinant is that of the quotient on the range of S."""
-        root = 1 / np.sqrt(np.einsum("kii->ki", bare))
+        sizes = np.einsum("kii->ki", bare)
+        root = 1 / np.sqrt(np.where(sizes > 0, sizes, 1.0))
         scale = root[:, :, None] * root[:, None, :]
         quotient: np.ndarray = np.linalg.pinv(bare * scale, rcond=RANK, hermitian=True) @ ((under - bare) * scale)
         return np.eye(bare.shape[1]) + quotient
