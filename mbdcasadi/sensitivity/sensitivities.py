@@ -231,7 +231,7 @@ def _through_changes(
     """Sensitivities through changes of the mechanism, along a motion that is simulated first."""
     inputs = arguments["inputs"]
     controlled = isinstance(inputs, SampledController) or hasattr(inputs, "inputs")
-    if controlled or any(np.ndim(x) and not isinstance(x, ca.SX) for _, x in pairs_of(inputs, "inputs=")):
+    if controlled or any(not isinstance(x, ca.SX) and np.ndim(x) for _, x in pairs_of(inputs, "inputs=")):
         raise ModelError(
             "sensitivities: through changes of the mechanism, stick and slip, and contacts inputs= takes numbers and "
             "expressions alone"

@@ -30,6 +30,20 @@ def test_a_block_that_slides_to_rest():
     assert stops.name == "rub stops" and stops.time(MU) == pytest.approx(-2 / (0.3**2 * G), rel=1e-8)
 
 
+def test_an_input_may_be_a_parameter():
+    """``x = (F/m - μ g) t²/2`` of a block that is pulled from rest."""
+    block, pull, force = mbd.Body("block", mass=2, inertia=0.1), mbd.Input("pull"), mbd.Parameter("force", 20.0)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), block.at(0, 0))
+    forces = [
+        mbd.Gravity(),
+        mbd.JointFriction("rub", rail, mbd.DryFriction(0.3)),
+        mbd.Force("f", block.at(0, 0), (pull, 0)),
+    ]
+    mechanism = mbd.Mechanism([block], [rail], forces=forces, inputs=[pull], parameters=[force])
+    found = mbd.sensitivities(mechanism, [0, 0.5], [block.x], [force], inputs={pull: force})
+    assert found[block.x, force][-1] == pytest.approx(0.5**2 / 4, rel=1e-8)
+
+
 def test_a_start_that_sticks_by_the_values_given_has_no_derivative():
     mechanism, block, _ = sliding_block(mbd.DryFriction(MU))
     with pytest.raises(mbd.SimulationError, match="'rub' would not stick or touch at the start"):
