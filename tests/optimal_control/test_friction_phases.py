@@ -42,6 +42,16 @@ def test_what_slides_into_a_block_at_rest_is_left_out():
     assert [(piece.begin, piece.end, piece.senses) for piece in found] == [(0, 0.5, both), (0.5, 1.0, open_)]
     assert maker.possible(pieces[1:2]) == pieces[1:2]
 
+    # at rest a contact neither opens nor closes
+    rest = "sticks", "sticks"
+    for before, modes in ((both, "closed"), (("forth", "sticks", "open"), "open")):
+        pieces = [Piece(0.0, 0.5, before), Piece(0.5, 0.8, (*rest, "closed")), Piece(0.8, 1.0, (*rest, "open"))]
+        found = maker.possible(pieces)
+        assert [(piece.begin, piece.end, piece.senses) for piece in found] == [
+            (0, 0.5, before),
+            (0.5, 1, (*rest, modes)),
+        ]
+
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("sense", "count"), [("forth", 2), ("back", 1)])

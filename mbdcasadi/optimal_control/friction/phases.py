@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -125,31 +125,49 @@ class PhaseMaker:
         """Return the pieces without those in which something slides though what is closed or sticks holds it.
 
         Such a piece, as of a block that stands still and another one that touches it and slides away into it, becomes
-        part of the one before or after it. All are returned if none is possible.
+        part of the one before or after it. All are returned if none is possible. A place of contact that what sticks
+        holds neither opens nor closes.
         """
         durations = [0.0 if self._holds_what_slides(piece) else piece.duration for piece in pieces]
-        return joined(pieces, 0.0, durations) or list(pieces)
+        kept = list(joined(pieces, 0.0, durations) or pieces)
+        for k in range(1, len(kept)):
+            kept[k] = self._at_rest_as_before(kept[k - 1], kept[k])
+        return joined(kept, 0.0)
 
     def _holds_what_slides(self, piece: Piece) -> bool:
         """Whether a sliding speed follows from the speeds that are zero in a piece, and is not in its sense."""
         sliding = {site.sliding_speed: SENSE[mode] for site, mode in self._modes(piece).items() if mode in SENSE}
-        held = list(self._held(piece).values())
-        if not held or not sliding:
-            return False
+        speeds = self._following(piece, list(self._held(piece).values()), list(sliding))
+        return bool(np.any(np.array(list(sliding.values())) * speeds <= CREEP))
+
+    def _at_rest_as_before(self, before: Piece, piece: Piece) -> Piece:
+        """A piece with its places of contact as open or closed as before if what sticks in it holds them."""
+        senses, rows = list(piece.senses), self._rows(piece)
+        for k, site in enumerate(self._sites):
+            if site.place is None or (senses[k] == "open") == (before.senses[k] == "open"):
+                continue
+            others = [row for (other, _), row in rows.items() if other is not site]
+            if np.all(np.abs(self._following(piece, others, [site.element.normal_speeds[site.place]])) <= CREEP):
+                closed = "closed" if site.law is None else "sticks"
+                senses[k] = "open" if before.senses[k] == "open" else closed
+        return replace(piece, senses=tuple(senses))
+
+    def _following(self, piece: Piece, held: Sequence[ca.SX], wanted: Sequence[ca.SX]) -> np.ndarray:
+        """Speeds, in typical ones, that follow if those held are zero in a piece; not a number for others (k,)."""
+        if not held or not wanted:
+            return np.full(len(wanted), np.nan)
         at = self._state((piece.begin + piece.end) / 2)
-        rows = ca.vertcat(*held, *sliding)
+        rows = ca.vertcat(*held, *wanted)
         velocity, column = at.equations.v, self._part.numeric.column_scale
         slopes = np.reshape(at[ca.vec(ca.jacobian(rows, velocity))], (rows.numel(), -1), order="F") * column
         joints = self._part.numeric.jacobian(at.t, at.q) * column
         known, speeds = np.vstack([joints, slopes[: len(held)]]), np.ravel(at[rows])
         stops = np.linalg.lstsq(known, np.concatenate([np.zeros(len(joints)), -speeds[: len(held)]]))[0]
-        typical = self._part.program.sizes.of_changes(list(sliding))
-        of_sliding = zip(slopes[len(held) :], speeds[len(held) :], sliding.values(), typical, strict=True)
-        for slope, speed, sense, size in of_sliding:
-            follows = len(known) in dependent_rows(unit_rows(np.vstack([known, slope])), IMPLIED)
-            if follows and sense * (speed + slope @ stops) <= CREEP * size:
-                return True
-        return False
+        found = (speeds + slopes @ stops)[len(held) :] / self._part.program.sizes.of_changes(list(wanted))
+        follows = [
+            len(known) in dependent_rows(unit_rows(np.vstack([known, slope])), IMPLIED) for slope in slopes[len(held) :]
+        ]
+        return np.where(follows, found, np.nan)
 
     # --- one phase --------------------------------------------------------------------------------
     def _phase(self, k: int, pieces: Sequence[Piece]) -> _Made:
