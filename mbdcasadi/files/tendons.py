@@ -22,8 +22,9 @@ def strand_length(strand: Strand, at: At, normal: np.ndarray) -> ca.SX:
     """Return the length of a strand, m: ``√(l² + h²)``, with the way l in the plane and h across it.
 
     Around a circle the way is ``√(p² - r²) + r θ + √(q² - r²)``, p and q the distances of the ends from its centre and
-    θ the angle of the wrap, if the straight way would meet the circle, or passes it on the other side than that of the
-    file; else, and while an end is inside the circle, it is straight.
+    θ the arc, the shorter one of the two, if the straight way would meet the circle. With a side the strand never lies
+    across the ray from the centre away from it: if the straight way does, the other arc is taken (MuJoCo 4; before, one
+    that was chosen by tangents). Else the way is straight, as if an end is inside of the circle.
     """
     start, end = (at(*point).position for point in (strand.start, strand.end))
     across = float(normal @ (strand.end[1] - strand.start[1]))
@@ -38,37 +39,22 @@ def _wrapped(strand: Strand, at: At, normal: np.ndarray, start: ca.SX, end: ca.S
     center = at(solid.link, solid.place).position
     p, q = start - center, end - center
     side = None if strand.side is None else at(*strand.side).position - center
-    if side is not None and min(np.hypot(*each) for each in map(_known, (p, q, side))) <= radius:
+    if side is not None and np.hypot(*np.ravel(ca.DM(at_poses(side)))) <= radius:
         raise _refusal(strand, "runs inside of it, or has its side there; only outside is read")
-    outside = ca.logic_and(ca.sumsqr(p) > radius**2, ca.sumsqr(q) > radius**2)
-    # harmless values while the strand is straight
-    squares = [if_else(outside, ca.sumsqr(each), 2 * radius**2) for each in (p, q)]
     nearest = p + ca.fmin(ca.fmax(-ca.dot(p, q - p) / ca.sumsqr(q - p), 0), 1) * (q - p)
     meets = ca.sumsqr(nearest) < radius**2
-    turn = ca.atan2(cross(p, q), ca.dot(p, q))
-    free = sum(ca.acos(radius / ca.sqrt(each)) for each in squares)
-    if side is None:
-        angle = ca.fabs(turn)
-    else:
-        forward = _sense(_known(p), _known(q), _known(side), radius) * turn
-        angle = forward + 2 * np.pi * (forward < 0)
-        meets = ca.logic_or(meets, ca.dot(side, nearest) < 0)
-    straight = sum(ca.sqrt(each - radius**2) for each in squares)
-    return if_else(ca.logic_and(outside, meets), straight + radius * (angle - free), norm(end - start))
-
-
-def _known(vector: ca.SX) -> np.ndarray:
-    """Vector in the pose of the file (2,)."""
-    return np.asarray(ca.DM(at_poses(vector)).full().ravel())
-
-
-def _sense(p: np.ndarray, q: np.ndarray, side: np.ndarray, radius: float) -> int:
-    """Sense of the way round a circle, of which the middle is nearer to the side; positive counter-clockwise."""
-    first, last, there = (np.arctan2(*each[::-1]) for each in (p, q, side))
-    free = [np.arccos(radius / np.hypot(*each)) for each in (p, q)]
-    middles = {sense: first + sense * (((sense * (last - first)) % (2 * np.pi)) + free[0] - free[1]) / 2
-               for sense in (1, -1)}  # fmt: skip
-    return max(middles, key=lambda sense: float(np.cos(middles[sense] - there)))
+    angle = ca.fabs(ca.atan2(cross(p, q), ca.dot(p, q)))
+    if side is not None:
+        a, b = cross(side, p), cross(side, q)
+        is_behind = ca.logic_and(a * b < 0, ca.dot(side, b * p - a * q) * (b - a) < 0)
+        angle = if_else(is_behind, 2 * np.pi - angle, angle)
+        meets = ca.logic_or(meets, is_behind)
+    # inside of the circle any distance will do, as the arc is not taken
+    is_outside = ca.fmin(ca.sumsqr(p), ca.sumsqr(q)) > radius**2
+    free = [ca.sqrt(if_else(is_outside, ca.sumsqr(each), 2 * radius**2) - radius**2) for each in (p, q)]
+    turns = [ca.atan(each / radius) for each in free]
+    arc = radius * (angle - sum(turns))
+    return if_else(ca.logic_and(meets, is_outside), sum(free) + arc, norm(end - start))
 
 
 def _radius(strand: Strand, normal: np.ndarray) -> float:
