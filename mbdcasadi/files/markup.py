@@ -69,8 +69,8 @@ class XmlElement:
         except ValueError:
             values = np.full(1, np.nan)
         if not np.all(np.isfinite(values)) or (sizes and values.size not in sizes):
-            many = f" ({' or '.join(map(str, sizes))})" if sizes else ""
-            raise self.refuse(f"has {name} = '{text}', which are not finite numbers{many}")
+            many = f"{' or '.join(map(str, sizes))} " if sizes else ""
+            raise self.refuse(f"has {name} = '{text}', which are not {many}finite numbers")
         return values
 
     def number(self, name: str, default: str | None = None, *, least: float = -np.inf) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..assembly.pose import PoseProblem
 from ..equations.numeric import NumericEquations
-from ..errors import MechanismError, SingularityError
+from ..errors import NOT_FINITE, MechanismError, SingularityError
 from ..model.drivers import Driver
 from ..numerics.console import call_each, quiet
 from ..numerics.lazy import cached_property
@@ -69,6 +69,12 @@ class NearestMotion:
     def over(self, grid: np.ndarray) -> Trajectory:
         """The motion over a grid of times."""
         eom, y = self._eom, self._courses(grid)[0]
+        for now, finite in zip(grid, np.isfinite(y), strict=True):
+            if not np.all(finite):
+                lost = ", ".join(driver.name for driver, good in zip(self._prescribed, finite, strict=True) if not good)
+                raise MechanismError(
+                    f"inverse_dynamics: {lost} has no finite value at t = {now:.6g} s: {NOT_FINITE}", time=float(now)
+                )
         x = self._nearest_at(float(grid[0]), y[0])
         poses = np.array([x := self._next(float(t), now, x) for t, now in zip(grid, y, strict=True)])
 

@@ -243,7 +243,7 @@ def _with_least_efforts(
     if free:
         raise ConditionError(
             f"equilibrium: {names} are more inputs than equalities, of which the least are found in a pose that the "
-            f"conditions determine, and {free} degree{'s' if free > 1 else ''} of freedom are left; add conditions"
+            f"conditions determine, and they leave {free} degree{'s' if free > 1 else ''} of freedom; add conditions"
         )
     try:
         rest = with_least_efforts(statics, statics.follow(x), least, places)

@@ -333,7 +333,7 @@ ARM = bar("arm", 1, 2) + "\n" + pin("j", "world", "arm")
     [
         (("revolute", "ball"), "line 3: joint 'j' is of the type 'ball'; planar are revolute"),
         (("revolute", "universal"), "joint 'j' is of the type 'universal'"),
-        (("0 1 0</xyz>", "0 one 0</xyz>"), "line 4: axis has xyz = '0 one 0', which are not finite numbers (3)"),
+        (("0 1 0</xyz>", "0 one 0</xyz>"), "line 4: axis has xyz = '0 one 0', which are not 3 finite numbers"),
         (("<child>arm", "<child>leg"), "line 3: joint 'j' names 'm::leg', which does not exist"),
         (("<xyz>", '<xyz expressed_in="f">'), "joint 'j' names 'm::f', which does not exist"),
         (("<mass>2", "<mass>-2"), "inertial has mass = -2, which must be at least 0"),

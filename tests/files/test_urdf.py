@@ -184,7 +184,7 @@ def test_dampers_of_planar_joints(tmp_path):
     at = [x.displacement == 0, y.displacement == 0, turn.angle == 0, x.speed == 3, y.speed == 0]
     state = mbd.assemble(machine, [*at, turn.angular_velocity == 0])
     assert state[mbd.time_derivative(x.speed)] == pytest.approx(-1 * 3 / 2, rel=1e-9)
-    with pytest.raises(mbd.FileError, match="has damping = '1 2 3', which are not finite numbers"):
+    with pytest.raises(mbd.FileError, match="has damping = '1 2 3', which are not 1 finite numbers"):
         read(tmp_path, text.replace("planar", "revolute"))
 
 

@@ -185,6 +185,14 @@ def test_refusals_of_what_leaves_a_part_free(leg):
         mbd.inverse_dynamics(leg.model, TIMES, motion=motion, efforts=leg.torques)
 
 
+def test_times_outside_the_data(leg):
+    """The courses are named with the first time at which they have no value."""
+    curves = [mbd.smoothing_spline(TIMES, row, cutoff=4) for row in leg.samples()]
+    motion = list(zip(leg.markers, curves, strict=True))
+    with pytest.raises(mbd.MechanismError, match=r"motion 8 \(.*\) has no finite value at t = 2 s: a spline outside"):
+        mbd.inverse_dynamics(leg.model, [0, 1, 2, 3], motion=motion, efforts=leg.torques)
+
+
 def test_redundant_joints_and_weights():
     """A block in two guides and two sensors that disagree: the weighted mean; ``F = m a``."""
     push = mbd.Input("push")

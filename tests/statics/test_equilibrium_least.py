@@ -59,7 +59,7 @@ def test_cables_pull_as_in_inverse_dynamics():
     np.testing.assert_allclose(rest.inputs, run.inputs[0], rtol=1e-9)
     np.testing.assert_allclose(sum(rest[c.force] for c in cables), [0, 2 * G], atol=1e-9)
     with pytest.raises(
-        mbd.ConditionError, match="'T0', 'T1', 'T2', 'T3' are more inputs .* 1 degree of freedom are left"
+        mbd.ConditionError, match="'T0', 'T1', 'T2', 'T3' are more inputs .* they leave 1 degree of freedom;"
     ):
         mbd.equilibrium(model, [plate.x == 0.3, plate.y == 0.2], unknowns=tensions)
 
