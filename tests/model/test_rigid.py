@@ -46,7 +46,7 @@ def test_rows_and_forces_of_a_mode():
     ("arguments", "message"),
     [
         ({"friction": mbd.Coulomb(0.2, 1e-3)}, "'c': friction must be DryFriction"),
-        ({"friction": 0.3}, "'c': law must be a friction law"),
+        ({"friction": 0.3}, "'c': friction must be DryFriction.* got 0.3"),
         ({"restitution": 1.2}, "'c': restitution must be from 0 to 1, got 1.2"),
         ({"restitution": -0.1}, "'c': restitution must be at least 0"),
         ({"restitution": "hard"}, "'c': restitution must be a number"),

@@ -7,6 +7,7 @@ import pytest
 
 import mbdcasadi as mbd
 from mbdcasadi.simulation.changes import complementarity
+from mbdcasadi.simulation.checks import accuracy
 
 G = 9.81
 WIDE, HIGH = 0.1, 0.2
@@ -457,6 +458,33 @@ def test_gain_of_energy_is_refused():
     mechanism = mbd.Mechanism([rod], forces=[mbd.Gravity(), tip])
     with pytest.raises(mbd.SimulationError, match="contact 'tip': the impact at t = 0 s would gain .*Kane"):
         mbd.simulate(mechanism, duration=0.1, initial=[rod.vx == 0.2, rod.vy == -1, rod.omega == 0])
+
+
+def test_an_elastic_impact_may_reverse_all_speeds():
+    """Speeds before and after add up to rounding then, which is no gain of energy; ``(-1/3, 2/3, 2/3)`` by Newton."""
+    balls = [mbd.Body(f"ball {k}", mass=1, inertia=1e-3, pose=(0.1 * k, 0, 0)) for k in range(3)]
+    hinges = [mbd.Revolute(f"hinge {k}", mbd.ground.at(0.1 * k, 1), ball.at(0, 1)) for k, ball in enumerate(balls)]
+    rims = [mbd.Circle(ball.at(0, 0), 0.05) for ball in balls]
+    touch = [mbd.RigidContact(f"touch {k}", rims[k], rims[k + 1], restitution=1) for k in range(2)]
+    cradle = mbd.Mechanism(balls, hinges, forces=[mbd.Gravity(), *touch])
+    start = [hinges[0].angle == -0.5, *(hinge.angle == 0 for hinge in hinges[1:]), *(b.omega == 0 for b in balls)]
+    motion = mbd.simulate(cradle, duration=0.6, initial=start)
+    struck = motion.events[0]
+    shares = [struck.after[ball.omega] / struck.state[balls[0].omega] for ball in balls]
+    np.testing.assert_allclose(shares, np.array([-1, 2, 2]) / 3, atol=1e-8)
+
+
+def test_energy_that_impacts_take_is_no_error_of_the_run(monkeypatch):
+    """A long run with impacts has a note on its energy only for what it lost between them."""
+    monkeypatch.setattr(accuracy, "MANY_STEPS", 0)
+    bob = mbd.Body("bob", mass=1, inertia=0.02, pose=(np.sin(1), -np.cos(1), 1))
+    hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), bob.at(0, 1))
+    plane = mbd.HalfPlane(mbd.ground.at(-0.1, 0, -np.pi / 2))
+    wall = mbd.RigidContact("wall", mbd.Circle(bob.at(0, 0), 0.1), plane, restitution=0.5)
+    pendulum = mbd.Mechanism([bob], [hinge], forces=[mbd.Gravity(), wall])
+    motion = mbd.simulate(pendulum, np.linspace(0, 3, 7), initial=[hinge.angle == 1, bob.omega == 0])
+    assert len(motion.events) > 2
+    assert motion.statistics.notes == []
 
 
 def test_names_of_its_events_are_taken():

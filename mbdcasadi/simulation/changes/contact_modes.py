@@ -166,8 +166,9 @@ class ContactModes(ContactSites):
 
     def _refuse_gain(self, view: ContactView, rows: Sequence[int], solution: Solution, sites: Sequence[int]) -> None:
         """Raise if restitution and friction add energy to an impact."""
-        twice = view.speeds[rows] + solution.rates
-        gain, exchanged = solution.forces @ twice / 2, np.abs(solution.forces) @ np.abs(twice) / 2
+        before, after = view.speeds[rows], solution.rates
+        gain = solution.forces @ (before + after) / 2
+        exchanged = np.abs(solution.forces) @ (np.abs(before) + np.abs(after)) / 2
         if gain > NEGLIGIBLE * exchanged:
             raise SimulationError(
                 f"{self.names(sites)}: the impact at t = {view.free.t:.6g} s would gain {gain:.3g} J by Newton's "

@@ -110,7 +110,7 @@ def grown_error(motion: Trajectory) -> list[str]:
         return []  # forces without potential: the energy says nothing
     if np.any(rates > 0):
         return []  # drivers do work
-    total = kinetic + potential
+    total = kinetic + potential - _gained_at_events(motion, eom)
     drift, size = float(np.max(np.abs(total - total[0]))), float(np.max(kinetic))
     turning = np.abs(motion.v[:, eom.angles])
     if not turning.size or size == 0:
@@ -124,6 +124,14 @@ def grown_error(motion: Trajectory) -> list[str]:
         f"kinetic energy: over {turned:.3g} rad of turning, angles may be off by about {estimate:.2g} rad; tighten the "
         "tolerances (reltol, abstol) if that matters"
     ]
+
+
+def _gained_at_events(motion: Trajectory, eom: Equations) -> np.ndarray:
+    """Energy that impacts and resets have added up to each output (n_t,), J: negative if they take it."""
+    changes = [event for event in motion.events if event.after is not None]
+    energy, gained = eom.kinetic + eom.potential, np.zeros(len(changes) + 1)
+    gained[1:] = np.cumsum([float(event.after[energy] - event.state[energy]) for event in changes if event.after])
+    return np.asarray(gained[np.searchsorted([event.t for event in changes], motion.t, side="right")])
 
 
 def _power_balance(eom: Equations) -> ca.SX:

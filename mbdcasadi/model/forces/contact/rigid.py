@@ -13,7 +13,7 @@ from ...element import ConstraintElement, Element
 from ...quantities import known_value
 from ...symbols import Scalar
 from ..active_rows import ActiveRows
-from ..friction.laws import FrictionLaw, as_law
+from ..friction.laws import FrictionLaw
 from .outlines import Outline
 from .place import Place, check_outlines
 from .sums import SumsOverPlaces
@@ -107,12 +107,12 @@ class RigidContact(SumsOverPlaces, ConstraintElement):
         count = len(self.places)
         labels = tuple(f"{k}.{what}" for what in ("normal", "friction") for k in range(count))
         super().__init__(name, ca.SX(0, 1), labels, (a.marker, b.marker), velocity_rows=ca.vertcat(*speeds))
-        self.friction = None if friction is None else as_law(friction, self.description)
-        if self.friction is not None and not self.friction.exact:
+        if friction is not None and not (isinstance(friction, FrictionLaw) and friction.exact):
             raise ModelError(
                 f"{self.description}: friction must be DryFriction, which sticks and slides exactly as the contact "
                 f"opens and closes, got {friction!r}; other laws are for a Contact with a stiffness"
             )
+        self.friction = friction
         self.restitution = self.read(restitution, "restitution", at_least=0.0)
         known = known_value(self.restitution)
         if known is not None and known > 1:
