@@ -189,6 +189,8 @@ class _Writer:
     # --- the tree -----------------------------------------------------------------------------
     def _write_bodies(self) -> None:
         for body in self.tree.bodies:
+            if body.name == "world":
+                raise _refusal(body, "has the name of the ground in MuJoCo", "give it another one")
             above = self.tree.carrier[body]
             place = self.state[above.axes.T @ (body.position - above.position)]
             element = self.bodies[body] = ET.SubElement(
@@ -379,6 +381,11 @@ class _Writer:
                 raise ModelError(
                     f"{what} has a stop on one side, and a range of MuJoCo has two ends; add an EndStop on the other "
                     "side, as far as it may be"
+                )
+            if ends[1] > ends[-1]:
+                raise ModelError(
+                    f"{what} has stops that overlap, the lower one at {ends[1]:g} and the upper one at {ends[-1]:g}, "
+                    "and a range of MuJoCo goes upwards; move them apart"
                 )
             if stiffness is None:
                 limited.set("range", _text(ends[1], ends[-1]))

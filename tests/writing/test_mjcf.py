@@ -292,6 +292,11 @@ def test_what_is_left_out_is_named(tmp_path):
     light = mbd.Body("light", 0.0, 0.0)
     with pytest.raises(mbd.ModelError, match="body 'light' has no mass or no inertia, which MuJoCo does not take"):
         mbd.write_mjcf(mbd.Mechanism([light], [mbd.Weld("w", GROUND.at(0, 0), light.at(0, 0))]), tmp_path / "m.xml")
+    with pytest.raises(mbd.ModelError, match="body 'world' has the name of the ground in MuJoCo; give it another one"):
+        mbd.write_mjcf(mbd.Mechanism([mbd.Body("world", 1.0, 1.0)]), tmp_path / "m.xml")
+    machine = arm(forces=lambda b, f, p: [mbd.EndStop("a", 0.7 - p.angle, LAW), mbd.EndStop("b", p.angle - 0.9, LAW)])
+    with pytest.raises(mbd.ModelError, match="joint 'pin' has stops that overlap, the lower one at 0.9 and the upper"):
+        mbd.write_mjcf(machine, tmp_path / "m.xml")
     with pytest.raises(mbd.MechanismError, match="expected a Mechanism, got 3"):
         mbd.write_mjcf(3, tmp_path / "m.xml")
 
