@@ -26,7 +26,7 @@ from ..model.joints.coordinates import RelativeAngle
 from ..model.joints.lower_pairs import PointOnLine, Revolute, Translational, Weld
 from ..model.mechanism import Mechanism
 from ..model.rates import time_derivative
-from ..model.symbols import values_of
+from ..model.symbols import symbols_of, values_of
 from ..numerics.lazy import cached_property
 from .robot_contacts import RobotContacts, Yielding
 from .robots import Coordinate, CoordinateForce, CoordinateStop, Link, Loop, Robot, SpatialJoint, Tendon
@@ -399,8 +399,10 @@ class PlanarBuilder:
         return float(ca.substitute(value, symbols, places))
 
     def _hold_within(self, name: str, tendon: Tendon, limits: tuple[float, float], law: HuntCrossley) -> None:
-        """Add stops at limits of a tendon; those at which it would have no length are none."""
+        """Add stops at limits of a tendon that can move; those at which it would have no length are none."""
         along = self.coordinates[tendon.key]
+        if not symbols_of(along.value):
+            return
         if limits[0] > 0 or tendon.parts:
             self.forces.append(CoordinateStop(name.format("lower"), along, along.value - limits[0], law))
         self.forces.append(CoordinateStop(name.format("upper"), along, limits[1] - along.value, law))

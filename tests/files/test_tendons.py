@@ -67,6 +67,16 @@ def test_a_string_that_holds_a_ball(tmp_path):
     assert state[machine.joint("z").speed] == 0 and state[ball.ay] == pytest.approx(0, abs=1e-9)
 
 
+def test_a_tendon_that_cannot_move(tmp_path):
+    """Between places of the world its limits and its play hold nothing, in MuJoCo too."""
+    text = """<mujoco><worldbody><site name="a"/><site name="b" pos="1 0 0"/><body name="ball"><geom size="0.05"/>
+      <joint name="z" type="slide" axis="0 0 1"/></body></worldbody><tendon><spatial name="t" stiffness="9" {}>
+      <site site="a"/><site site="b"/></spatial></tendon></mujoco>"""
+    for given in ('springlength="0.2 0.5"', 'range="0 0.5"'):
+        machine = read(tmp_path, text.format(given))
+        assert mbd.assemble(machine)[machine.bodies[0].ay] == pytest.approx(-9.81)
+
+
 def test_an_end_inside_of_what_is_wrapped(tmp_path):
     """The way round a post, in closed form; straight while the end is inside the post."""
     text = """<mujoco><default><geom contype="0"/></default><worldbody>

@@ -158,6 +158,10 @@ def test_each_pulley_of_a_tackle_takes_its_part():
     found = mbd.holding_range(model, pull)
     assert found.greatest == pytest.approx(8 * G / (1 / e + 1 / e**2) - G, rel=1e-9)
     assert found.least == pytest.approx(8 * G / (e + e**2) - G, rel=1e-9)
+    with pytest.raises(
+        mbd.EquilibriumError, match=r"cable 'rope' on the pulley on '(ground' \(rope\.0|load' \(rope\.1)\)"
+    ):
+        mbd.equilibrium(model, inputs={pull: 1.01 * found.greatest})
     for law in (mbd.DryFriction(0.1), mbd.Coulomb(0.1, 1e-6)):
         load, rope, pull, model = tackle(law)
         for value, share in ((1.2 * found.greatest, 1 / e + 1 / e**2), (0.8 * found.least, e + e**2)):

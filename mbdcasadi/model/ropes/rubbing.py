@@ -40,9 +40,10 @@ class Rubbing(Switching):
 
     @property
     def description(self) -> str:
-        """Kind and name of the cable, and the pulley if it rubs on several."""
-        several = len(self.cable.rubbing) > 1
-        return self.cable.description + (f" on the {self.cable.path.nodes[self.node].description}" if several else "")
+        """Kind and name of the cable, and the pulley with its name in events if it rubs on several."""
+        if len(self.cable.rubbing) == 1:
+            return str(self.cable.description)
+        return f"{self.cable.description} on the {self.cable.path.nodes[self.node].description} ({self.name})"
 
     @property
     def sticking_row(self) -> str:
