@@ -487,6 +487,19 @@ def test_energy_that_impacts_take_is_no_error_of_the_run(monkeypatch):
     assert motion.statistics.notes == []
 
 
+def test_energy_that_friction_takes_between_outputs_is_no_error_of_the_run(monkeypatch):
+    """A disc flies at the first outputs and rolls at the last: it has slid between them."""
+    monkeypatch.setattr(accuracy, "MANY_STEPS", 0)
+    disc = mbd.Body("disc", mass=2, inertia=0.01, pose=(0, 0.4, 0))
+    outlines = mbd.Circle(disc.at(0, 0), 0.1), mbd.HalfPlane(mbd.ground.at(0, 0))
+    floor = mbd.RigidContact("floor", *outlines, mbd.DryFriction(0.1))
+    start = [disc.x == 0, disc.y == 0.4, disc.phi == 0, disc.vx == 3, disc.vy == 0, disc.omega == 0]
+    motion = mbd.simulate(mbd.Mechanism([disc], forces=[mbd.Gravity(), floor]), [0, 0.2, 1.1], initial=start)
+    assert motion.events[-1].name == "floor stops"
+    assert motion.final[disc.vx] == pytest.approx(2)
+    assert motion.statistics.notes == []
+
+
 def test_names_of_its_events_are_taken():
     """An event of the user may not be called as one of the contact."""
     ball, _, mechanism = ball_above()
