@@ -480,9 +480,11 @@ class _Reader:
         if is_coupling:
             self._read_coupling(element, name)
             return
+        end = None
         if element.has("site1"):
-            (a, point, turn), (b, there, other) = (self._site(element, key) for key in ("site1", "site2"))
-            if np.linalg.norm(there - point) > 1e-3 or (element.tag == "weld" and np.max(np.abs(turn - other)) > 1e-3):
+            (a, point, turn), (b, end, other) = (self._site(element, key) for key in ("site1", "site2"))
+            is_apart = np.linalg.norm(end - point) > 1e-3 or np.max(np.abs(turn - other)) > 1e-3
+            if element.tag == "weld" and is_apart:
                 raise element.refuse("connects sites that are apart in the pose of the file")
         else:
             a = robot.link(element.get("body1"), element)
@@ -492,7 +494,7 @@ class _Reader:
             point = frame.position + frame.rotation @ anchor
         # a weld without a couple holds a point
         is_rigid = element.tag == "weld" and element.number("torquescale", "1") != 0
-        robot.loops.append(Loop(element, name, a, b, point, is_rigid))
+        robot.loops.append(Loop(element, name, a, b, point, is_rigid, end=end))
 
     def _site(self, element: XmlElement, key: str) -> tuple[Link, np.ndarray, np.ndarray]:
         """Link, place and rotation of a site that an element names."""

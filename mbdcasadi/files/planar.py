@@ -433,4 +433,7 @@ class PlanarBuilder:
             return
         kind = Weld if loop.fixed else Revolute
         end = loop.point if loop.end is None else loop.end
+        across = float(self.plane.normal @ (end - loop.point))
+        if abs(across) > 1e-3:
+            self.robot.left_out.append(f"the {abs(across):g} m across the plane between the ends of '{loop.name}'")
         self.joints.append(kind(loop.name, self._at(loop.a, loop.point), self._at(loop.b, end)))

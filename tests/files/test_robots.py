@@ -630,3 +630,19 @@ def test_tendons_that_are_coupled(tmp_path):
     assert [float(stop.law.stiffness) for stop in stops] == pytest.approx([softest] * 2)
     assert mbd.assemble(machine, [a.angle == 0.4])[stops[1].gap] == pytest.approx(1 - 0.5 * 0.2 - 0.3)
     assert mbd.assemble(machine, [a.angle == 0.4])[b.angle] == pytest.approx((0.5 * (0.4 - 0.2) - 0.3) / 2, rel=1e-9)
+
+
+def test_sites_that_are_connected_may_be_apart(tmp_path):
+    """The loop closes, as in MuJoCo, which pulls them together; a distance across the plane is left out and said."""
+    text = """<mujoco><worldbody><site name="nail" pos="0.6 {} 0.8"/><body name="a"><joint name="ja" axis="0 -1 0"/>
+      <geom size="0.1"/><body name="b" pos="1 0 0"><joint name="jb" axis="0 -1 0"/><geom size="0.1" pos="0.5 0 0"/>
+      <site name="tip" pos="0.5 0 0.1"/></body></body></worldbody>
+      <equality><connect name="pin" site1="tip" site2="nail"/></equality></mujoco>"""
+    path = tmp_path / "m.xml"
+    path.write_text(text.format(0))
+    machine = mbd.read_mjcf(path)
+    state = mbd.assemble(machine)
+    assert state[machine.body("b").at(0, 0.1).position] == pytest.approx([0.6, 0.8], abs=1e-9)
+    path.write_text(text.format(0.2))
+    with pytest.warns(mbd.MechanismWarning, match=r"left out the 0\.2 m across the plane between the ends of 'pin'"):
+        mbd.read_mjcf(path)

@@ -307,6 +307,7 @@ def test_planar_joints_of_drake(tmp_path):
     assert state[mbd.time_derivative(x.speed)] == pytest.approx(-1 * 3 / 2, rel=1e-9)
 
 
+@pytest.mark.filterwarnings("ignore:.*across the plane between the ends")
 def test_pins_of_drake_that_close_loops(tmp_path):
     """A loop whose points are apart in the pose of the file closes."""
     text = four_bar(1.0).replace("<model", "").split('<joint name="C"')[0]
