@@ -127,6 +127,10 @@ def test_what_it_does_not_take_is_refused_by_name(monkeypatch):
     hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), body.at(0, 0))
     with pytest.raises(mbd.SimulationError, match="hinge.*idas"):
         mbd.simulate(mbd.Mechanism([body], joints=[hinge]), duration=1.0, method="bdf")
+    ball = mbd.Body("ball", mass=1, inertia=1, pose=(0, 1, 0))
+    floor = mbd.RigidContact("floor", mbd.Circle(ball.at(0, 0), 0.1), mbd.HalfPlane(mbd.ground.at(0, 0)))
+    with pytest.raises(mbd.SimulationError, match="floor holds bodies.*idas"):  # before it falls
+        mbd.simulate(mbd.Mechanism([ball], forces=[floor]), duration=1.0, method="bdf")
     with pytest.raises(mbd.SimulationError, match="takes no options"):
         mbd.BDF(options={"max_num_steps": 3})
     g = mbd.Parameter("g", 9.81)

@@ -23,6 +23,7 @@ from ...integrators.compiled import (
 )
 from ...integrators.native.pieces import NativeIntegrator
 from ...integrators.native.stretch import ExplicitSystem
+from ...model.forces.active_rows import ActiveRows
 from ...numerics.console import Interruption
 from ...numerics.least_squares import largest
 from ..contact.compiled_elements import compiled_elements
@@ -46,7 +47,10 @@ class NearSingularPose(IntegrationFailure):
 
 def refuse_joined_bodies(integrator: Integrator, numeric: NumericEquations) -> None:
     """Raise with the names of what a method for free bodies does not take."""
-    held = f"{', '.join(numeric.eom.row_names[:6])} hold bodies" if numeric.eom.lam.numel() else ""
+    eom = numeric.eom
+    contacts = [one.name for one in eom.mechanism.elements if isinstance(one, ActiveRows)]  # once they close
+    names = list(dict.fromkeys([*(eom.row_names if eom.lam.numel() else []), *contacts]))
+    held = f"{', '.join(names[:6])} hold{'s' * (len(names) == 1)} bodies" if names else ""
     if held or numeric.massless:
         raise SimulationError(
             f'method="{integrator.name}" takes bodies with mass that no joint holds, and '
