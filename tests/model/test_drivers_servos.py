@@ -285,9 +285,6 @@ def test_inputs_that_would_have_to_be_differentiated(crane):
         crane.mechanism.replace(states={crane.position: crane.bob.omega, crane.velocity: crane.command})
     with pytest.raises(mbd.ExpressionError, match="relative_to= is for courses in time"):
         mbd.Driver("servo", crane.trolley.x, crane.position, relative_to=mbd.assemble(crane.mechanism))
-    problem = mbd.OptimalControlProblem(crane.mechanism, duration=1.0, running_cost=crane.command**2)
-    with pytest.raises(mbd.ModelError, match="driver 'servo' follows first-order states, for which no code is written"):
-        mbd.Controller(problem, sample=0.1, intervals=10)
 
 
 def test_an_actuator_of_a_state():
