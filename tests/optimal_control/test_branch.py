@@ -173,7 +173,7 @@ def test_a_pose_beyond_a_change_point_is_not_called_infeasible():
     mechanism, one, two, tau = parallelogram()
     start, end = [one.phi == 0.9, one.omega == 0], [one.phi == 0.9 + np.pi, one.omega == 0, mbd.cos(two.phi) <= -0.85]
     with pytest.raises(mbd.OptimizationError, match="the problem may still have one"):
-        mbd.optimize(mbd.OptimalControlProblem(mechanism, 0.6, start, end, running_cost=tau**2))
+        mbd.optimize(mbd.OptimalControlProblem(mechanism, 0.6, start, end, running_cost=tau**2), intervals=10)
 
 
 def test_a_coarse_mesh_without_a_jump_is_not_refused():
