@@ -56,5 +56,5 @@ for place in (-0.05, 0.0, 0.05):
     course.plot(run.t, squat, label=f"sprocket at {1e3 * place:.0f} mm")
 mbd.draw(end, drawing)
 course.set(xlabel="time, s", ylabel="turn of the arm, mrad")
-course.legend(frameon=False, fontsize="small")
+course.legend(frameon=False, fontsize="small", loc=(0.6, 0.5))
 figure.savefig(OUTPUT / "motorcycle.png", dpi=120)
